@@ -1,0 +1,40 @@
+# Two commands do all the set-up:
+#   make all     install into .venv, run the workflow on config/config.yaml
+#   make test    install into .venv, lint, run the tests (about ten minutes on two cores)
+# Also: make test-full (no time limit), make lint, make docs, make figures, make clean.
+PYTHON ?= python3
+JOBS ?= 2
+BIN := .venv/bin
+
+.PHONY: all test test-full lint docs figures clean
+
+all: .venv/installed
+	$(BIN)/snakemake -j$(JOBS) all
+
+test: lint
+	$(BIN)/pytest
+
+test-full: lint
+	$(BIN)/pytest -m ""
+
+lint: .venv/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/snakefmt --check workflow/Snakefile rules
+	$(BIN)/snakemake --lint --configfile config/fast.yaml
+
+# regenerate what is generated: the schema, the option tables, the README's figures
+docs: .venv/installed
+	PYTHONPATH=workflow $(BIN)/python -m pandis.reference
+
+# take the figures of the last `make all` into docs/figures first
+figures: .venv/installed
+	PYTHONPATH=workflow $(BIN)/python -m pandis.reference figures
+
+.venv/installed: constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --requirement constraints.txt
+	touch $@
+
+clean:
+	rm -rf .venv .pytest_cache .ruff_cache
