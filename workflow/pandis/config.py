@@ -1,0 +1,473 @@
+"""What a user may ask for: the options of every stage, checked before anything runs.
+
+The models below are the single source of the option names, their defaults and
+their meaning: ``workflow/schemas/config.schema.json`` and the tables of
+``config/README.md`` are generated from them (``make docs``).
+
+This module stands on the ground floor: it runs at every planning of the
+workflow and imports neither torch nor trimesh.
+"""
+
+import difflib
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pandis.catalogue import GRID_FIELDS, MESH_NAME, RESERVED_NAMES, is_builtin_field, parse_field
+from pandis.errors import PandisError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class Options(BaseModel):
+    """Base of all options: unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", validate_default=False)
+
+
+class DeviceOptions(Options):
+    """Physical scale: how large and how stiff the object is under the device."""
+
+    size: Positive = Field(0.10, description="metres of the mesh's longest side in the workspace")
+    stiffness: Positive = Field(400.0, description="stiffness k of the surface in N/m")
+
+
+class MeshOptions(Options):
+    """Loading and repair."""
+
+    weld: float = Field(
+        1e-8,
+        ge=0,
+        le=1e-3,
+        description="vertices closer than this share of the diagonal become one; used only where "
+        "exact welding leaves the mesh open",
+    )
+    small_hole: float = Field(
+        0.5,
+        ge=0,
+        le=10,
+        description="a hole is small, and filled, if its rim is at most this share of the "
+        "diagonal; a larger one is refused",
+    )
+    max_hole_edges: int = Field(
+        500, ge=0, description="a hole with more edges on its rim is never filled; 0 fills none"
+    )
+    reader_seconds: Positive = Field(120.0, description="time limit of each reader")
+    reader_memory_gb: Positive = Field(3.0, description="memory limit of each reader")
+
+
+class SampleOptions(Options):
+    """Training and held-out points. Lengths are in the unit frame (longest side 1.8)."""
+
+    surface: Count = Field(200_000, description="points on the surface")
+    offsets: int = Field(
+        300_000, ge=0, description="points off the surface along the normal, over all scales"
+    )
+    scales: list[Positive] = Field(
+        [0.002, 0.01, 0.05], description="standard deviations of the offsets"
+    )
+    penetration: int = Field(300_000, ge=0, description="points below the surface")
+    depth: Positive = Field(0.05, description="largest penetration depth")
+    box: int = Field(100_000, ge=0, description="points uniform in the box [-1, 1]³")
+    held_out: Count = Field(
+        20_000, description="points never trained on: half at most 0.01 deep, half at most 0.04"
+    )
+
+
+class Recipe(Options):
+    """What both recipes of the sine network share."""
+
+    width: Count = Field(256, description="units of each sine layer")
+    depth: Count = Field(4, description="number of sine layers; 4 is the paper's 800 KB")
+    steps: Count | None = Field(None, description="budget in optimiser steps: bytes reproduce")
+    seconds: Positive | None = Field(
+        None,
+        description="budget in seconds instead: the steps reached are recorded, "
+        "and the result does not reproduce",
+    )
+    threads: Count = Field(2, description="CPU threads; a part of the result's identity")
+    device: Literal["cpu", "cuda", "auto"] = Field(
+        "cpu", description="where to train; auto takes CUDA if found and records which"
+    )
+
+    @model_validator(mode="after")
+    def _one_budget(self):
+        if self.steps is not None and self.seconds is not None:
+            raise ValueError("a budget is in steps or in seconds, not both: remove one")
+        return self
+
+
+class PaperRecipe(Recipe):
+    """The paper's recipe: seven-term loss on surface and box points, no exact distances."""
+
+    loss: Literal["paper"] = "paper"
+    omega: Positive = Field(30.0, description="ω0, the factor inside every sine")
+    batch: Count = Field(1400, description="points on the surface per step; as many again off it")
+    learning_rate: Positive = Field(1e-4, description="Adam's step size, constant")
+    clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")
+    weights: Annotated[list[float], Field(min_length=7, max_length=7)] = Field(
+        [50.0, 100.0, 3000.0, 100.0, 50.0, 100.0, 100.0],
+        description="weights of the loss terms, in the order printed in the paper",
+    )
+    alpha: Positive = Field(100.0, description="a in exp(-a·|Φ|)")
+    stop_gradient: bool = Field(True, description="Ψ·∇Φ trains Ψ only, not Φ (the paper: unsaid)")
+
+
+class ExactRecipe(Recipe):
+    """Regression on the exact distance and normal: the default."""
+
+    loss: Literal["exact"] = "exact"
+    omega: Positive = Field(15.0, description="ω0, the factor inside every sine")
+    batch: Count = Field(2048, description="points per step")
+    learning_rate: Positive = Field(1e-3, description="Adam's largest step size")
+    warmup: float = Field(0.02, ge=0, lt=1, description="share of the budget to reach it")
+    clip: Positive | None = Field(None, description="largest norm of the gradient; null: no limit")
+    near: Positive = Field(
+        0.02, description="a point at distance d weighs near / (near + |d|) (unit frame)"
+    )
+    normal_weight: Positive = Field(0.05, description="weight of the normal's error in the loss")
+    average: float = Field(0.998, ge=0, lt=1, description="decay of the averaged weights; 0: none")
+
+
+class BakeOptions(Options):
+    """Grids, at ``linspace(-1, 1, n)`` of the unit frame on every axis."""
+
+    chunk: Count = Field(32, description="nodes per axis of a stored chunk")
+
+
+class TrajectoryOptions(Options):
+    """The path of the probe on the mesh, traced on exact distances."""
+
+    samples: Annotated[int, Field(ge=10)] = Field(2000, description="samples, one per tick")
+    step: Positive = Field(0.004, description="distance between samples (unit frame)")
+    shallow: Positive = Field(0.001, description="smallest depth (unit frame)")
+    deep: Positive = Field(0.02, description="largest depth (unit frame)")
+
+    @model_validator(mode="after")
+    def _order(self):
+        if self.shallow >= self.deep:
+            raise ValueError("shallow must be less than deep")
+        return self
+
+
+class EvaluationOptions(Options):
+    """The force error of every field against the exact force."""
+
+    probes: Annotated[int, Field(ge=100)] = Field(50_000, description="points of each probe set")
+
+
+class TimingOptions(Options):
+    """One-query and batch times."""
+
+    queries: Annotated[int, Field(ge=100)] = Field(2000, description="single queries per field")
+    batch: Count = Field(10_000, description="points of a batch")
+    repeats: Count = Field(5, description="batches per field; the median counts")
+
+
+class HardwareOptions(Options):
+    """The 1 kHz validation on this machine."""
+
+    seconds: Positive = Field(3.0, description="length of the run, per field")
+    rate: Positive = Field(1000.0, description="ticks per second")
+    deadline: Positive = Field(0.8e-3, description="a tick that computes longer is a miss (s)")
+    misses: float = Field(0.001, ge=0, lt=1, description="share of misses a pass allows")
+
+
+class StageOptions(Options):
+    """All options of all stages. A mesh may override any of them."""
+
+    seed: int = Field(0, ge=0, description="root of all random numbers")
+    device: DeviceOptions = Field(default_factory=DeviceOptions, description="physical scale")
+    fields: Annotated[list[str], Field(min_length=1)] = Field(
+        [
+            "exact",
+            "nearest-32",
+            "nearest-64",
+            "trilinear-32",
+            "trilinear-64",
+            "trilinear-normal-64",
+            "pandis",
+            "pandis-exact",
+        ],
+        description="what to build and compare: `exact`, "
+        + ", ".join(f"`{kind}-N`" for kind in GRID_FIELDS)
+        + " (N nodes per axis), or any recipe under `train`",
+    )
+    mesh: MeshOptions = Field(default_factory=MeshOptions, description="loading and repair")
+    samples: SampleOptions = Field(default_factory=SampleOptions, description="training points")
+    train: dict[str, Annotated[PaperRecipe | ExactRecipe, Field(discriminator="loss")]] = Field(
+        default_factory=dict,
+        description="recipes by name; `loss` is `paper` or `exact` (the default, but for the "
+        "recipe named `pandis`)",
+    )
+    bake: BakeOptions = Field(default_factory=BakeOptions, description="grids")
+    trajectory: TrajectoryOptions = Field(
+        default_factory=TrajectoryOptions, description="the probe's path"
+    )
+    evaluation: EvaluationOptions = Field(
+        default_factory=EvaluationOptions, description="force errors"
+    )
+    timing: TimingOptions = Field(default_factory=TimingOptions, description="query times")
+    hardware: HardwareOptions = Field(
+        default_factory=HardwareOptions, description="the 1 kHz validation"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_the_loss(cls, values):
+        """Recipes choose their model by `loss`; fill it in from the recipe's name."""
+        if not isinstance(values, dict) or not isinstance(values.get("train", {}), dict):
+            return values
+        recipes = {"pandis": {}, "pandis-exact": {}} | (values.get("train") or {})
+        named = {
+            name: {"loss": "paper" if name == "pandis" else "exact"} | recipe
+            if isinstance(recipe, dict)
+            else {"loss": "exact"}
+            if recipe is None
+            else recipe
+            for name, recipe in recipes.items()
+        }
+        return values | {"train": named}
+
+    @model_validator(mode="after")
+    def _check_fields(self):
+        for name in self.train:
+            if not re.fullmatch(MESH_NAME, name) or is_builtin_field(name):
+                raise ValueError(
+                    f"train.{name}: a recipe's name is made of a-z, 0-9, - and _ and is not "
+                    "that of a built-in field: rename it"
+                )
+        doubled = sorted({name for name in self.fields if self.fields.count(name) > 1})
+        if doubled:
+            raise ValueError(f"fields: {', '.join(doubled)} listed twice: remove one")
+        for name in self.fields:
+            parse_field(name, self.train)
+        return self
+
+
+#: Steps used where a recipe names no budget (about 90 s of two CPU cores).
+DEFAULT_STEPS = {"paper": 1100, "exact": 3000}
+
+
+class MeshEntry(StageOptions):
+    """One mesh: where it comes from, and its overrides."""
+
+    source: str = Field(
+        description="a path (relative to the working directory), a URL (with `sha256`), "
+        "`pymeshlab:NAME` or `analytic:NAME`"
+    )
+    sha256: Annotated[str, Field(pattern="^[0-9a-fA-F]{64}$")] | None = Field(
+        None, description="digest of the source file; checked where given"
+    )
+
+    @model_validator(mode="after")
+    def _url_needs_digest(self):
+        if self.source.startswith(("http://", "https://")) and self.sha256 is None:
+            raise ValueError("source: a URL needs the sha256 of the file beside it")
+        return self
+
+
+MeshName = Annotated[str, Field(pattern=f"^{MESH_NAME}$")]
+
+
+class Config(StageOptions):
+    """The whole configuration file."""
+
+    meshes: Annotated[dict[MeshName, MeshEntry], Field(min_length=1)] = Field(
+        description="name: {source: …, and any option above that differs for this mesh}"
+    )
+
+
+# --- reading ----------------------------------------------------------------
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML in which a key that stands twice is an error, not the last one's victory."""
+
+    def construct_mapping(self, node, deep=False):
+        seen = set()
+        for key, _ in node.value:
+            name = self.construct_object(key, deep=True)
+            if name in seen:
+                raise PandisError(
+                    f"{self.name}, line {key.start_mark.line + 1}: the key '{name}' stands twice; "
+                    "rename or remove one of them"
+                )
+            seen.add(name)
+        return super().construct_mapping(node, deep)
+
+
+def check_yaml(path):
+    """Raise PandisError if the YAML file has a doubled key or does not parse.
+
+    Snakemake has read the file by then, and kept the last of two equal keys
+    without a word: two meshes of one name would become one.
+    """
+    with Path(path).open(encoding="utf-8") as stream:
+        loader = _StrictLoader(stream)
+        loader.name = str(path)
+        try:
+            loader.get_single_data()
+        except yaml.YAMLError as error:
+            raise PandisError(f"{path}: not valid YAML: {error}") from error
+        finally:
+            loader.dispose()
+
+
+_FLOAT = re.compile(r"[+-]?\d+(\.\d*)?[eE][+-]?\d+")
+
+
+def _read_numbers(value):
+    """Turn `1e-4` into a number: YAML 1.1 reads it as text."""
+    if isinstance(value, dict):
+        return {k: v if k == "source" else _read_numbers(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_read_numbers(v) for v in value]
+    if isinstance(value, str) and _FLOAT.fullmatch(value):
+        return float(value)
+    return value
+
+
+def merge(base, override):
+    """Merge two nested dicts key by key; anything else in ``override`` replaces."""
+    merged = dict(base)
+    for key, value in override.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = merge(merged[key], value) if both else value
+    return merged
+
+
+def load_config(raw):
+    """Validate a configuration and merge each mesh's overrides.
+
+    Parameters
+    ----------
+    raw : dict
+        The parsed YAML.
+
+    Returns
+    -------
+    dict of str to MeshEntry
+        The complete options of each mesh, in the order of the file.
+
+    Raises
+    ------
+    PandisError
+        Lists every fault at once, each with its dotted path.
+    """
+    raw = _read_numbers(raw)
+    top = {key: value for key, value in raw.items() if key != "meshes"}
+    meshes = raw.get("meshes")
+    faults = _faults(StageOptions, top)
+    merged = {}
+    if not isinstance(meshes, dict) or not meshes:
+        faults["meshes"] = "at least one mesh is needed: `meshes: {name: {source: …}}`"
+        meshes = {}
+    for name, entry in meshes.items():
+        path = f"meshes.{name}"
+        if not re.fullmatch(MESH_NAME, str(name)):
+            faults[path] = "a mesh's name starts with a-z and goes on with a-z, 0-9, - or _"
+        elif name in RESERVED_NAMES:
+            faults[path] = "this name is taken by a folder of results/: choose another"
+        elif not isinstance(entry, dict):
+            faults[path] = "expected a mapping such as {source: path/to/mesh.obj}"
+        else:
+            options = merge(top, entry)
+            own = _faults(MeshEntry, options)
+            for key, message in own.items():
+                if key not in faults:
+                    faults[f"{path}.{key}" if key else path] = message
+            if not own:
+                merged[name] = MeshEntry.model_validate(options)
+    if faults:
+        lines = [f"  {key or 'config'}: {message}" for key, message in faults.items()]
+        raise PandisError(
+            f"the configuration has {len(lines)} fault{'s' * (len(lines) > 1)}:\n"
+            + "\n".join(lines)
+            + "\nEvery option is described in config/README.md."
+        )
+    return merged
+
+
+def _faults(model, values):
+    """Map dotted path to message for everything that ``model`` refuses in ``values``."""
+    try:
+        model.model_validate(values)
+    except ValidationError as error:
+        return dict(_describe(fault, model) for fault in error.errors(include_url=False))
+    return {}
+
+
+def _describe(fault, model):
+    path = [str(part) for part in fault["loc"]]
+    # the tag of the chosen recipe stands in pydantic's path, but not in the file
+    if len(path) > 2 and path[0] == "train" and path[2] in ("paper", "exact"):
+        del path[2]
+    message = fault["msg"].removeprefix("Value error, ")
+    if fault["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(path[-1], _known_keys(model, path[:-1], fault), n=1)
+        message = "unknown option" + (f"; did you mean '{near[0]}'?" if near else "")
+    elif fault["type"] == "missing":
+        message = "missing"
+    else:
+        given = fault.get("input")
+        if not isinstance(given, dict | list | BaseModel) and path:
+            message += f" (given: {given!r})"
+    # a cross-check names its key itself
+    if fault["type"] == "value_error" and (match := re.match(r"([a-z][\w.-]*): ", message)):
+        path.append(match[1])
+        message = message[match.end() :]
+    return ".".join(path), message
+
+
+def _known_keys(model, path, fault):
+    if path[:1] == ["train"] and len(path) > 1:
+        tag = next((p for p in fault["loc"] if p in ("paper", "exact")), "exact")
+        return list((PaperRecipe if tag == "paper" else ExactRecipe).model_fields)
+    for part in path:
+        field = model.model_fields.get(part)
+        if field is None or not isinstance(field.annotation, type):
+            return []
+        model = field.annotation
+    return list(model.model_fields)
+
+
+# --- what each stage is asked -------------------------------------------------
+
+
+def plain(value):
+    """Return ``value`` as sorted plain dicts, lists and scalars, fit for a rule's params."""
+    if isinstance(value, BaseModel):
+        value = value.model_dump()
+    if isinstance(value, dict):
+        return {key: plain(value[key]) for key in sorted(value)}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return value
+
+
+def recipe_options(entry, name):
+    """Return the options of one recipe with its budget filled in."""
+    options = entry.train[name].model_dump()
+    if options["steps"] is None and options["seconds"] is None:
+        options["steps"] = DEFAULT_STEPS[options["loss"]]
+    return options
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of the configuration file, for editors."""
+    schema = Config.model_json_schema()
+    # in the file, `loss` may be left out, so the recipe's kind cannot be told by its tag
+    for definition in schema["$defs"].values():
+        train = definition.get("properties", {}).get("train")
+        if train:
+            train["additionalProperties"].pop("discriminator", None)
+            train["additionalProperties"]["anyOf"] = train["additionalProperties"].pop("oneOf")
+    top = schema["properties"]["train"]["additionalProperties"]
+    top.pop("discriminator", None)
+    top["anyOf"] = top.pop("oneOf")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema

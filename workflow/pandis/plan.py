@@ -1,0 +1,289 @@
+"""What a run makes: every output of a configuration, and what each rule is given.
+
+The Snakefile makes one `Plan`; rules take their params and inputs from it, the
+targets their file lists, and `verify` compares it with what lies in results/.
+Ground floor: no torch, no trimesh.
+"""
+
+import hashlib
+import sys
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+from pandis.catalogue import GRID_FIELDS, parse_field
+from pandis.config import check_yaml, load_config, plain, recipe_options
+from pandis.errors import PandisError
+from pandis.provenance import CodeDigests
+
+#: Named targets and the stages whose outputs they ask for.
+TARGETS = {
+    "meshes": ("mesh",),
+    "samples": ("sample",),
+    "models": ("train",),
+    "exports": ("export_grid", "export_network"),
+    "grids": ("bake",),
+    "evaluations": ("trajectory", "evaluate", "timing"),
+    "hardware": ("validate",),
+}
+SUMMARY = "results/summary.csv"
+REPORT = "results/report.html"
+
+
+class Output(NamedTuple):
+    """One output file, the stage (rule, script) that makes it and its wildcards."""
+
+    path: str
+    stage: str
+    wildcards: dict
+
+
+def open_plan(config, root, files):
+    """Return the plan, or end the process with the configuration's faults in plain words."""
+    try:
+        return Plan(config, root, files)
+    except PandisError as error:
+        # Snakemake would print a traceback of its own around the message
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
+
+
+class Plan:
+    """The outputs, options and code digests of a configuration.
+
+    Parameters
+    ----------
+    config : dict
+        The parsed configuration.
+    root : path-like
+        Folder of the Snakefile and of the package ``pandis``.
+    files : iterable of path-like
+        The configuration files, to be checked for doubled keys.
+
+    Raises
+    ------
+    PandisError
+        The configuration has faults; all are listed.
+    """
+
+    def __init__(self, config, root, files=()):
+        for path in files:
+            check_yaml(path)
+        self.entries = load_config(config)
+        self.digests = CodeDigests(root)
+        self._options = {}
+
+    @property
+    def meshes(self):
+        """Names of the meshes, in the order of the file."""
+        return list(self.entries)
+
+    @property
+    def recipes(self):
+        """Names of all recipes that some mesh trains."""
+        specs = (spec for mesh in self.entries for spec in self.specs(mesh))
+        return sorted({spec.name for spec in specs if spec.kind == "network"})
+
+    def specs(self, mesh):
+        """Return the FieldSpec of every field of a mesh."""
+        entry = self.entries[mesh]
+        return [parse_field(name, entry.train) for name in entry.fields]
+
+    # --- outputs ---------------------------------------------------------------
+
+    def outputs(self, mesh):
+        """Return every output of a mesh, each path once, in building order."""
+        home, made = f"results/{mesh}", []
+
+        def add(path, stage, **wildcards):
+            made.append(Output(f"{home}/{path}", stage, {"mesh": mesh} | wildcards))
+
+        extension = url_extension(self.entries[mesh].source)
+        if extension:
+            add(f"source.{extension}", "fetch", extension=extension)
+        add("mesh.zarr.zip", "mesh")
+        specs = self.specs(mesh)
+        networks = [spec for spec in specs if spec.kind == "network"]
+        if networks:
+            add("samples.zarr.zip", "sample")
+        for spec in networks:
+            add(f"{spec.artifact}.zarr.zip", "train", recipe=spec.name)
+            add(f"export/{spec.name}.onnx", "export_network", recipe=spec.name)
+        grids = [spec for spec in specs if spec.kind in GRID_FIELDS]
+        for artifact in dict.fromkeys(spec.artifact for spec in grids):
+            _, content, size = artifact.split("-")
+            add(f"{artifact}.zarr.zip", "bake", content=content, size=size)
+        for spec in grids:
+            add(f"export/{spec.name}.onnx", "export_grid", field=spec.name)
+        add("trajectory.zarr.zip", "trajectory")
+        add("evaluation.zarr.zip", "evaluate")
+        add("timing.zarr.zip", "timing")
+        add("hardware.zarr.zip", "validate")
+        add("hardware.json", "validate")
+        return made
+
+    def target(self, name):
+        """Return the files of a named target; ``all`` lists every file there is.
+
+        All of them, because Snakemake takes a missing intermediate file for
+        no reason to run: after a failure it would otherwise find nothing to
+        do, over results of older options.
+        """
+        stages = TARGETS.get(name)
+        every = (output for mesh in self.entries for output in self.outputs(mesh))
+        files = [o.path for o in every if stages is None or o.stage in stages]
+        return [*files, SUMMARY, REPORT] if stages is None else files
+
+    # --- inputs of rules ---------------------------------------------------------
+
+    def source(self, wildcards):
+        """Return the file a mesh is read from, if it is one and exists.
+
+        A missing file is no input: declared, it would stop the whole plan.
+        The mesh's own job fails instead, with a message, and the other meshes go on.
+        """
+        source = self.entries[wildcards.mesh].source
+        extension = url_extension(source)
+        if extension:
+            return [f"results/{wildcards.mesh}/source.{extension}"]
+        return [source] if ":" not in source and Path(source).is_file() else []
+
+    def field_artifacts(self, wildcards):
+        """Return the artifacts of all fields of a mesh but its own mesh file."""
+        stems = dict.fromkeys(s.artifact for s in self.specs(wildcards.mesh) if s.kind != "exact")
+        return [f"results/{wildcards.mesh}/{stem}.zarr.zip" for stem in stems]
+
+    def grid_artifact(self, wildcards):
+        """Return the grid that a grid field is exported from."""
+        spec = parse_field(wildcards.field, ())
+        return f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip"
+
+    def exports(self, wildcards):
+        """Return the exported files of a mesh."""
+        return [
+            f"results/{wildcards.mesh}/export/{spec.name}.{ending}"
+            for spec in self.specs(wildcards.mesh)
+            for ending in spec.exports
+        ]
+
+    def report_artifacts(self):
+        """Return everything that the report reads."""
+        found = []
+        for mesh in self.entries:
+            stems = ["mesh", "trajectory", "evaluation", "timing", "hardware"]
+            stems += [spec.artifact for spec in self.specs(mesh) if spec.kind != "exact"]
+            found += [f"results/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
+        return found
+
+    def results(self, stem):
+        """Return one file of every mesh."""
+        return [f"results/{mesh}/{stem}" for mesh in self.entries]
+
+    # --- params of rules ---------------------------------------------------------
+
+    def code(self, stage):
+        """Return the digest of a stage's script and the library modules it imports."""
+        return self.digests.stage(stage)
+
+    def options(self, stage):
+        """Return the function that gives a job of ``stage`` its options (Snakemake calls it)."""
+        return partial(self._job_options, stage)
+
+    def _job_options(self, stage, wildcards):
+        key = (stage, *sorted((k, str(v)) for k, v in dict(wildcards).items()))
+        if key not in self._options:
+            self._options[key] = plain(self.stage_options(stage, **dict(wildcards)))
+        return self._options[key]
+
+    def stage_options(self, stage, mesh=None, **wildcards):
+        """Return what one stage of one mesh is asked, and nothing else, as a dict."""
+        if mesh is None:
+            return {"fields": {name: entry.fields for name, entry in self.entries.items()}}
+        entry = self.entries[mesh]
+        seed = stage_seed(entry.seed, mesh, stage)
+        size, stiffness = entry.device.size, entry.device.stiffness
+        match stage:
+            case "fetch":
+                return {"url": entry.source, "sha256": entry.sha256}
+            case "mesh":
+                source = {"source": entry.source, "sha256": entry.sha256}
+                return source | entry.mesh.model_dump() | {"seed": seed}
+            case "sample":
+                return entry.samples.model_dump() | {"seed": seed}
+            case "train":
+                recipe = wildcards["recipe"]
+                seed = stage_seed(entry.seed, mesh, stage, recipe)
+                return recipe_options(entry, recipe) | {"recipe": recipe, "seed": seed}
+            case "bake":
+                grid = {"content": wildcards["content"], "size": int(wildcards["size"])}
+                return entry.bake.model_dump() | grid
+            case "export_network":
+                return {"field": wildcards["recipe"]}
+            case "export_grid":
+                return {"field": wildcards["field"]}
+            case "trajectory":
+                return entry.trajectory.model_dump() | {"seed": seed}
+            case "evaluate":
+                return {
+                    **entry.evaluation.model_dump(),
+                    "fields": entry.fields,
+                    "seed": seed,
+                    "size": size,
+                    "stiffness": stiffness,
+                }
+            case "timing":
+                return entry.timing.model_dump() | {"fields": entry.fields}
+            case "validate":
+                return {
+                    **entry.hardware.model_dump(),
+                    "fields": [spec.name for spec in self.specs(mesh) if spec.exports],
+                    "size": size,
+                    "stiffness": stiffness,
+                }
+        raise KeyError(stage)
+
+    # --- the last words of a run ---------------------------------------------------
+
+    def farewell(self):
+        """Return what a successful run prints at its end."""
+        if not Path(REPORT).is_file():
+            return "Done."
+        return (
+            f"\nThe report is in   {REPORT}\n"
+            f"The table is in    {SUMMARY}\n"
+            "Exported fields:   results/{mesh}/export/"
+        )
+
+    def condolence(self):
+        """Return what a failed run prints at its end."""
+        return (
+            "\nA job failed; its own message stands above, after 'error:' or in a traceback.\n"
+            "All logs are in    results/logs/\n"
+            "Other meshes went on. Mend the cause and run the same command again: only what is "
+            "missing or stale runs."
+        )
+
+    def train_threads(self, wildcards):
+        """Return the threads that a recipe trains with: a part of its options."""
+        return self.entries[wildcards.mesh].train[wildcards.recipe].threads
+
+    def train_gpus(self, wildcards):
+        """Return how many GPUs a recipe claims."""
+        return int(self.entries[wildcards.mesh].train[wildcards.recipe].device != "cpu")
+
+
+def stage_seed(root, *names):
+    """Return the seed of a stage: a hash of the configuration's seed and the names."""
+    text = "\0".join([str(root), *names])
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "little")
+
+
+def url_extension(source):
+    """Return the file ending of a URL (``ply``, ``ply.gz``), or None if it is none."""
+    if not source.startswith(("http://", "https://")):
+        return None
+    suffixes = PurePosixPath(urlsplit(source).path).suffixes[-2:]
+    if suffixes[-1:] != [".gz"]:
+        suffixes = suffixes[-1:]
+    return "".join(suffixes).removeprefix(".") or "unknown"

@@ -1,0 +1,205 @@
+"""How a script runs: its log, its errors, its threads, its progress, its one artifact.
+
+Every script is ``with stage(snakemake) as job:`` around a few calls of the
+library. What is written to the job's log also appears on the terminal, but
+for tracebacks: Snakemake prints the log of a failed job itself.
+"""
+
+import hashlib
+import json
+import os
+import sys
+import time
+import traceback
+import warnings
+from contextlib import contextmanager
+from pathlib import Path
+
+from pandis.artifact import file_digest, read_artifact, write_artifact, write_atomically
+from pandis.errors import PandisError
+from pandis.provenance import CodeDigests, provenance
+
+PROGRESS_SECONDS = 5.0
+
+
+@contextmanager
+def stage(snakemake):
+    """Run the body of a script as a stage of the workflow.
+
+    Parameters
+    ----------
+    snakemake : object
+        What Snakemake injects into a script.
+
+    Yields
+    ------
+    Job
+
+    Notes
+    -----
+    A `PandisError` ends the process with its message alone, any other
+    exception with its traceback; both go to the stage's log.
+    """
+    job = Job(snakemake)
+    os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
+    warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
+    try:
+        job.check_library()
+        yield job
+    except PandisError as error:
+        job.log(f"error: {error}", terminal=False)
+        job.close()
+        sys.exit(1)
+    except BaseException:
+        job.log(traceback.format_exc(), terminal=False)
+        job.close()
+        # the traceback stands in the log, and Snakemake shows that: not twice
+        sys.exit(1)
+    job.log("done")
+    job.close()
+
+
+class Job:
+    """One running stage: inputs, options, log and output."""
+
+    def __init__(self, snakemake):
+        self._snakemake = snakemake
+        self.stage = snakemake.rule
+        self.mesh = snakemake.wildcards.get("mesh")
+        self.options = dict(snakemake.params.options)
+        self.threads = snakemake.threads
+        self.input = snakemake.input
+        self.output = snakemake.output
+        extra = [v for k, v in snakemake.wildcards.items() if k not in ("mesh", "extension")]
+        self.name = " ".join([self.mesh or "all meshes", self.stage, *map(str, extra)])
+        self._inputs = {}
+        self._start = time.monotonic()
+        path = Path(snakemake.log[0])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._log = path.open("w", encoding="utf-8")
+        self.log("started")
+
+    def log(self, text, terminal=True):
+        """Write a line to the stage's log and, by default, to the terminal."""
+        self._log.write(f"[{time.monotonic() - self._start:8.2f} s] {text}\n")
+        self._log.flush()
+        if terminal:
+            print(f"{self.name}: {text}", file=sys.stderr, flush=True)
+
+    def close(self):
+        """Close the log."""
+        self._log.close()
+
+    def check_library(self):
+        """Refuse to run with another copy of the library than the plan has digested."""
+        here = Path(__file__).resolve().parent
+        wanted = self.workflow() / "pandis"
+        if here != wanted:
+            raise PandisError(
+                f"the library was imported from {here}, but this workflow's is {wanted}; "
+                "uninstall the other one: pip uninstall pandis"
+            )
+
+    def checkpoint(self):
+        """Return where an unfinished result may be kept: a path that belongs to this very work.
+
+        It is keyed by everything the result depends on, so a changed option never resumes an
+        older run; it is no output of the rule, so Snakemake does not delete it.
+        """
+        why = self.provenance()
+        text = json.dumps([why["options"], why["code"]["digest"], why["inputs"]], sort_keys=True)
+        key = hashlib.sha256(text.encode()).hexdigest()[:24]
+        return Path(self.output[0]).parent / ".resume" / f"{key}.pt"
+
+    # --- inputs and output -----------------------------------------------------
+
+    def read(self, name, kind):
+        """Read the input artifact ``name`` of the rule and remember its digest."""
+        return self.read_path(self.input[name], kind)
+
+    def read_path(self, path, kind=None):
+        """Read an artifact among the rule's inputs and remember its digest."""
+        found = read_artifact(path, kind)
+        self._inputs[working_path(path)] = found.digest
+        return found
+
+    def note_file(self, path):
+        """Remember an input that is a plain file, by its SHA-256."""
+        self._inputs[working_path(path)] = file_digest(path)
+        return Path(path)
+
+    def workflow(self):
+        """Return the folder of the Snakefile."""
+        return Path(self._snakemake.scriptdir).resolve().parent / "workflow"
+
+    def provenance(self):
+        """Return why the output that is being made will be current."""
+        modules = CodeDigests(self.workflow()).modules(self.stage)
+        return provenance(self.stage, self.options, modules, dict(sorted(self._inputs.items())))
+
+    def write(self, kind, arrays, attributes, chunks=None):
+        """Write the rule's first output as an artifact."""
+        path = self.output[0]
+        write_artifact(path, kind, arrays, attributes, self.provenance(), chunks)
+        self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
+
+    def write_file(self, data, index=0):
+        """Write one of the rule's outputs as a plain file, atomically."""
+        path = self.output[index]
+        write_atomically(path, data)
+        self.log(f"wrote {path} ({len(data) / 1e6:.2f} MB)")
+
+    def progress(self, what, total, unit="points"):
+        """Return a `Progress` that reports through this job's log."""
+        return Progress(self.log, what, total, unit)
+
+
+def working_path(path):
+    """Return ``path`` relative to the working directory where it lies below it."""
+    relative = os.path.relpath(path)
+    return relative if not relative.startswith("..") else str(path)
+
+
+class Progress:
+    """Report how far a long computation is, every few seconds.
+
+    Parameters
+    ----------
+    log : callable
+        Takes a line of text.
+    what : str
+        What is being done.
+    total : float
+        Amount of work, in ``unit``.
+    unit : str
+    """
+
+    def __init__(self, log, what, total, unit):
+        self.log, self.what, self.total, self.unit = log, what, total, unit
+        self.start = self.last = time.monotonic()
+        self.offset = 0
+
+    def resume(self, done):
+        """Say that ``done`` was finished by an earlier run: rates count from here."""
+        self.offset = done
+
+    def update(self, done, note=""):
+        """Report that ``done`` of ``total`` is finished; prints at most every few seconds."""
+        now = time.monotonic()
+        if now - self.last < PROGRESS_SECONDS and done < self.total:
+            return
+        if done >= self.total and self.last == self.start and now - self.start < PROGRESS_SECONDS:
+            return  # short work says nothing but "done"
+        self.last = now
+        rate = (done - self.offset) / max(now - self.start, 1e-9)
+        left = (self.total - done) / rate if rate > 0 else float("inf")
+        self.log(
+            f"{self.what}: {done:,.0f} of {self.total:,.0f} {self.unit} "
+            f"({100 * done / self.total:.0f} %), {rate:,.0f}/s, {left:.0f} s left"
+            + (f", {note}" if note else "")
+        )
+
+
+def silent_progress(what, total, unit="points"):
+    """Return a `Progress` that says nothing, for use outside of a stage."""
+    return Progress(lambda text: None, what, total, unit)
