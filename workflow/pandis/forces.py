@@ -1,0 +1,21 @@
+"""The penalty law: paper, Eq. 6, with the clamp that a contact needs."""
+
+import numpy as np
+
+
+def penalty_force(distance, normal, stiffness=1.0):
+    """Return F = -k · min(distance, 0) · normal.
+
+    Parameters
+    ----------
+    distance : ndarray, shape (n,), negative inside
+    normal : ndarray, shape (n, 3), outward
+    stiffness : float
+        k, in units of force per unit of ``distance``.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Zero outside: a contact pushes, it never pulls.
+    """
+    return (-stiffness * np.minimum(distance, 0.0))[:, None] * normal

@@ -1,0 +1,1 @@
+"""Meshes: intake, diagnosis, repair, the unit frame, closed-form shapes."""

@@ -1,0 +1,77 @@
+"""The mesh stage: from a source to the arrays and attributes of ``mesh.zarr.zip``."""
+
+import numpy as np
+
+from pandis.frame import Frame
+from pandis.mesh.diagnosis import diagnose
+from pandis.mesh.intake import find_file, read_mesh
+from pandis.mesh.repair import deviation, repair
+from pandis.mesh.shapes import find_shape
+
+
+def build(options, source_file, log):
+    """Read and repair a mesh, or tessellate a closed form.
+
+    Parameters
+    ----------
+    options : dict
+        See `pandis.config.MeshOptions`; and ``source``, ``sha256``, ``seed``.
+    source_file : path-like or None
+        The file to read, where the workflow has fetched or found one.
+    log : callable
+        Takes a line of text.
+
+    Returns
+    -------
+    arrays, attributes : dict
+
+    Raises
+    ------
+    PandisError
+        The source is unusable, or the mesh cannot be made valid.
+    """
+    source = options["source"]
+    if source.startswith("analytic:"):
+        return _closed_form(source, log)
+    limits = options["reader_seconds"], options["reader_memory_gb"]
+    path = find_file(str(source_file or source))
+    vertices, faces, record = read_mesh(source, path, options["sha256"], *limits)
+    log(f"read {source} with {record['reader']}")
+    for reader, complaint in record["passed_over"].items():
+        log(f"{reader} was passed over: {complaint}")
+    fixed, fixed_faces, history = repair(vertices, faces, options, log)
+    used = fixed[np.unique(fixed_faces)]
+    frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
+    attributes = history | {
+        "source": {"name": source, **record, "unit": "unknown"},
+        "deviation": deviation((vertices, faces), (fixed, fixed_faces), options["seed"]),
+        "frame": frame.attributes(),
+        "shape": None,
+    }
+    return {"vertices": fixed, "faces": fixed_faces.astype(np.int32)}, attributes
+
+
+def _closed_form(source, log):
+    name = source.removeprefix("analytic:")
+    shape = find_shape(name)
+    vertices, faces = shape.tessellation()
+    frame = Frame.of_bounds(-shape.half_extent, shape.half_extent)
+    found = diagnose(vertices, faces)
+    # how far the flat faces lie from the true surface, at their centres
+    off = np.abs(shape.distance_and_normal(vertices[faces].mean(axis=1))[0])
+    distances = {
+        "max": float(off.max()),
+        "p99": float(np.percentile(off, 99)),
+        "mean": float(off.mean()),
+    }
+    log(f"{source}: {found.faces:,} faces, at most {off.max():.2g} from the closed form")
+    attributes = {
+        "source": {"name": source, "unit": "unknown"},
+        "before": found.attributes(),
+        "after": found.attributes(),
+        "rungs": [],
+        "deviation": {"to_result": distances, "to_source": distances},
+        "frame": frame.attributes(),
+        "shape": name,
+    }
+    return {"vertices": vertices, "faces": faces.astype(np.int32)}, attributes
