@@ -1,0 +1,1 @@
+"""Exports of fields for other programs, each checked before it counts."""

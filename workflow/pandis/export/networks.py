@@ -1,0 +1,92 @@
+"""Export of networks: to ONNX, compared with PyTorch before it is written."""
+
+import numpy as np
+import torch
+from onnx import TensorProto
+
+from pandis.export.check import check
+from pandis.export.graphs import Graph, enter, leave, split
+from pandis.fields.base import clamp_to_box, normalise
+from pandis.fields.siren import load_layers
+from pandis.frame import Frame
+from pandis.training.network import Siren
+
+
+def network_graph(artifact):
+    """Return the graph of a sine network, ω0 folded into its weights.
+
+    Parameters
+    ----------
+    artifact : pandis.artifact.Artifact
+        Of kind ``model``.
+
+    Returns
+    -------
+    Graph
+    """
+    frame = Frame.from_attributes(artifact.attributes["frame"])
+    graph = Graph()
+    clamped, outside = enter(graph, frame)
+    h = graph.apply("Cast", clamped, to=TensorProto.FLOAT)
+    layers = load_layers(artifact)
+    for index, (weight, bias) in enumerate(layers):
+        w = graph.constant(f"weight_{index}", np.ascontiguousarray(weight.T))
+        h = graph.apply("Gemm", h, w, graph.constant(f"bias_{index}", bias))
+        if index < len(layers) - 1:
+            h = graph.apply("Sin", h)
+    phi, psi = split(graph, h, [1, 3])
+    phi = graph.apply("Squeeze", phi, graph.constant("one", np.array([1], np.int64)))
+    leave(graph, frame, graph.apply("Add", phi, outside), psi)
+    return graph
+
+
+def torch_network(artifact):
+    """Return the torch network of a model artifact, ω0 not folded: as it was trained."""
+    shape = artifact.attributes["architecture"]
+    network = Siren(shape["width"], shape["depth"], shape["omega"], torch.Generator())
+    with torch.no_grad():
+        for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            weight.copy_(torch.from_numpy(artifact.arrays[f"weight_{index}"]))
+            bias.copy_(torch.from_numpy(artifact.arrays[f"bias_{index}"]))
+    return network
+
+
+def export_network(name, artifact, provenance, log):
+    """Return the ONNX model of a network as bytes.
+
+    Parameters
+    ----------
+    name : str
+        The recipe.
+    artifact : pandis.artifact.Artifact
+        Of kind ``model``.
+    provenance : dict
+    log : callable
+
+    Raises
+    ------
+    PandisError
+        The model does not answer as PyTorch does.
+    """
+    torch.set_num_threads(1)
+    frame = Frame.from_attributes(artifact.attributes["frame"])
+    keys = ("recipe", "architecture", "steps", "held_out_error")
+    metadata = {
+        "field": name,
+        "frame": frame.attributes(),
+        "provenance": provenance,
+        **{key: artifact.attributes[key] for key in keys},
+    }
+    model = network_graph(artifact).model(name, metadata)
+    network = torch_network(artifact)
+
+    def reference(points):
+        clamped, outside = clamp_to_box(points)
+        with torch.no_grad():
+            output = network(torch.from_numpy(clamped).float()).double().numpy()
+        length = (output[:, 1:] ** 2).sum(axis=1) ** 0.5
+        return output[:, 0] + outside, normalise(output[:, 1:]), length
+
+    differences = check(model, reference, frame)
+    log(f"agrees with PyTorch: {differences}")
+    return model

@@ -1,0 +1,54 @@
+"""Opens any field by its name. Only evaluation, timing, hardware and report import this.
+
+A new field is one module beside this one, its options in `pandis.config`, its
+name in `pandis.catalogue`, and one line here.
+"""
+
+from pandis.catalogue import parse_field
+from pandis.fields.exact import ExactField
+from pandis.fields.grid import GridField
+from pandis.fields.siren import SirenField
+
+_OPENERS = {
+    "exact": ExactField,
+    "nearest": lambda name, artifact: GridField(name, artifact, nearest=True),
+    "trilinear": lambda name, artifact: GridField(name, artifact, nearest=False),
+    "trilinear-normal": lambda name, artifact: GridField(name, artifact, nearest=False),
+    "network": SirenField,
+}
+
+
+class Fields(list):
+    """The fields of a mesh, in the order of the configuration; ``exact`` is always at hand."""
+
+    def __init__(self, fields, exact):
+        super().__init__(fields)
+        self.exact = exact
+
+
+def open_fields(names, mesh, artifacts):
+    """Open the fields of a mesh.
+
+    Parameters
+    ----------
+    names : list of str
+        As in the configuration.
+    mesh : pandis.artifact.Artifact
+    artifacts : iterable of pandis.artifact.Artifact
+        What holds the other fields: grids and models.
+
+    Returns
+    -------
+    Fields
+    """
+    held = {artifact.path.name.removesuffix(".zarr.zip"): artifact for artifact in artifacts}
+    recipes = [stem.removeprefix("model-") for stem in held if stem.startswith("model-")]
+    exact = ExactField("exact", mesh)
+    specs = [parse_field(name, recipes) for name in names]
+    opened = [exact if s.kind == "exact" else open_field(s, held[s.artifact]) for s in specs]
+    return Fields(opened, exact)
+
+
+def open_field(spec, artifact):
+    """Return the field of a `pandis.catalogue.FieldSpec`, from the artifact that holds it."""
+    return _OPENERS[spec.kind](spec.name, artifact)

@@ -1,0 +1,52 @@
+"""The sine network as a field, in NumPy: Sitzmann et al. 2020; paper, Fig. 1.
+
+Torch trains it (`pandis.training`), but to ask it needs nothing but products
+and sines, so that neither evaluation nor a user's program has to load torch.
+"""
+
+import numpy as np
+
+from pandis.fields.base import Field, clamp_to_box, normalise
+from pandis.frame import Frame
+
+
+def load_layers(artifact):
+    """Return the layers of a model artifact with ω0 folded in.
+
+    Returns
+    -------
+    list of (weight, bias)
+        float32; weight (out, in). All but the last are followed by a sine.
+    """
+    omega = artifact.attributes["architecture"]["omega"]
+    count = artifact.attributes["architecture"]["depth"] + 1
+    layers = []
+    for index in range(count):
+        factor = np.float32(omega if index < count - 1 else 1.0)
+        weight, bias = (artifact.arrays[f"{kind}_{index}"] for kind in ("weight", "bias"))
+        layers.append((weight * factor, bias * factor))
+    return layers
+
+
+class SirenField(Field):
+    """A trained sine network: (Φ, Ψ) at a point in one pass."""
+
+    def __init__(self, name, artifact):
+        self.layers = load_layers(artifact)
+        size = sum(weight.nbytes + bias.nbytes for weight, bias in self.layers)
+        super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), size)
+
+    def raw(self, points):
+        """Return Φ (n,) and Ψ (n, 3) as the network gives them, float32, at points in the box."""
+        h = np.asarray(points, np.float32)
+        for weight, bias in self.layers[:-1]:
+            h = np.sin(h @ weight.T + bias)
+        weight, bias = self.layers[-1]
+        h = h @ weight.T + bias
+        return h[:, 0], h[:, 1:]
+
+    def answer(self, points):
+        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        clamped, outside = clamp_to_box(points)
+        phi, psi = self.raw(clamped)
+        return phi.astype(np.float64) + outside, normalise(psi.astype(np.float64))

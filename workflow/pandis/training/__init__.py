@@ -1,0 +1,1 @@
+"""Training of the sine network: architecture, losses, recipes, trainer. Imports torch."""

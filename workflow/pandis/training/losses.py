@@ -1,0 +1,105 @@
+"""The losses. Each term of the paper is one function; means are over the points it is given.
+
+Readings where the print cannot be meant (see ``docs/architecture.md``): inner
+products are cosines, for raw products are unbounded below; ‖·‖ − 1 has an
+absolute value, for without it a vanishing Ψ is rewarded.
+"""
+
+import torch
+
+#: Below this length a direction counts as undefined, and cosines stay smooth.
+SMALL = 1e-4
+
+
+def length(vectors):
+    """Return the norm of vectors (n, 3), differentiable at zero."""
+    return torch.sqrt((vectors * vectors).sum(dim=1) + SMALL * SMALL)
+
+
+def cosine(a, b):
+    """Return the cosine of the angle between vectors (n, 3); 0 where one of them vanishes."""
+    return (a * b).sum(dim=1) / (length(a) * length(b))
+
+
+def eikonal(gradient):
+    """Eq. 3, term 1: | ‖∇Φ‖ − 1 |."""
+    return (length(gradient) - 1).abs().mean()
+
+
+def normal_alignment(gradient, normal):
+    """Eq. 3, term 2, on the surface: 1 − cos(∇Φ, n)."""
+    return (1 - cosine(gradient, normal)).mean()
+
+
+def surface(phi):
+    """Eq. 3, term 3, on the surface: |Φ|."""
+    return phi.abs().mean()
+
+
+def off_surface(phi, alpha):
+    """Eq. 3, term 4, off the surface: exp(−a |Φ|)."""
+    # 80 is where the result stops mattering (1e-35) and before float32 turns subnormal
+    return torch.exp(-(alpha * phi.abs()).clamp(max=80.0)).mean()
+
+
+def unit_length(psi):
+    """Eq. 4, term 1: | ‖Ψ‖ − 1 |."""
+    return (length(psi) - 1).abs().mean()
+
+
+def psi_on_surface(psi, normal):
+    """Eq. 4, term 2, on the surface: 1 − cos(Ψ, n)."""
+    return (1 - cosine(psi, normal)).mean()
+
+
+def psi_off_surface(psi, gradient):
+    """Eq. 4, term 3, off the surface: 1 − cos(Ψ, ∇Φ)."""
+    return (1 - cosine(psi, gradient)).mean()
+
+
+def paper_loss(on, on_gradient, off, off_gradient, normal, options):
+    """Return the paper's total loss, Eq. 5, with its seven weights.
+
+    Parameters
+    ----------
+    on, off : Tensor, shape (n, 4)
+        (Φ, Ψ) on the surface and in the box.
+    on_gradient, off_gradient : Tensor, shape (n, 3)
+        ∇Φ there.
+    normal : Tensor, shape (n, 3)
+        The mesh's normal at the surface points.
+    options : dict
+        ``weights``, ``alpha``, ``stop_gradient`` of `pandis.config.PaperRecipe`.
+    """
+    gradient = torch.cat([on_gradient, off_gradient])
+    target = off_gradient.detach() if options["stop_gradient"] else off_gradient
+    terms = (
+        eikonal(gradient),
+        normal_alignment(on_gradient, normal),
+        surface(on[:, 0]),
+        off_surface(off[:, 0], options["alpha"]),
+        unit_length(torch.cat([on[:, 1:], off[:, 1:]])),
+        psi_on_surface(on[:, 1:], normal),
+        psi_off_surface(off[:, 1:], target),
+    )
+    return sum(weight * term for weight, term in zip(options["weights"], terms, strict=True))
+
+
+def exact_loss(output, distance, normal, options):
+    """Return the regression loss on exact distance and normal.
+
+    The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
+    both parts are of L1 kind and weighted toward the surface, where probes are.
+
+    Parameters
+    ----------
+    output : Tensor, shape (n, 4)
+    distance : Tensor, shape (n,)
+    normal : Tensor, shape (n, 3)
+    options : dict
+        ``near`` and ``normal_weight`` of `pandis.config.ExactRecipe`.
+    """
+    weight = options["near"] / (options["near"] + distance.abs())
+    error = (output[:, 0] - distance).abs()
+    error = error + options["normal_weight"] * length(output[:, 1:] - normal)
+    return (weight * error).mean()
