@@ -1,0 +1,1 @@
+"""How wrong and how fast each field is."""

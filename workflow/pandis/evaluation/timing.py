@@ -1,0 +1,94 @@
+"""How long one query and a batch take, with the program a user would run."""
+
+import time
+
+import numpy as np
+
+from pandis.export.session import Session
+from pandis.frame import Frame
+from pandis.machine import describe
+
+
+def time_fields(exact, exports, mesh, points, options, progress):
+    """Time every field of a mesh along its trajectory.
+
+    Parameters
+    ----------
+    exact : pandis.fields.base.Field or None
+    exports : list of Path
+        ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
+    mesh : pandis.artifact.Artifact
+    points : ndarray, shape (m, 3), unit frame
+    options : dict
+        See `pandis.config.TimingOptions`.
+    progress : callable
+        Makes a `pandis.stage.Progress`.
+
+    Returns
+    -------
+    arrays, attributes : dict
+        As stored in ``timing.zarr.zip``: seconds of every single query and of every batch (per
+        point), by field.
+    """
+    points = Frame.from_attributes(mesh.attributes["frame"]).to_mesh(points)
+    answers = {"exact": (exact.distance_and_normal, "libigl from Python")} if exact else {}
+    for path in exports:
+        answers[path.stem] = (Session(path).distance_and_normal, "ONNX Runtime, 1 thread")
+    arrays, fields = {}, {}
+    report = progress("fields", len(answers), "fields")
+    counts = (options["queries"], options["batch"], options["repeats"])
+    for index, (name, (answer, engine)) in enumerate(answers.items()):
+        single, batched = time_queries(answer, points, *counts)
+        arrays |= {f"single_{name}": single, f"batch_{name}": batched}
+        fields[name] = summarise(single, batched) | {"engine": engine}
+        report.update(index + 1)
+    return arrays, {"fields": fields, "machine": describe(), "reproducible": False}
+
+
+def time_queries(answer, points, queries, batch, repeats):
+    """Time a field.
+
+    Parameters
+    ----------
+    answer : callable
+        Answers (distance, normal) at points (n, 3).
+    points : ndarray, shape (m, 3)
+        Queries are taken from these in order, over and over.
+    queries, batch, repeats : int
+        Single queries; points of a batch; batches.
+
+    Returns
+    -------
+    single : ndarray, shape (queries,)
+        Seconds of each single query, after a warm-up.
+    batched : ndarray, shape (repeats,)
+        Seconds per point, of each batch.
+    """
+    single = np.empty(queries)
+    clock = time.perf_counter
+    one = [np.ascontiguousarray(points[i % len(points)][None]) for i in range(queries)]
+    for point in one[:100]:
+        answer(point)
+    for index, point in enumerate(one):
+        start = clock()
+        answer(point)
+        single[index] = clock() - start
+    many = points[np.arange(batch) % len(points)]
+    batched = np.empty(repeats)
+    answer(many)
+    for index in range(repeats):
+        start = clock()
+        answer(many)
+        batched[index] = (clock() - start) / batch
+    return single, batched
+
+
+def summarise(single, batched):
+    """Return the figures of `time_queries` in microseconds per query."""
+    p50, p99, p999 = np.percentile(single, [50, 99, 99.9]) * 1e6
+    return {
+        "one_p50_us": float(p50),
+        "one_p99_us": float(p99),
+        "one_p999_us": float(p999),
+        "batch_us": float(np.median(batched) * 1e6),
+    }

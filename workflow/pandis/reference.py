@@ -1,0 +1,138 @@
+"""Generates what the documentation repeats: schema, option tables, measured figures.
+
+``make docs`` writes all of it; ``make figures`` first takes the figures of the
+last default run from results/ into docs/figures. A test fails when a file
+differs from what this module would write.
+"""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from pandis import config
+from pandis.machine import describe
+
+ROOT = Path(__file__).resolve().parents[2]
+SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
+OPTIONS = ROOT / "config" / "README.md"
+README = ROOT / "README.md"
+FIGURES = ROOT / "docs" / "figures" / "default.csv"
+END = "<!-- end of generated -->"
+
+_SECTIONS = {
+    "device": config.DeviceOptions,
+    "mesh": config.MeshOptions,
+    "samples": config.SampleOptions,
+    "train.{recipe}, loss: exact": config.ExactRecipe,
+    "train.{recipe}, loss: paper": config.PaperRecipe,
+    "bake": config.BakeOptions,
+    "trajectory": config.TrajectoryOptions,
+    "evaluation": config.EvaluationOptions,
+    "timing": config.TimingOptions,
+    "hardware": config.HardwareOptions,
+}
+
+
+def schema_text():
+    """Return the JSON schema as the text of its file."""
+    return json.dumps(config.json_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def option_tables():
+    """Return one Markdown table per section of the configuration."""
+    lines = []
+    for name, model in _SECTIONS.items():
+        summary = (model.__doc__ or "").strip().splitlines()[0]
+        lines += [
+            f"### `{name}`",
+            "",
+            summary,
+            "",
+            "| option | default | meaning |",
+            "|---|---|---|",
+        ]
+        for key, field in model.model_fields.items():
+            if key == "loss":
+                continue
+            lines.append(
+                f"| `{key}` | {_default(model, key, field)} | {_cell(field.description)} |"
+            )
+        lines.append("")
+    return "\n".join(lines).rstrip()
+
+
+def _cell(text):
+    """Escape the bars that would end a table cell."""
+    return text.replace("|", "\\|")
+
+
+def _default(model, key, field):
+    if key == "steps":
+        kind = "paper" if model is config.PaperRecipe else "exact"
+        return f"`{config.DEFAULT_STEPS[kind]}` if neither budget is given"
+    return f"`{json.dumps(field.default)}`"
+
+
+def bunny_table():
+    """Return the README's table: the default run's figures for ``bunny``."""
+    lines = FIGURES.read_text(encoding="utf-8").splitlines()
+    notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
+    rows = csv.DictReader(line for line in lines if not line.startswith("#"))
+    table = [
+        "| field | bytes | on the path | shallow | deep | one query, median |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        if row["mesh"] == "bunny" and row["bytes"]:
+            errors = (row[f"{name}_mean"] for name in ("trajectory", "shallow", "deep"))
+            cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
+            time = f"{float(row['one_p50_us']):.0f} µs"
+            table.append(f"| `{row['field']}` | {int(row['bytes']):,} | {cells} | {time} |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def with_generated(path, name, text):
+    """Return a file's text with the part between its markers made anew."""
+    begin = f"<!-- generated: {name} -->"
+    head, rest = path.read_text(encoding="utf-8").split(begin)
+    _, tail = rest.split(END)
+    return f"{head}{begin}\n\n{text}\n\n{END}{tail}"
+
+
+def generated():
+    """Return every generated file and what it should hold."""
+    return {
+        SCHEMA: schema_text(),
+        OPTIONS: with_generated(OPTIONS, "options", option_tables()),
+        README: with_generated(README, "bunny", bunny_table()),
+    }
+
+
+def take_figures():
+    """Copy the summary of the last default run, with command, machine and commit."""
+    summary = (ROOT / "results" / "summary.csv").read_text(encoding="utf-8")
+    git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    machine = describe()
+    notes = [
+        "command: make all",
+        f"machine: {machine['processor']}, {machine['cores']} cores, shared",
+        f"commit: {commit}",
+    ]
+    FIGURES.parent.mkdir(parents=True, exist_ok=True)
+    FIGURES.write_text("".join(f"# {note}\n" for note in notes) + summary, encoding="utf-8")
+
+
+def main(arguments):
+    """Write all generated files."""
+    if "figures" in arguments:
+        take_figures()
+    for path, text in generated().items():
+        path.write_text(text, encoding="utf-8")
+        print(f"wrote {path.relative_to(ROOT)}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

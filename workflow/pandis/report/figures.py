@@ -1,0 +1,169 @@
+"""The figures of the report, as self-contained SVG or PNG."""
+
+import base64
+import io
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from pandis.forces import penalty_force
+from pandis.report.render import render
+
+mpl.rcParams["svg.hashsalt"] = "pandis"
+mpl.rcParams["svg.fonttype"] = "none"
+mpl.rcParams["font.size"] = 9
+mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
+
+_COLOURS = {
+    "exact": "#111111",
+    "nearest": "#c9a227",
+    "trilinear": "#2a9d5c",
+    "trilinear-normal": "#1f6f8b",
+}
+_NETWORKS = ("#b5179e", "#d62828", "#7209b7", "#f3722c")
+
+
+def colour(spec, networks):
+    """Return the colour of a field, the same in all figures."""
+    if spec.kind == "network":
+        return _NETWORKS[networks.index(spec.name) % len(_NETWORKS)]
+    return _COLOURS[spec.kind]
+
+
+def save(figure, form="svg", dpi=110):
+    """Return a figure as a ``data:`` URI."""
+    stream = io.BytesIO()
+    metadata = {"Date": None} if form == "svg" else {}
+    figure.savefig(stream, format=form, dpi=dpi, metadata=metadata, bbox_inches="tight")
+    return _uri(stream.getvalue(), "svg+xml" if form == "svg" else form)
+
+
+def _uri(data, form):
+    return f"data:image/{form};base64,{base64.b64encode(data).decode()}"
+
+
+def picture(vertices, faces, path):
+    """Return a picture of a mesh and the trajectory on it (unit frame)."""
+    stream = io.BytesIO()
+    mpl.image.imsave(stream, render(vertices, faces, points=path), format="png")
+    return _uri(stream.getvalue(), "png")
+
+
+def quiver(fields, size=46, half=1.0):
+    """Draw the force on the plane z = 0 of the unit frame: the paper's Fig. 2.
+
+    Parameters
+    ----------
+    fields : list of pandis.fields.base.Field
+        The first is exact, and draws the outline in every panel.
+    """
+    axis = np.linspace(-half, half, size)
+    x, y = np.meshgrid(axis, axis)
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    fine = np.linspace(-half, half, 240)
+    outline = np.stack([*(g.ravel() for g in np.meshgrid(fine, fine)), np.zeros(240**2)], axis=1)
+    distance = fields[0].answer(outline)[0].reshape(240, 240)
+    figure = Figure(figsize=(4.6 * len(fields), 4.6))
+    for index, field in enumerate(fields):
+        axes = figure.add_subplot(1, len(fields), index + 1, aspect="equal")
+        force = penalty_force(*field.answer(points))
+        inside = np.linalg.norm(force, axis=1) > 0
+        axes.contour(fine, fine, distance, [0.0], colors="#888888", linewidths=0.8)
+        axes.quiver(
+            *points[inside, :2].T,
+            *force[inside, :2].T,
+            np.linalg.norm(force[inside], axis=1),
+            angles="xy",
+            scale=6,
+            width=0.003,
+            cmap="viridis",
+        )
+        axes.set(title=field.name, xlim=(-half, half), ylim=(-half, half), xlabel="x")
+        if index == 0:
+            axes.set_ylabel("y (unit frame)")
+    return save(figure, "png")
+
+
+def force_along_path(forces, exact, specs, networks, window=300):
+    """Draw the force over part of the path in spherical coordinates: the paper's Fig. 4."""
+    part = slice(0, min(window, len(exact)))
+    figure = Figure(figsize=(9.5, 6.4))
+    panels = [figure.add_subplot(3, 1, k + 1) for k in range(3)]
+    for spec in specs:
+        if spec.kind == "exact":
+            continue
+        for axes, values in zip(panels, _spherical(forces[spec.name][part]), strict=True):
+            axes.plot(values, lw=0.9, color=colour(spec, networks), label=spec.name, alpha=0.8)
+    for axes, values, name in zip(
+        panels, _spherical(exact[part]), ("r", "θ (°)", "φ (°)"), strict=True
+    ):
+        axes.plot(values, lw=1.1, color="black", label="exact (GT)")
+        axes.set_ylabel(name)
+    panels[2].set_xlabel("sample of the trajectory")
+    panels[0].legend(ncols=4, fontsize=7, frameon=False, loc="lower left", bbox_to_anchor=(0, 1))
+    return save(figure)
+
+
+def _spherical(force):
+    r = np.linalg.norm(force, axis=1)
+    safe = np.where(r > 0, r, np.nan)
+    theta = np.degrees(np.arccos(np.clip(force[:, 2] / safe, -1, 1)))
+    phi = np.degrees(np.arctan2(force[:, 1], force[:, 0]))
+    return r, theta, np.where(r > 0, phi, np.nan)
+
+
+def error_against_time(rows, specs, networks):
+    """Draw mean error on the trajectory against the time of one query."""
+    figure = Figure(figsize=(6.4, 4.4))
+    axes = figure.add_subplot()
+    by_name = {spec.name: spec for spec in specs}
+    shown = [row for row in rows if row["field"] in by_name and row["one_p50_us"] != ""]
+    floor = min((r["trajectory_mean"] for r in shown if r["trajectory_mean"] > 0), default=1) / 5
+    for row in shown:
+        exact = row["trajectory_mean"] == 0  # zero has no place on a logarithmic axis
+        at = (row["one_p50_us"], floor if exact else row["trajectory_mean"])
+        spec = by_name[row["field"]]
+        axes.loglog(*at, "v" if exact else "o", color=colour(spec, networks), ms=7)
+        note = row["field"] + (" (error 0)" if exact else "")
+        axes.annotate(note, at, textcoords="offset points", xytext=(7, -3), fontsize=7)
+    axes.axvline(1000, color="#999999", ls=":", lw=1)
+    axes.text(960, axes.get_ylim()[1], "1 kHz", ha="right", va="top", color="#777777")
+    axes.set(xlabel="one query, median (µs)", ylabel="mean force error (unit frame, k = 1)")
+    axes.grid(True, which="major", alpha=0.25)
+    axes.margins(x=0.25)
+    return save(figure)
+
+
+def training_curves(models):
+    """Draw the held-out force error over the steps of each network."""
+    figure = Figure(figsize=(6.4, 3.6))
+    axes = figure.add_subplot()
+    for index, (name, curve) in enumerate(models.items()):
+        if len(curve):
+            axes.semilogy(curve[:, 0], curve[:, 2], color=_NETWORKS[index % 4], label=name)
+    axes.set(xlabel="step", ylabel="held-out force error")
+    axes.legend(frameon=False)
+    axes.grid(True, alpha=0.25)
+    return save(figure)
+
+
+def compute_histogram(compute, specs, networks, deadline):
+    """Draw the distribution of the time per tick of each exported field."""
+    figure = Figure(figsize=(6.4, 3.6))
+    axes = figure.add_subplot()
+    bins = np.geomspace(1, 2000, 120)
+    for spec in specs:
+        if spec.name in compute:
+            axes.hist(
+                np.clip(compute[spec.name] * 1e6, 1, 2000),
+                bins,
+                histtype="step",
+                color=colour(spec, networks),
+                label=spec.name,
+                ls="--" if spec.kind == "nearest" else "-",
+            )
+    axes.axvline(deadline * 1e6, color="#999999", ls=":", lw=1)
+    axes.set(xscale="log", yscale="log", xlabel="computing one tick (µs)", ylabel="ticks")
+    axes.legend(frameon=False, fontsize=7)
+    return save(figure)

@@ -1,0 +1,145 @@
+"""The report: one HTML file that needs nothing else."""
+
+from importlib import resources
+
+import jinja2
+import numpy as np
+
+from pandis import __version__
+from pandis.catalogue import parse_field
+from pandis.fields.registry import open_field
+from pandis.frame import Frame
+from pandis.report import figures
+from pandis.report.tables import COLUMNS, summary_rows
+
+
+def mesh_section(name, artifacts, field_names):
+    """Prepare one mesh for the template.
+
+    Parameters
+    ----------
+    name : str
+    artifacts : list of pandis.artifact.Artifact
+        Mesh, trajectory, evaluation, timing, hardware, and the artifact of every field.
+    field_names : list of str
+
+    Returns
+    -------
+    dict
+    """
+    artifacts = {artifact.path.name.removesuffix(".zarr.zip"): artifact for artifact in artifacts}
+    mesh, evaluation = artifacts["mesh"], artifacts["evaluation"]
+    recipes = [stem.removeprefix("model-") for stem in artifacts if stem.startswith("model-")]
+    specs = [parse_field(field, recipes) for field in field_names]
+    networks = [spec.name for spec in specs if spec.kind == "network"]
+    frame = Frame.from_attributes(mesh.attributes["frame"])
+    trajectory = artifacts["trajectory"].arrays["points"]
+    rows = summary_rows(
+        name, *(artifacts[k].attributes for k in ("evaluation", "timing", "hardware"))
+    )
+    shown = [parse_field("exact", ()), *(s for s in specs if s.name in _best(specs, rows))]
+    vertices = frame.to_unit(mesh.arrays["vertices"])
+    forces = {s.name: evaluation.arrays[f"force_{s.name}"] for s in specs}
+    hardware = artifacts["hardware"]
+    compute = {s.name: hardware.arrays[f"compute_{s.name}"] for s in specs if s.exports}
+    models = {n: artifacts[f"model-{n}"] for n in networks}
+    return {
+        "name": name,
+        "rows": rows,
+        "mesh": mesh.attributes,
+        "frame": frame,
+        "evaluation": evaluation.attributes,
+        "timing": artifacts["timing"].attributes,
+        "hardware": hardware.attributes,
+        "models": {n: m.attributes | {"note": _training(m)} for n, m in models.items()},
+        "sentence": _sentence(rows, networks, bool(mesh.attributes["shape"])),
+        "picture": figures.picture(vertices, mesh.arrays["faces"], trajectory),
+        "quiver": figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
+        "path": figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
+        "front": figures.error_against_time(rows, specs, networks),
+        "curves": figures.training_curves({n: m.arrays["curve"] for n, m in models.items()})
+        if models
+        else None,
+        "histogram": figures.compute_histogram(
+            compute, specs, networks, hardware.attributes["deadline"]
+        )
+        if compute
+        else None,
+    }
+
+
+def _best(specs, rows):
+    """Return the names of the best network and the best grid, for the quiver plot."""
+    error = {row["field"]: row["trajectory_mean"] for row in rows}
+    networks = [s.name for s in specs if s.kind == "network"]
+    grids = [s.name for s in specs if s.kind not in ("exact", "network")]
+    return [min(group, key=error.get) for group in (grids, networks) if group]
+
+
+def _training(model):
+    error = model.attributes["held_out_error"]
+    psi = model.attributes["psi_length"]
+    return (
+        f"{model.attributes['steps']:,} steps on {model.attributes['device']}; held-out force "
+        f"error mean {error['mean']:.2e}, p99 {error['p99']:.2e}; "
+        f"‖Ψ‖ {psi['mean']:.3f} ± {psi['std']:.3f}"
+    )
+
+
+def _sentence(rows, networks, closed_form):
+    """Say in one sentence who wins, whoever it is."""
+    error = {row["field"]: row["trajectory_mean"] for row in rows if row["bytes"] != ""}
+    approximate = {k: v for k, v in error.items() if k != "exact"}
+    if not approximate:
+        return "Only the exact field was built."
+    best = min(approximate, key=approximate.get)
+    text = f"Of the approximate fields, {best} has the least mean force error on the trajectory "
+    text += f"({approximate[best]:.2e})."
+    base = approximate.get("trilinear-64")
+    for name in networks:
+        if base:
+            text += (
+                f" {name} has {approximate[name] / base:.2f} times the error of the paper's "
+                "trilinear-64."
+            )
+    exact = next((r for r in rows if r["field"] == "exact" and r["one_p50_us"] != ""), None)
+    if exact:
+        text += (
+            f" The exact field answers one query in {exact['one_p50_us']:.0f} µs from Python, "
+            + (
+                "in closed form."
+                if closed_form
+                else "with no error but with a force step at every edge of the mesh."
+            )
+        )
+    return text
+
+
+def build(sections):
+    """Return the page as text."""
+    environment = jinja2.Environment(
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        loader=jinja2.FunctionLoader(
+            lambda name: (resources.files("pandis.report") / name).read_text(encoding="utf-8")
+        ),
+    )
+    environment.filters["number"] = _number
+    return environment.get_template("page.html").render(
+        sections=sections, columns=COLUMNS, version=__version__
+    )
+
+
+def _number(value):
+    """Format a cell: three significant digits, no exponent where it is readable without."""
+    if isinstance(value, bool | str):
+        return value
+    if isinstance(value, int | np.integer):
+        return f"{value:,}"
+    if value == 0:
+        return "0"
+    if 100 <= abs(value) < 1e6:
+        return f"{value:,.0f}"
+    return f"{value:.3g}" if 1e-2 <= abs(value) < 100 else f"{value:.2e}"

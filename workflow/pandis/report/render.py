@@ -1,0 +1,80 @@
+"""A picture of a mesh without a graphics library: dense surface points and a depth buffer."""
+
+import numpy as np
+
+from pandis.sampling import Surface
+
+#: A view from the front, a little from the left and from above.
+VIEW = (0.45, 0.35, 1.0)
+
+
+def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None):
+    """Draw a shaded mesh.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), unit frame
+    faces : ndarray, shape (F, 3)
+    size : int
+        Pixels per side.
+    view, up : sequence of float
+        Direction from the mesh to the eye; which way is up.
+    points : ndarray, shape (n, 3), optional
+        A path to draw over the surface, where it is not hidden.
+
+    Returns
+    -------
+    ndarray, shape (size, size, 4), uint8
+        RGBA; transparent where there is no mesh.
+    """
+    axes = camera(view, up)
+    surface = Surface(vertices, faces)
+    position, normal, _, _ = surface.draw(10 * size * size, np.random.default_rng(0))
+    row, column, depth = project(position, axes, size)
+    # far to near: of all points in a pixel the nearest is written last
+    order = np.argsort(depth, kind="stable")
+    row, column = row[order], column[order]
+    image = np.zeros((size, size, 4), np.uint8)
+    buffer = np.full((size, size), -np.inf)
+    n = (normal @ axes.T)[order]
+    light = np.clip(n @ _unit([-0.35, 0.55, 0.75]), 0, 1) * 0.75 + 0.25 * (0.5 + 0.5 * n[:, 1])
+    colour = np.clip(light[:, None] * [176, 190, 214] + 26, 0, 255)
+    image[row, column, :3] = colour
+    image[row, column, 3] = 255
+    buffer[row, column] = depth[order]
+    if points is not None:
+        _draw_path(image, buffer, points, axes, size)
+    return image
+
+
+def camera(view, up):
+    """Return the camera's axes as rows: right, up, toward the eye."""
+    toward = _unit(view)
+    right = _unit(np.cross(up, toward))
+    return np.stack([right, np.cross(toward, right), toward])
+
+
+def project(points, axes, size):
+    """Return row, column and depth (toward the eye) of points, seen from far away."""
+    x, y, depth = (points @ axes.T).T
+    half = size / 2
+    column = np.clip(half + x * half * 0.78, 0, size - 1).astype(np.int64)
+    row = np.clip(half - y * half * 0.78, 0, size - 1).astype(np.int64)
+    return row, column, depth
+
+
+def _draw_path(image, buffer, points, axes, size):
+    steps = np.linspace(0, 1, 8, endpoint=False)
+    dense = (points[:-1, None] + steps[:, None] * np.diff(points, axis=0)[:, None]).reshape(-1, 3)
+    row, column, depth = project(dense, axes, size)
+    # the path runs below the surface: allow for the depth of penetration
+    seen = depth > buffer[row, column] - 0.06
+    for dr in (-1, 0, 1):
+        for dc in (-1, 0, 1):
+            r = np.clip(row[seen] + dr, 0, size - 1)
+            c = np.clip(column[seen] + dc, 0, size - 1)
+            image[r, c] = (200, 40, 40, 255)
+
+
+def _unit(vector):
+    return np.asarray(vector, float) / np.linalg.norm(vector)

@@ -1,0 +1,96 @@
+"""The summary: one row per mesh and field."""
+
+import csv
+import io
+
+from pandis.evaluation.errors import UNNORMALISED
+
+COLUMNS = {
+    "mesh": "Mesh",
+    "field": "Field",
+    "bytes": "Bytes",
+    "trajectory_mean": "Error on the trajectory, mean",
+    "trajectory_p99": "p99",
+    "trajectory_max": "max",
+    "shallow_mean": "Shallow probes, mean",
+    "deep_mean": "Deep probes, mean",
+    "trajectory_angle": "Angle (°)",
+    "trajectory_newtons": "Error (mN)",
+    "one_p50_us": "One query, p50 (µs)",
+    "one_p99_us": "One query, p99 (µs)",
+    "batch_us": "In a batch (µs)",
+    "hardware_p999_us": "At 1 kHz, p99.9 (µs)",
+    "misses": "Misses",
+    "verdict": "Verdict",
+}
+
+
+def summarise(fields, evaluations, timings, hardware):
+    """Return the rows of all meshes.
+
+    Parameters
+    ----------
+    fields : dict of str to list of str
+        The fields of each mesh, in the order of the other arguments.
+    evaluations, timings, hardware : list of pandis.artifact.Artifact
+        One of each per mesh.
+    """
+    rows = []
+    for mesh, *found in zip(fields, evaluations, timings, hardware, strict=True):
+        rows += summary_rows(mesh, *(artifact.attributes for artifact in found))
+    return rows
+
+
+def summary_rows(mesh, evaluation, timing, hardware):
+    """Return the rows of one mesh.
+
+    Parameters
+    ----------
+    mesh : str
+    evaluation, timing, hardware : dict
+        The attributes of the three artifacts.
+
+    Returns
+    -------
+    list of dict
+        Keys of COLUMNS; what a field does not have is empty.
+    """
+    rows = []
+    measured = evaluation["errors"]["trajectory"]
+    names = [n for field in evaluation["fields"] for n in (field, field + UNNORMALISED)]
+    for field in filter(measured.__contains__, names):
+        errors = {name: table[field] for name, table in evaluation["errors"].items()}
+        row = dict.fromkeys(COLUMNS, "")
+        row |= {
+            "mesh": mesh,
+            "field": field,
+            "bytes": evaluation["bytes"].get(field, ""),
+            "trajectory_mean": errors["trajectory"]["mean"],
+            "trajectory_p99": errors["trajectory"]["p99"],
+            "trajectory_max": errors["trajectory"]["max"],
+            "shallow_mean": errors["shallow"]["mean"],
+            "deep_mean": errors["deep"]["mean"],
+            "trajectory_angle": errors["trajectory"]["angle"],
+            "trajectory_newtons": 1e3 * errors["trajectory"]["mean"] * evaluation["newtons"],
+        }
+        if times := timing["fields"].get(field):
+            row |= {key: times[key] for key in ("one_p50_us", "one_p99_us", "batch_us")}
+        if verdict := hardware["fields"].get(field):
+            row |= {
+                "hardware_p999_us": verdict["compute_us"]["p99.9"],
+                "misses": verdict["misses"],
+                "verdict": verdict["verdict"],
+            }
+        rows.append(row)
+    return rows
+
+
+def to_csv(rows):
+    """Return rows as the text of a CSV file."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, list(COLUMNS), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
+    )
+    return stream.getvalue()

@@ -1,0 +1,144 @@
+"""The chain check: does every result in results/ belong to this configuration and this code?
+
+It trusts nothing but the artifacts themselves: neither modification times nor
+Snakemake's records.
+"""
+
+import json
+from pathlib import Path
+
+from pandis.artifact import file_digest, read_artifact
+from pandis.errors import ArtifactError, PandisError
+
+
+def verify(plan, log):
+    """Check every output of a plan.
+
+    Parameters
+    ----------
+    plan : pandis.plan.Plan
+    log : callable
+        Takes a line of text.
+
+    Raises
+    ------
+    PandisError
+        Something is missing, damaged or stale; the log has said what, and the
+        message says the command that mends it.
+    """
+    checker = _Checker(plan)
+    found = [
+        (output, fault)
+        for mesh in plan.meshes
+        for output in plan.outputs(mesh)
+        if (fault := checker.fault(output))
+    ]
+    total = sum(len(plan.outputs(mesh)) for mesh in plan.meshes)
+    width = max((len(output.path) for output, _ in found), default=0)
+    for output, fault in found:
+        log(f"{output.path:{width}}  {fault}")
+    if found:
+        paths = " ".join(output.path for output, _ in found)
+        raise PandisError(
+            f"{len(found)} of {total} results are not what the configuration asks for (listed "
+            f"above). To mend them: snakemake -j2 -R {paths} -- all"
+        )
+    log(f"all {total} results are whole and belong to this configuration and code")
+
+
+class _Checker:
+    def __init__(self, plan):
+        self.plan = plan
+        self._digests = {}
+
+    def fault(self, output):
+        """Return what is wrong with an output, or None."""
+        path = Path(output.path)
+        if not path.is_file():
+            return "missing"
+        if output.stage == "fetch":
+            wanted = self.plan.entries[output.wildcards["mesh"]].sha256.lower()
+            return None if file_digest(path) == wanted else "damaged: its sha256 is another"
+        try:
+            found = self._provenance(path)
+        except PandisError as error:
+            return str(error).removeprefix(f"{path}: ").split(";")[0]
+        if found is None:
+            return self._companion(path)
+        return self._stale(output, found)
+
+    def _stale(self, output, found):
+        options = self.plan.options(output.stage)(output.wildcards)
+        if found["stage"] != output.stage:
+            return f"made by stage '{found['stage']}', not '{output.stage}'"
+        if json.loads(json.dumps(options)) != found["options"]:
+            keys = sorted(set(options) | set(found["options"]))
+            changed = [k for k in keys if options.get(k) != found["options"].get(k)]
+            return f"stale: options changed ({', '.join(changed)})"
+        modules = self.plan.digests.modules(output.stage)
+        if modules != found["code"]["modules"]:
+            before = found["code"]["modules"]
+            changed = [m for m in sorted(modules | before) if modules.get(m) != before.get(m)]
+            return f"stale: code changed ({', '.join(changed)})"
+        for name, digest in found["inputs"].items():
+            now = self._digest(name)
+            if now is None:
+                return f"stale: its input {name} is missing or damaged"
+            if now != digest:
+                return f"stale: its input {name} changed"
+        return None
+
+    def _companion(self, path):
+        """Return what is wrong with hardware.json: it repeats its artifact's attributes."""
+        try:
+            text = json.loads(path.read_text(encoding="utf-8"))
+            attributes = read_artifact(path.with_suffix(".zarr.zip"), "hardware").attributes
+        except (PandisError, ValueError):
+            return "damaged, or without its artifact"
+        text.pop("mesh", None)
+        return None if text == attributes else "differs from its artifact"
+
+    def _provenance(self, path):
+        """Return an output's provenance; None for a plain companion file."""
+        if path.name.endswith(".zarr.zip"):
+            artifact = read_artifact(path)
+            self._digests[str(path)] = artifact.digest
+            return artifact.provenance
+        if path.suffix == ".onnx":
+            return onnx_provenance(path)
+        return None
+
+    def _digest(self, name):
+        if name not in self._digests:
+            path = Path(name)
+            try:
+                artifact = name.endswith(".zarr.zip")
+                self._digests[name] = read_artifact(path).digest if artifact else file_digest(path)
+            except (PandisError, OSError):
+                self._digests[name] = None
+        return self._digests[name]
+
+
+def onnx_provenance(path):
+    """Return the provenance in an exported ONNX file.
+
+    Raises
+    ------
+    ArtifactError
+        The file is damaged: it does not parse, or its checksum is another.
+    """
+    import onnx
+
+    from pandis.export.graphs import unsealed_digest
+
+    try:
+        model = onnx.load(path)
+        metadata = {entry.key: entry.value for entry in model.metadata_props}
+        whole = model.SerializeToString(deterministic=True) == Path(path).read_bytes()
+        sealed = whole and metadata.get("sha256") == unsealed_digest(model)
+        provenance = json.loads(metadata["provenance"])
+    except Exception as error:
+        raise ArtifactError(f"{path}: not readable as ONNX ({type(error).__name__})") from error
+    if not sealed:
+        raise ArtifactError(f"{path}: damaged (its checksum does not match)")
+    return provenance
