@@ -1,0 +1,16 @@
+# The plan that all rules take their params and inputs from.
+from pandis.plan import open_plan
+
+plan = open_plan(config, workflow.basedir, workflow.configfiles)
+# What a rule claims that must not be disturbed. Not `workflow.cores`: that raises where no
+# number is given, as for `snakemake --report` and on a cluster.
+all_cores = workflow.resource_settings.cores or 1
+
+
+wildcard_constraints:
+    mesh="|".join(plan.meshes),
+    recipe="|".join(plan.recipes) or "no-recipe",
+    field=r"(nearest|trilinear|trilinear-normal)-\d+",
+    content="force|normal",
+    size=r"\d+",
+    extension=r"[A-Za-z0-9.]+",

@@ -1,0 +1,73 @@
+rule trajectory:
+    input:
+        mesh="results/{mesh}/mesh.zarr.zip",
+    output:
+        "results/{mesh}/trajectory.zarr.zip",
+    log:
+        "results/logs/{mesh}/trajectory.log",
+    benchmark:
+        "results/benchmarks/{mesh}/trajectory.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    params:
+        options=plan.options("trajectory"),
+        code=plan.code("trajectory"),
+    message:
+        "{wildcards.mesh}: trace the probe's path"
+    script:
+        "../scripts/trajectory.py"
+
+
+rule evaluate:
+    input:
+        mesh="results/{mesh}/mesh.zarr.zip",
+        trajectory="results/{mesh}/trajectory.zarr.zip",
+        fields=plan.field_artifacts,
+    output:
+        "results/{mesh}/evaluation.zarr.zip",
+    log:
+        "results/logs/{mesh}/evaluate.log",
+    benchmark:
+        "results/benchmarks/{mesh}/evaluate.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        options=plan.options("evaluate"),
+        code=plan.code("evaluate"),
+    message:
+        "{wildcards.mesh}: compare all fields with the exact one"
+    script:
+        "../scripts/evaluate.py"
+
+
+rule timing:
+    input:
+        mesh="results/{mesh}/mesh.zarr.zip",
+        trajectory="results/{mesh}/trajectory.zarr.zip",
+        exports=plan.exports,
+    output:
+        "results/{mesh}/timing.zarr.zip",
+    log:
+        "results/logs/{mesh}/timing.log",
+    benchmark:
+        "results/benchmarks/{mesh}/timing.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    # all cores: nothing else of this run may disturb the clock
+    threads: all_cores
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        options=plan.options("timing"),
+        code=plan.code("timing"),
+    message:
+        "{wildcards.mesh}: time all fields"
+    script:
+        "../scripts/timing.py"

@@ -1,0 +1,43 @@
+rule fetch:
+    output:
+        "results/{mesh}/source.{extension}",
+    log:
+        "results/logs/{mesh}/fetch-{extension}.log",
+    benchmark:
+        "results/benchmarks/{mesh}/fetch-{extension}.jsonl"
+    retries: 2
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=1000,
+        runtime=30,
+    params:
+        options=plan.options("fetch"),
+        code=plan.code("fetch"),
+    message:
+        "{wildcards.mesh}: download the mesh"
+    script:
+        "../scripts/fetch.py"
+
+
+rule mesh:
+    input:
+        plan.source,
+    output:
+        "results/{mesh}/mesh.zarr.zip",
+    log:
+        "results/logs/{mesh}/mesh.log",
+    benchmark:
+        "results/benchmarks/{mesh}/mesh.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=30,
+    params:
+        options=plan.options("mesh"),
+        code=plan.code("mesh"),
+    message:
+        "{wildcards.mesh}: read and repair the mesh"
+    script:
+        "../scripts/mesh.py"

@@ -1,0 +1,73 @@
+rule summary:
+    input:
+        evaluations=plan.results("evaluation.zarr.zip"),
+        timings=plan.results("timing.zarr.zip"),
+        hardware=plan.results("hardware.zarr.zip"),
+    output:
+        report(
+            "results/summary.csv",
+            caption="../workflow/report/summary.rst",
+            category="Summary",
+        ),
+    log:
+        "results/logs/summary.log",
+    benchmark:
+        "results/benchmarks/summary.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    params:
+        options=plan.options("summary"),
+        code=plan.code("summary"),
+    message:
+        "all meshes: collect the summary"
+    script:
+        "../scripts/summary.py"
+
+
+rule report:
+    input:
+        plan.report_artifacts(),
+    output:
+        report(
+            "results/report.html",
+            caption="../workflow/report/report.rst",
+            category="Report",
+        ),
+    log:
+        "results/logs/report.log",
+    benchmark:
+        "results/benchmarks/report.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        options=plan.options("report"),
+        code=plan.code("report"),
+    message:
+        "all meshes: write results/report.html"
+    script:
+        "../scripts/report.py"
+
+
+rule verify:
+    log:
+        "results/logs/verify.log",
+    benchmark:
+        "results/benchmarks/verify.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        options=plan.options("verify"),
+        code=plan.code("verify"),
+    message:
+        "all meshes: check every result against configuration and code"
+    script:
+        "../scripts/verify.py"

@@ -1,0 +1,48 @@
+# What else can be asked for by name; see TARGETS in workflow/pandis/plan.py.
+rule meshes:
+    input:
+        plan.target("meshes"),
+    message:
+        "meshes: every result is there"
+
+
+rule samples:
+    input:
+        plan.target("samples"),
+    message:
+        "samples: every result is there"
+
+
+rule models:
+    input:
+        plan.target("models"),
+    message:
+        "models: every result is there"
+
+
+rule exports:
+    input:
+        plan.target("exports"),
+    message:
+        "exports: every result is there"
+
+
+rule grids:
+    input:
+        plan.target("grids"),
+    message:
+        "grids: every result is there"
+
+
+rule evaluations:
+    input:
+        plan.target("evaluations"),
+    message:
+        "evaluations: every result is there"
+
+
+rule hardware:
+    input:
+        plan.target("hardware"),
+    message:
+        "hardware: every result is there"

@@ -1,0 +1,18 @@
+"""Compare all fields of a mesh with the exact one. Writes evaluation.zarr.zip."""
+
+from pandis.evaluation.errors import evaluate
+from pandis.fields.registry import open_fields
+from pandis.sampling import open_surface, probes
+from pandis.stage import stage
+
+with stage(snakemake) as job:
+    mesh = job.read("mesh", "mesh")
+    trajectory = job.read("trajectory", "trajectory").arrays
+    fields = open_fields(job.options["fields"], mesh, map(job.read_path, job.input.fields))
+    engine = fields.exact.engine
+    sets = probes(open_surface(mesh, engine), engine, job.options["probes"], job.options["seed"])
+    path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
+    arrays, attributes = evaluate(fields, path, sets, job.progress)
+    newtons = fields.exact.frame.newtons(job.options["size"], job.options["stiffness"])
+    physical = {key: job.options[key] for key in ("size", "stiffness")} | {"newtons": newtons}
+    job.write("evaluation", arrays, attributes | physical | {"frame": mesh.attributes["frame"]})

@@ -1,0 +1,8 @@
+"""Export one grid field. Reads grid-….zarr.zip, writes export/{field}.onnx."""
+
+from pandis.export.grids import export_grid
+from pandis.stage import stage
+
+with stage(snakemake) as job:
+    grid = job.read("grid", "grid")
+    job.write_file(export_grid(job.options["field"], grid, job.provenance(), job.log))
