@@ -1,0 +1,41 @@
+"""Fixtures: a copy of the workflow to play with, and one that has run."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+import support
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    """A fresh copy of the workflow without results."""
+    return support.copy_workflow(support.ROOT, tmp_path / "workflow-copy")
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory):
+    """A copy in which config/fast.yaml has run to its end. Never change it: copy it."""
+    folder = support.copy_workflow(support.ROOT, tmp_path_factory.mktemp("finished") / "run")
+    done = support.snakemake(folder, "-j2", "all", "--configfile", "config/fast.yaml")
+    assert done.returncode == 0, done.stdout
+    return folder
+
+
+@pytest.fixture
+def rerun(finished, tmp_path):
+    """A copy of the finished run, records of Snakemake included."""
+    folder = tmp_path / "rerun"
+    shutil.copytree(finished, folder, symlinks=True)
+    return folder
+
+
+@pytest.fixture
+def meshes():
+    """The folder of real meshes, where there is one."""
+    folder = os.environ.get("PANDIS_MESHES")
+    if not folder:
+        pytest.skip("PANDIS_MESHES names no folder of real meshes")
+    return Path(folder)

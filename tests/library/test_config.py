@@ -1,0 +1,145 @@
+import json
+import re
+
+import pytest
+import yaml
+
+from pandis import reference
+from pandis.config import check_yaml, load_config, merge
+from pandis.errors import PandisError
+from pandis.plan import Plan, stage_seed
+from support import ROOT
+
+
+def load(text, **meshes):
+    config = yaml.safe_load(text) or {}
+    return load_config({"meshes": meshes or {"a": {"source": "a.obj"}}} | config)
+
+
+def faults(text, **meshes):
+    with pytest.raises(PandisError) as caught:
+        load(text, **meshes)
+    return str(caught.value)
+
+
+def test_default_config_is_valid_and_names_its_schema():
+    for name in ("config", "fast"):
+        path = ROOT / "config" / f"{name}.yaml"
+        check_yaml(path)
+        assert load_config(yaml.safe_load(path.read_text()))
+        first = path.read_text().splitlines()[0]
+        schema = re.search(r"\$schema=(\S+)", first)[1]
+        assert (path.parent / schema).is_file()
+
+
+def test_all_faults_at_once_with_paths_and_suggestions():
+    text = faults(
+        "tarin: {}\nsamples: {surfaces: 3}\ntrain: {pandis: {step: 4, omega: fast}}\nseed: -1",
+        a={"source": "a.obj", "timing": {"queries": 1}},
+        b={"sorce": "b.obj"},
+    )
+    assert "8 faults" in text
+    for line in (
+        "tarin: unknown option; did you mean 'train'?",
+        "samples.surfaces: unknown option; did you mean 'surface'?",
+        "train.pandis.step: unknown option; did you mean 'steps'?",
+        "train.pandis.omega:",
+        "seed: Input should be greater than or equal to 0 (given: -1)",
+        "meshes.a.timing.queries:",
+        "meshes.b.source: missing",
+        "meshes.b.sorce: unknown option; did you mean 'source'?",
+    ):
+        assert line in text
+    assert "config/README.md" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "train: {pandis: {steps: 0}}",
+            "train.pandis.steps: Input should be greater than or equal",
+        ),
+        ("train: {pandis: {seconds: 0}}", "train.pandis.seconds: Input should be greater than 0"),
+        ("train: {pandis: {steps: 1, seconds: 2}}", "train.pandis: a budget is in steps or in"),
+        ("fields: [exact, trilnear-64]", "fields: 'trilnear-64' is no field; known are exact,"),
+        ("fields: [exact, trilinear-1]", "fields: trilinear-1: a grid has 2 to 512 nodes"),
+        ("fields: [exact, exact]", "fields: exact listed twice"),
+        ("fields: []", "fields: List should have at least 1 item"),
+        ("train: {nearest-8: {}}", "train.nearest-8: a recipe's name"),
+        ("train: {exact: {}}", "train.exact: a recipe's name"),
+        ("device: {size: .inf}", "device.size: Input should be a finite number"),
+        ("trajectory: {shallow: 0.5}", "trajectory: shallow must be less than deep"),
+        ("train: {small: {loss: papr}}", "train.small: Input tag 'papr'"),
+        ("samples: 3", "samples:"),
+    ],
+)
+def test_impossible_values(text, message):
+    assert message in faults(text)
+
+
+def test_mesh_names_and_sources():
+    for name in ("logs", "scenes"):
+        assert f"meshes.{name}: this name is taken" in faults("", **{name: {"source": "a.obj"}})
+    assert "meshes.A b: a mesh's name" in faults("", **{"A b": {"source": "a.obj"}})
+    assert "meshes.a: expected a mapping" in faults("", a="a.obj")
+    assert "a URL needs the sha256" in faults("", a={"source": "https://example.org/a.obj"})
+    with pytest.raises(PandisError, match="at least one mesh"):
+        load_config({})
+
+
+def test_numbers_with_exponents():
+    entry = load("train: {pandis: {learning_rate: 1e-4, steps: 1e4}}")["a"]
+    assert entry.train["pandis"].learning_rate == 1e-4
+    assert entry.train["pandis"].steps == 10_000
+
+
+def test_overrides_merge_by_key_and_lists_replace():
+    entries = load(
+        "samples: {scales: [0.1, 0.2], depth: 0.5}\ntrain: {x: {loss: paper, alpha: 7}}",
+        a={"source": "a.obj"},
+        b={"source": "b.obj", "samples": {"scales": [0.3]}, "train": {"x": {"omega": 9}}},
+    )
+    assert entries["b"].samples.scales == [0.3]
+    assert entries["b"].samples.depth == entries["a"].samples.depth == 0.5
+    assert (entries["b"].train["x"].alpha, entries["b"].train["x"].omega) == (7, 9)
+    assert entries["a"].train["x"].omega == 30
+    assert merge({"a": {"b": 1}}, {"a": 2}) == {"a": 2}
+
+
+def test_doubled_key_is_refused(tmp_path):
+    path = tmp_path / "c.yaml"
+    path.write_text("meshes:\n  bunny: {source: a.obj}\n  bunny: {source: b.obj}\n")
+    with pytest.raises(PandisError, match=r"c\.yaml, line 3: the key 'bunny' stands twice"):
+        check_yaml(path)
+
+
+def test_stage_options_are_plain_sorted_and_of_their_stage_only():
+    plan = Plan({"meshes": {"a": {"source": "analytic:sphere"}}}, ROOT / "workflow")
+    for output in plan.outputs("a"):
+        options = plan.options(output.stage)(output.wildcards)
+        assert json.loads(json.dumps(options)) == options
+        assert list(options) == sorted(options)
+    assert "width" not in plan.options("sample")({"mesh": "a"})
+
+
+def test_seeds_differ_by_mesh_and_stage_and_stay_the_same():
+    seeds = {stage_seed(0, m, s) for m in "ab" for s in ("train", "sample")}
+    assert len(seeds) == 4
+    assert stage_seed(0, "bunny", "sample") == 37265513118842324  # a change restales all results
+
+
+def test_generated_files_are_in_sync():
+    for path, text in reference.generated().items():
+        assert path.read_text() == text, f"{path}: run `make docs`"
+
+
+def test_schema_accepts_the_configs_and_refuses_a_typo():
+    import jsonschema
+
+    schema = json.loads(reference.SCHEMA.read_text())
+    for name in ("config", "fast"):
+        config = yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())
+        jsonschema.validate(config, schema)
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(config | {"filds": []}, schema)

@@ -1,0 +1,216 @@
+import igl
+import numpy as np
+import pytest
+
+from pandis.config import SampleOptions, TrajectoryOptions
+from pandis.distance import ON_SURFACE, MeshDistance, ShapeDistance
+from pandis.errors import PandisError
+from pandis.forces import penalty_force
+from pandis.frame import Frame
+from pandis.mesh.shapes import SHAPES
+from pandis.sampling import PROBE_DEPTHS, STRATA, Surface, probes, sample
+from pandis.stage import silent_progress
+from pandis.trajectories import trace
+from support import box_mesh
+
+UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+SMALL = SampleOptions(surface=3000, offsets=3000, penetration=3000, box=2000, held_out=1000)
+
+
+def naive(vertices, faces, points):
+    """Unsigned distance to all triangles, one by one (Ericson 2005, section 5.1.5)."""
+    best = np.full(len(points), np.inf)
+    for a, b, c in vertices[faces]:
+        ab, ac, ap = b - a, c - a, points - a
+        n = np.cross(ab, ac)
+        s = np.cross(ap, ac) @ n / (n @ n)
+        t = np.cross(ab, ap) @ n / (n @ n)
+        plane = np.abs(ap @ n) / np.linalg.norm(n)
+        inside = (s >= 0) & (t >= 0) & (s + t <= 1)
+        found = np.where(inside, plane, np.inf)
+        for p, q in ((a, b), (b, c), (c, a)):
+            w = np.clip((points - p) @ (q - p) / ((q - p) @ (q - p)), 0, 1)
+            found = np.minimum(found, np.linalg.norm(points - p - w[:, None] * (q - p), axis=1))
+        best = np.minimum(best, found)
+    return best
+
+
+def test_mesh_distance_is_exact():
+    vertices, faces = box_mesh()
+    points = np.random.default_rng(0).uniform(-1.5, 1.5, (3000, 3))
+    distance, normal = MeshDistance(vertices, faces).distance_and_normal(points)
+    shape = SHAPES["box"]
+    exact, exact_normal = shape.distance_and_normal(points)
+    assert np.abs(distance - exact).max() < 1e-14
+    assert np.abs(np.abs(distance) - naive(vertices, faces, points)).max() < 1e-14
+    tie = np.abs(np.sort(np.abs(points) - shape.half, axis=1)[:, -1:] - np.sort(
+        np.abs(points) - shape.half, axis=1)[:, -2:-1])[:, 0] < 1e-6  # fmt: skip
+    assert np.abs(normal - exact_normal)[~tie].max() < 1e-9
+
+
+def test_magnitude_is_that_of_the_tree():
+    """libigl's winding-number sign types would scale it by 1 - 2w."""
+    vertices, faces = SHAPES["torus"].tessellation()
+    points = np.random.default_rng(1).uniform(-1.5, 1.5, (2000, 3))
+    distance, _ = MeshDistance(vertices, faces).distance_and_normal(points)
+    squared, _, _ = igl.point_mesh_squared_distance(points, vertices, faces)
+    assert np.array_equal(np.abs(distance), np.sqrt(squared))
+
+
+def test_direction_on_the_surface_is_the_pseudonormal():
+    vertices, faces = box_mesh()
+    engine = MeshDistance(vertices, faces)
+    corner, edge, flat = [1.0, 0.7, 0.5], [1.0, 0.7, 0.1], [1.0, 0.1, 0.07]
+    distance, normal = engine.distance_and_normal(np.array([corner, edge, flat]))
+    assert (np.abs(distance) <= ON_SURFACE).all()
+    wanted = np.array([[1, 1, 1], [1, 1, 0], [1, 0, 0]], float)
+    wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
+    assert np.abs(normal - wanted).max() < 1e-12
+
+
+def test_answers_do_not_depend_on_the_batch(monkeypatch):
+    vertices, faces = SHAPES["torus"].tessellation()
+    engine = MeshDistance(vertices, faces)
+    points = np.random.default_rng(1).uniform(-1.5, 1.5, (500, 3))
+    whole = engine.distance_and_normal(points)
+    monkeypatch.setattr("pandis.distance.CHUNK", 7)
+    parts = engine.distance_and_normal(points)
+    assert all(np.array_equal(a, b) for a, b in zip(whole, parts, strict=True))
+
+
+def test_frame():
+    frame = Frame.of_bounds([1e6, 0, 0], [1e6 + 4, 2, 1])
+    points = np.array([[1e6, 0, 0], [1e6 + 4, 2, 1]])
+    assert np.abs(frame.to_unit(points)).max() == pytest.approx(0.9)
+    assert np.abs(frame.to_mesh(frame.to_unit(points)) - points).max() < 1e-9
+    assert Frame.from_attributes(frame.attributes()) == frame
+    assert frame.newtons(size=0.1, stiffness=400) * 1.8 == pytest.approx(40)
+
+
+def test_penalty_force_pushes_out_and_never_pulls():
+    normal = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])
+    force = penalty_force(np.array([-0.5, 0.5, 0.0]), normal, stiffness=2.0)
+    assert force.tolist() == [[0, 0, 1.0], [0, 0, 0], [0, 0, 0]]
+
+
+@pytest.fixture(scope="module")
+def torus():
+    vertices, faces = SHAPES["torus"].tessellation()
+    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
+    engine = MeshDistance(frame.to_unit(vertices), faces)
+    return Surface(engine.vertices, engine.faces), engine
+
+
+def test_samples_are_labelled_exactly_where_they_lie(torus):
+    surface, engine = torus
+    arrays, attributes = sample(surface, engine, SMALL.model_dump() | {"seed": 5}, silent_progress)
+    assert list(attributes["strata"]) == list(STRATA)
+    assert all(len(a) == 12_000 for a in arrays.values())
+    on_surface = slice(*attributes["strata"]["surface"])
+    rest = slice(on_surface.stop, None)
+    distance, normal = engine.distance_and_normal(arrays["points"][rest].astype(float))
+    assert np.array_equal(arrays["distance"][rest], distance.astype(np.float32))
+    assert np.array_equal(arrays["normal"][rest], normal.astype(np.float32))
+    assert (arrays["distance"][on_surface] == 0).all()
+    assert (arrays["stratum"][on_surface] == 0).all()
+    deep = slice(*attributes["strata"]["penetration"])
+    assert (
+        -SMALL.depth * 1.001
+        < arrays["distance"][deep].min()
+        < arrays["distance"][deep].max()
+        < 1e-6
+    )
+    box = slice(*attributes["strata"]["box"])
+    assert np.abs(arrays["points"][box]).max() <= 1
+
+
+def test_points_can_be_made_again_from_face_barycentrics_and_offset(torus):
+    surface, engine = torus
+    arrays, attributes = sample(surface, engine, SMALL.model_dump() | {"seed": 5}, silent_progress)
+    start = attributes["strata"]["box"][0]
+    points, normals = surface.at(arrays["face"][:start], arrays["barycentrics"][:start])
+    again = points + arrays["offset"][:start, None].astype(float) * normals
+    assert np.abs(again - arrays["points"][:start]).max() < 1e-7
+
+
+def test_same_seed_same_samples(torus):
+    def draw(seed):
+        return sample(*torus, SMALL.model_dump() | {"seed": seed}, silent_progress)[0]["points"]
+
+    assert np.array_equal(draw(5), draw(5))
+    assert not np.array_equal(draw(5), draw(6))
+
+
+def test_surface_points_are_uniform_by_area(torus):
+    """More so than independent ones: compare the counts on the two halves of many cuts."""
+    surface, _ = torus
+    points, normals, face, _ = surface.draw(20_000, np.random.default_rng(0))
+    assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-12
+    area = np.linalg.norm(np.cross(
+        surface.corners[:, 1] - surface.corners[:, 0], surface.corners[:, 2] - surface.corners[:, 0]
+    ), axis=1)  # fmt: skip
+    centre = surface.corners.mean(axis=1)
+    for direction in np.random.default_rng(1).normal(size=(20, 3)):
+        share = area[centre @ direction > 0.1].sum() / area.sum()
+        found = (centre[face] @ direction > 0.1).mean()
+        # one standard deviation of independent points would be 3.5e-3
+        assert found == pytest.approx(share, abs=3.5e-3)
+    assert len(points) == 20_000
+
+
+def test_closed_form_is_sampled_on_itself():
+    frame = Frame((0.0, 0.0, 0.0), 0.9)
+    engine = ShapeDistance(SHAPES["sphere"], frame)
+    vertices, faces = SHAPES["sphere"].tessellation()
+    surface = Surface(frame.to_unit(vertices), faces, engine)
+    points, normals, _, _ = surface.draw(2000, np.random.default_rng(0))
+    assert np.abs(np.linalg.norm(points, axis=1) - 0.9).max() < 1e-14
+    assert np.abs(normals - points / 0.9).max() < 1e-12
+
+
+def test_probe_sets_follow_the_contract(torus):
+    surface, engine = torus
+    sets = probes(surface, engine, 5000, seed=1)
+    assert set(sets) == set(PROBE_DEPTHS)
+    for name, deepest in PROBE_DEPTHS.items():
+        points, distance, normal = sets[name]
+        exact = engine.distance_and_normal(points)
+        assert np.array_equal(distance, exact[0])
+        assert np.array_equal(normal, exact[1])
+        assert -deepest <= distance.min() < -0.98 * deepest
+        assert distance.mean() == pytest.approx(-deepest / 2, rel=0.03)
+
+
+# --- trajectories ---------------------------------------------------------------------
+
+
+def path_of(surface, engine, **options):
+    options = TrajectoryOptions(**options).model_dump() | {"seed": 3}
+    return trace(surface, engine, options, silent_progress)
+
+
+def test_trajectory_is_exact_smooth_and_of_the_depth_asked_for(torus):
+    found = path_of(*torus)
+    points, distance, normal = (found[k] for k in ("points", "distance", "normal"))
+    exact = torus[1].distance_and_normal(points)
+    assert np.array_equal(distance, exact[0])
+    assert np.array_equal(normal, exact[1])
+    assert len(points) == 2000
+    assert -0.0205 < distance.min() < -0.019
+    assert -0.0012 < distance.max() < -0.00095
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert np.median(steps) == pytest.approx(0.004, rel=0.05)
+    assert (steps > 0.008).sum() <= 5  # but for a new start after a dead end
+    assert np.abs(np.diff(distance)).max() < 0.002
+
+
+def test_trajectory_is_seeded(torus):
+    one, other = path_of(*torus, samples=200), path_of(*torus, samples=200)
+    assert np.array_equal(one["points"], other["points"])
+
+
+def test_too_thin_a_mesh_is_refused():
+    vertices, faces = box_mesh()
+    engine = MeshDistance(vertices * [0.9, 0.9, 0.005], faces)
+    with pytest.raises(PandisError, match=r"reduce trajectory\.deep \(now 0\.5"):
+        path_of(Surface(engine.vertices, engine.faces), engine, samples=10, shallow=0.4, deep=0.5)

@@ -1,0 +1,189 @@
+import json
+
+import numpy as np
+import pytest
+
+from pandis.config import HardwareOptions, TimingOptions
+from pandis.evaluation.errors import UNNORMALISED, evaluate, statistics
+from pandis.evaluation.timing import summarise, time_queries
+from pandis.fields.base import Field
+from pandis.frame import Frame
+from pandis.hardware.clock import run_ticks
+from pandis.hardware.validation import NO_DEVICE, _longest_run, validate
+from pandis.machine import describe
+from pandis.report.render import render
+from pandis.report.tables import COLUMNS, summary_rows, to_csv
+from pandis.stage import Progress, silent_progress
+from support import box_mesh
+
+FRAME = Frame((0.0, 0.0, 0.0), 0.5)
+
+
+def test_statistics_by_hand():
+    exact = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 0], [0, 0, 2.0]])
+    force = np.array([[0.0, 1, 0], [0, 1.0, 0], [0, 0, 0], [0, 0, 1.0]])
+    found = statistics(force, exact)
+    root = np.sqrt(2)
+    assert found["mean"] == pytest.approx((root + 1) / 4)
+    assert found["rms"] == pytest.approx(np.sqrt(3 / 4))
+    assert found["max"] == pytest.approx(root)
+    assert found["eq7"] == pytest.approx(root / 1 + 1 / 4)
+    assert found["angle"] == pytest.approx(90 / 3)
+    assert statistics(exact, exact)["mean"] == statistics(exact, exact)["angle"] == 0
+
+
+class Plane(Field):
+    """A half-space z < 0, off by ``shift``; Ψ has length ``stretch``."""
+
+    def __init__(self, name, shift=0.0, stretch=None):
+        super().__init__(name, FRAME, 12)
+        self.shift, self.stretch = shift, stretch
+        if stretch:
+            self.raw = self._raw
+
+    def answer(self, points):
+        return points[:, 2] + self.shift, np.tile([0.0, 0, 1], (len(points), 1))
+
+    def _raw(self, points):
+        distance, normal = self.answer(points)
+        return distance, self.stretch * normal
+
+
+def truth(count=50):
+    points = np.random.default_rng(0).uniform(-1, 1, (count, 3))
+    return points, *Plane("exact").answer(points)
+
+
+def test_evaluation_rows_and_forces():
+    fields = [Plane("exact"), Plane("off", -0.01), Plane("net", stretch=2.0)]
+    arrays, attributes = evaluate(fields, truth(), {"shallow": truth(20)}, silent_progress)
+    errors = attributes["errors"]["trajectory"]
+    assert errors["exact"]["max"] == errors["net"]["max"] == 0
+    inside = truth()[1] < 0
+    assert errors["off"]["mean"] == pytest.approx(0.01 * inside.mean(), abs=1e-3)
+    kept = errors["net" + UNNORMALISED]["mean"]
+    assert kept == pytest.approx(attributes["mean_force"]["trajectory"])
+    assert np.array_equal(arrays["force_exact"], arrays["exact_force"])
+    assert set(attributes["bytes"]) == {"exact", "off", "net"}
+
+
+def test_timing_counts_every_query():
+    calls = []
+
+    def answer(points):
+        calls.append(len(points))
+
+    options = TimingOptions(queries=150, batch=500, repeats=3)
+    points = np.zeros((40, 3))
+    single, batched = time_queries(answer, points, options.queries, options.batch, options.repeats)
+    assert (len(single), len(batched)) == (150, 3)
+    assert calls.count(1) == 100 + 150
+    assert calls.count(500) == 1 + 3
+    found = summarise(single, batched)
+    assert 0 < found["one_p50_us"] <= found["one_p99_us"] <= found["one_p999_us"]
+
+
+def test_clock_ticks_once_per_point_in_order_and_never_early():
+    points = np.arange(15.0).reshape(5, 3)
+    compute, lateness, forces = run_ticks(lambda p: p * 2, points, 23, rate=2000)
+    assert np.array_equal(forces, 2 * points[np.arange(23) % 5])
+    assert (compute >= 0).all()
+    assert (lateness >= 0).all()
+
+
+class Exported:
+    """An export that answers with an error of ``bias`` in distance."""
+
+    def __init__(self, bias=0.0):
+        self.bias = bias
+
+    def distance_and_normal(self, points):
+        distance, normal = Plane("exact").distance_and_normal(points)
+        return distance + self.bias, normal
+
+
+def run(bias=0.0, **options):
+    options = HardwareOptions(seconds=0.05, **options).model_dump()
+    points, distance, normal = truth()
+    reference = -np.minimum(distance, 0)[:, None] * normal
+    return validate(Exported(bias), FRAME, FRAME.to_mesh(points), reference, options)
+
+
+def test_validation_passes_what_agrees_and_fails_what_does_not():
+    arrays, verdict = run(misses=0.9)
+    assert verdict["agrees"]
+    assert verdict["agreement"] < 1e-12
+    assert len(arrays["compute"]) == verdict["ticks"] == 50
+    _, verdict = run(bias=-0.01, misses=0.9)
+    assert not verdict["agrees"]
+    assert verdict["verdict"] == "fail"
+    assert "differ from the library's by" in verdict["sentence"]
+
+
+def test_validation_counts_misses():
+    _, verdict = run(deadline=1e-9)
+    assert verdict["misses"] == verdict["longest_run_of_misses"] == 50
+    assert not verdict["in_time"]
+    assert verdict["verdict"] == "fail"
+    missed = np.array([1, 0, 1, 1, 1, 0, 1, 1], bool)
+    assert _longest_run(missed) == 3
+    assert _longest_run(missed[1:2]) == 0
+
+
+def test_machine_is_described_without_its_name():
+    import socket
+
+    text = json.dumps(describe())
+    assert socket.gethostname() == "" or f'"{socket.gethostname()}"' not in text
+    assert "No haptic device was attached" in NO_DEVICE
+
+
+def test_summary_has_every_column_and_the_configs_order():
+    errors = dict.fromkeys(("mean", "rms", "p95", "p99", "max", "eq7", "angle"), 0.5)
+    table = {"b": errors, "a": errors, "a" + UNNORMALISED: errors}
+    evaluation = {
+        "fields": ["b", "a"],
+        "errors": dict.fromkeys(("trajectory", "shallow", "deep"), table),
+        "bytes": {"a": 1, "b": 2},
+        "newtons": 2.0,
+    }
+    timing = {"fields": {"a": {"one_p50_us": 1.0, "one_p99_us": 2.0, "batch_us": 3.0}}}
+    hardware = {"fields": {"a": {"compute_us": {"p99.9": 4.0}, "misses": 0, "verdict": "pass"}}}
+    rows = summary_rows("m", evaluation, timing, hardware)
+    assert [row["field"] for row in rows] == ["b", "a", "a" + UNNORMALISED]
+    lines = to_csv(rows).splitlines()
+    assert lines[0] == ",".join(COLUMNS)
+    assert lines[2].endswith("4,0,pass")
+    assert rows[0]["trajectory_newtons"] == pytest.approx(1000)
+
+
+def test_render_shows_the_mesh_where_it_is():
+    vertices, faces = box_mesh()
+    image = render(vertices * 0.5, faces, size=120, view=(0, 0, 1))
+    assert image.shape == (120, 120, 4)
+    rows, columns = np.nonzero(image[..., 3])
+    width, height = np.ptp(columns) + 1, np.ptp(rows) + 1
+    assert width / height == pytest.approx(1 / 0.7, rel=0.05)
+    assert width == pytest.approx(120 * 0.78 / 2, abs=2)
+
+
+def test_render_hides_what_lies_behind():
+    vertices, faces = box_mesh()
+    path = np.array([[-0.4, 0, 0.0], [0.4, 0, 0.0]])
+    red = (200, 40, 40)
+    for z, seen in ((0.26, True), (-0.26, False)):
+        image = render(vertices * 0.5, faces, size=120, view=(0, 0, 1), points=path + [0, 0, z])
+        assert (image[..., :3] == red).all(axis=2).any() == seen
+
+
+def test_progress_reports_rate_and_what_is_left(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("pandis.stage.time.monotonic", lambda: now[0])
+    lines = []
+    progress = Progress(lines.append, "labels", 1000, "points")
+    for second, done in ((1, 100), (6, 600), (7, 700), (10, 1000)):
+        now[0] = second
+        progress.update(done, "error 1")
+    assert lines[0] == "labels: 600 of 1,000 points (60 %), 100/s, 4 s left, error 1"
+    assert len(lines) == 2
+    assert "(100 %)" in lines[1]

@@ -1,0 +1,287 @@
+import json
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from pandis.artifact import read_artifact
+from pandis.distance import ShapeDistance
+from pandis.errors import ArtifactError, PandisError
+from pandis.export.check import DISTANCE, FORCE, check, check_points
+from pandis.export.grids import export_grid
+from pandis.export.networks import export_network, torch_network
+from pandis.export.session import Session
+from pandis.fields.base import Field, clamp_to_box, normalise
+from pandis.fields.grid import GridField, bake, grid_attributes, node_axis
+from pandis.fields.registry import open_fields
+from pandis.fields.siren import SirenField
+from pandis.forces import penalty_force
+from pandis.frame import Frame
+from pandis.mesh.shapes import SHAPES
+from pandis.stage import silent_progress
+from pandis.training.network import Siren
+from pandis.verification import onnx_provenance
+from support import artifact
+
+FRAME = Frame((100.0, -2.0, 0.5), 0.9)
+ENGINE = ShapeDistance(SHAPES["sphere"], Frame((0.0, 0.0, 0.0), 0.9))
+
+
+def grid(content, size):
+    values = bake(ENGINE, content, size, silent_progress)
+    attributes = grid_attributes(content, size) | {"frame": FRAME.attributes()}
+    return artifact("grid", {"values": values}, attributes)
+
+
+def model(width=16, depth=2, omega=15.0, seed=0):
+    network = Siren(width, depth, omega, torch.Generator().manual_seed(seed))
+    arrays = {"curve": np.zeros((0, 3))}
+    for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        arrays[f"weight_{index}"] = weight.detach().numpy()
+        arrays[f"bias_{index}"] = bias.detach().numpy()
+    shape = {"width": width, "depth": depth, "omega": omega, "outputs": 4}
+    attributes = {"frame": FRAME.attributes(), "architecture": shape, "recipe": "exact"}
+    attributes |= {"steps": 0, "held_out_error": {"mean": 0.1}}
+    return artifact("model", arrays, attributes), network
+
+
+# --- grids ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("content", ["force", "normal"])
+def test_nodes_hold_the_exact_answer(content):
+    values = grid(content, 9).arrays["values"]
+    axis = node_axis(9)
+    for i, j, k in ((0, 0, 0), (4, 4, 5), (8, 1, 3), (2, 6, 4)):
+        distance, normal = ENGINE.distance_and_normal(np.array([[axis[i], axis[j], axis[k]]]))
+        if content == "force":
+            wanted = penalty_force(distance, normal)[0]
+        else:
+            wanted = [distance[0], *normal[0]]
+        assert np.abs(values[i, j, k] - wanted).max() < 1e-7
+
+
+def test_baking_in_slabs_changes_nothing(monkeypatch):
+    whole = grid("force", 12).arrays["values"]
+    monkeypatch.setattr("pandis.fields.grid.SLAB", 100)
+    assert np.array_equal(grid("force", 12).arrays["values"], whole)
+
+
+def naive_trilinear(values, point):
+    size = len(values)
+    position = (point + 1) / 2 * (size - 1)
+    base = np.clip(np.floor(position).astype(int), 0, size - 2)
+    t = position - base
+    total = 0.0
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.prod(np.where(corner, t, 1 - t))
+        total = total + weight * values[tuple(base + corner)]
+    return total
+
+
+def test_trilinear_against_the_definition():
+    held = grid("normal", 10)
+    field = GridField("trilinear-normal-10", held, nearest=False)
+    points = np.random.default_rng(0).uniform(-1, 1, (200, 3))
+    points[:3] = [[1, 1, 1], [-1, -1, -1], [1, -1, 0.3]]  # the box's own corners and faces
+    distance, normal = field.answer(points)
+    wanted = np.array([naive_trilinear(held.arrays["values"].astype(float), p) for p in points])
+    assert np.abs(distance - wanted[:, 0]).max() < 1e-12
+    assert np.abs(normal - normalise(wanted[:, 1:])).max() < 1e-12
+
+
+def test_nearest_against_the_definition():
+    held = grid("force", 10)
+    field = GridField("nearest-10", held, nearest=True)
+    points = np.random.default_rng(0).uniform(-1, 1, (300, 3))
+    force = penalty_force(*field.answer(points))
+    axis = node_axis(10)
+    index = np.abs(points[:, :, None] - axis).argmin(axis=2)
+    assert np.abs(force - held.arrays["values"][tuple(index.T)]).max() < 1e-7
+
+
+def test_orders_on_the_sphere():
+    """Halving the spacing halves the error of nearest and quarters that of trilinear."""
+    points = np.random.default_rng(0).normal(size=(4000, 3))
+    points *= np.random.default_rng(1).uniform(0.6, 0.85, 4000)[:, None] / np.linalg.norm(
+        points, axis=1, keepdims=True
+    )
+    exact = penalty_force(*ENGINE.distance_and_normal(points))
+    errors = {}
+    for size in (17, 33):
+        held = grid("force", size)
+        for nearest in (True, False):
+            field = GridField("f", held, nearest)
+            force = penalty_force(*field.answer(points))
+            errors[nearest, size] = np.linalg.norm(force - exact, axis=1).mean()
+    assert errors[True, 17] / errors[True, 33] == pytest.approx(2, rel=0.1)
+    assert errors[False, 17] / errors[False, 33] > 3
+
+
+def test_mesh_units_in_and_out():
+    held = grid("normal", 24)
+    field = GridField("g", held, nearest=False)
+    unit = np.array([[0.0, 0.0, 0.7]])
+    distance, normal = field.distance_and_normal(FRAME.to_mesh(unit))
+    assert distance[0] * FRAME.scale == pytest.approx(field.answer(unit)[0][0])
+    assert normal[0] == pytest.approx([0, 0, 1], abs=1e-6)
+
+
+def test_far_away_there_is_no_ghost_contact():
+    held, _ = model()
+    fields = [GridField("g", grid("normal", 8), nearest=False), SirenField("s", held)]
+    far = np.array([[1e6, 0, 0], [0, -3e3, 2.0]])
+    for field in fields:
+        distance, normal = field.answer(far)
+        assert (distance > 0.99 * np.linalg.norm(far, axis=1) - 2).all()
+        assert np.linalg.norm(normal, axis=1) == pytest.approx(1)
+    force = penalty_force(*GridField("f", grid("force", 8), nearest=False).answer(far))
+    assert (force == 0).all()
+
+
+def test_base_refuses_to_answer():
+    with pytest.raises(TypeError, match="must implement"):
+        Field("x", FRAME, 0).answer(np.zeros((1, 3)))
+
+
+def test_clamp_and_normalise():
+    clamped, outside = clamp_to_box(np.array([[2.0, 0, 0], [4, 5, 0.5], [0.1, 0.2, 0.3]]))
+    assert outside.tolist() == [1.0, 5.0, 0.0]
+    assert clamped.tolist() == [[1, 0, 0], [1, 1, 0.5], [0.1, 0.2, 0.3]]
+    assert normalise(np.array([[0.0, 0, 0], [3, 0, 4]])).tolist() == [[0, 0, 1], [0.6, 0, 0.8]]
+
+
+# --- networks -------------------------------------------------------------------------
+
+
+def test_numpy_network_is_the_torch_network():
+    held, network = model(64, 4, 30.0)
+    points = np.random.default_rng(0).uniform(-1, 1, (1000, 3))
+    with torch.no_grad():
+        # the same float32 weights and points, computed in float64
+        wanted = network.double()(torch.from_numpy(points).float().double()).numpy()
+    phi, psi = SirenField("s", held).raw(points)
+    assert np.abs(phi - wanted[:, 0]).max() < 2e-6
+    assert np.abs(psi - wanted[:, 1:]).max() < 2e-6
+    assert SirenField("s", held).bytes == sum(p.numel() * 4 for p in network.parameters())
+
+
+def test_paper_network_has_the_papers_800_kb():
+    held, _ = model(256, 4, 30.0)
+    assert SirenField("s", held).bytes == 797_712
+
+
+def test_torch_network_is_rebuilt_bit_by_bit():
+    held, network = model()
+    again = torch_network(held)
+    for a, b in zip(network.parameters(), again.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+# --- export ---------------------------------------------------------------------------
+
+
+def exported(kind):
+    if kind == "network":
+        held, _ = model(32, 3)
+        return export_network("s", held, {"stage": "x"}, print), SirenField("s", held)
+    content = "normal" if kind.startswith("trilinear-normal") else "force"
+    held = grid(content, 12)
+    field = GridField(kind, held, nearest=kind.startswith("nearest-"))
+    return export_grid(kind, held, {"stage": "x"}, print), field
+
+
+KINDS = ["nearest-12", "trilinear-12", "trilinear-normal-12", "network"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_export_answers_as_the_field_does(kind):
+    data, field = exported(kind)
+    points = np.concatenate([check_points(FRAME, seed=7), FRAME.to_mesh(np.eye(3))])
+    distance, normal = Session(data).distance_and_normal(points)
+    wanted_distance, wanted_normal = field.distance_and_normal(points)
+    assert distance.dtype == normal.dtype == np.float32
+    assert np.abs(distance - wanted_distance).max() * FRAME.scale < DISTANCE
+    force = penalty_force(distance * FRAME.scale, normal)
+    wanted = penalty_force(wanted_distance * FRAME.scale, wanted_normal)
+    assert np.linalg.norm(force - wanted, axis=1).max() < FORCE
+    assert np.abs(np.linalg.norm(normal, axis=1) - 1).max() < 1e-6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_export_has_the_contracts_interface_and_provenance(kind, tmp_path):
+    data, _ = exported(kind)
+    graph = onnx.load_from_string(data).graph
+    assert [v.name for v in graph.input] == ["points"]
+    assert graph.input[0].type.tensor_type.elem_type == onnx.TensorProto.DOUBLE
+    assert [v.name for v in graph.output] == ["distance", "normal"]
+    metadata = Session(data).metadata
+    assert json.loads(metadata["frame"])["scale"] == FRAME.scale
+    path = tmp_path / "a.onnx"
+    path.write_bytes(data)
+    assert onnx_provenance(path) == {"stage": "x"}
+    assert exported(kind)[0] == data  # same content, same bytes
+
+
+def test_damaged_export_is_noticed(tmp_path):
+    data, _ = exported("network")
+    path = tmp_path / "a.onnx"
+    for index in np.random.default_rng(0).integers(0, len(data), 150):
+        broken = bytearray(data)
+        broken[index] ^= 1 << int(index % 8)
+        path.write_bytes(broken)
+        with pytest.raises(ArtifactError):
+            onnx_provenance(path)
+    path.write_bytes(data[:-5])
+    with pytest.raises(ArtifactError, match="not readable as ONNX"):
+        onnx_provenance(path)
+
+
+def test_check_refuses_a_wrong_export():
+    data, field = exported("trilinear-normal-12")
+
+    def reference(points):
+        distance, normal = field.answer(points)
+        return distance + 2 * DISTANCE, normal, np.ones(len(points))
+
+    with pytest.raises(PandisError, match="differs from its field: distance by"):
+        check(data, reference, FRAME)
+
+
+def test_far_from_the_origin_no_digits_are_lost():
+    """Centre and scale are taken off in float64: float32 points would be off by 0.06 at 1e6."""
+    held, _ = model(32, 3)
+    far = Frame((1e6, -1e6, 1e6), 0.9)
+    held.attributes["frame"] = far.attributes()
+    session = Session(export_network("s", held, {}, print))
+    unit = np.random.default_rng(0).uniform(-1, 1, (500, 3))
+    distance, _ = session.distance_and_normal(far.to_mesh(unit))
+    near, _ = SirenField("s", held).answer(unit)
+    assert np.abs(distance * far.scale - near).max() < 1e-5
+
+
+def test_session_names_a_damaged_file(tmp_path):
+    path = tmp_path / "bad.onnx"
+    path.write_bytes(b"not a model")
+    with pytest.raises(PandisError, match=r"bad\.onnx"):
+        Session(path)
+
+
+# --- a finished run -------------------------------------------------------------------
+
+
+def test_fields_of_a_run_open_by_name(finished):
+    home = finished / "results" / "sphere"
+    stems = ("grid-force-24", "model-pandis-exact")
+    held = [read_artifact(home / f"{stem}.zarr.zip") for stem in stems]
+    names = ["trilinear-24", "pandis-exact"]
+    fields = open_fields(names, read_artifact(home / "mesh.zarr.zip"), held)
+    assert [field.name for field in fields] == names
+    assert fields.exact.name == "exact"
+    points = np.array([[0.0, 0.0, 0.98], [0.57, 0.57, 0.57]])
+    for field in [*fields, fields.exact]:
+        distance, normal = field.distance_and_normal(points)
+        exact = np.linalg.norm(points, axis=1) - 1
+        assert np.abs(distance - exact).max() < 0.03
+        assert np.abs(normal - points / np.linalg.norm(points, axis=1, keepdims=True)).max() < 0.1

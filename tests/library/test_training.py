@@ -1,0 +1,259 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from pandis.config import ExactRecipe, PaperRecipe
+from pandis.distance import ShapeDistance
+from pandis.errors import PandisError
+from pandis.frame import Frame
+from pandis.mesh.shapes import SHAPES
+from pandis.sampling import Surface, sample
+from pandis.stage import silent_progress
+from pandis.training import losses
+from pandis.training.network import Siren
+from pandis.training.trainer import Trainer
+from support import artifact
+
+
+@pytest.fixture(scope="module")
+def samples():
+    frame = Frame((0.0, 0.0, 0.0), 0.9)
+    engine = ShapeDistance(SHAPES["sphere"], frame)
+    vertices, faces = SHAPES["sphere"].tessellation()
+    options = {"surface": 4000, "offsets": 4000, "scales": [0.01, 0.05], "penetration": 4000}
+    options |= {"depth": 0.05, "box": 2000, "held_out": 2000, "seed": 1}
+    surface = Surface(frame.to_unit(vertices), faces, engine)
+    return artifact("samples", *sample(surface, engine, options, silent_progress))
+
+
+def recipe(loss="exact", **options):
+    model = PaperRecipe if loss == "paper" else ExactRecipe
+    small = {"width": 24, "depth": 2, "steps": 60, "batch": 256, "threads": 1}
+    return model(**small | options).model_dump() | {"seed": 7, "recipe": "r"}
+
+
+def trainer(samples, tmp_path, **options):
+    return Trainer(recipe(**options), samples, tmp_path / "c.pt", log=lambda text: None)
+
+
+def same(one, other):
+    return all(np.array_equal(one[0][k], other[0][k]) for k in one[0]) and one[1] == other[1]
+
+
+# --- the network ----------------------------------------------------------------------
+
+
+def test_hand_written_gradient_is_autograds():
+    network = Siren(20, 3, 30.0, torch.Generator().manual_seed(0)).double()
+    points = torch.rand(50, 3, dtype=torch.float64).requires_grad_()
+    output, gradient = network.forward_with_gradient(points)
+    (wanted,) = torch.autograd.grad(network(points)[:, 0].sum(), points)
+    assert torch.allclose(gradient, wanted, atol=1e-13)
+    assert torch.equal(output, network(points))
+
+
+def test_gradient_of_a_loss_on_the_gradient_is_that_of_double_backward():
+    network = Siren(12, 3, 30.0, torch.Generator().manual_seed(0)).double()
+    points = torch.rand(30, 3, dtype=torch.float64).requires_grad_()
+    losses.eikonal(network.forward_with_gradient(points)[1]).backward()
+    by_hand = [gradient_of(p) for p in network.parameters()]
+    network.zero_grad()
+    (gradient,) = torch.autograd.grad(network(points)[:, 0].sum(), points, create_graph=True)
+    losses.eikonal(gradient).backward()
+    for ours, parameter in zip(by_hand, network.parameters(), strict=True):
+        assert torch.allclose(ours, gradient_of(parameter), atol=1e-10)
+    assert sum(g.abs().sum() for g in by_hand) > 0
+
+
+def gradient_of(parameter):
+    return torch.zeros_like(parameter) if parameter.grad is None else parameter.grad.clone()
+
+
+def test_initialisation_is_sirens():
+    network = Siren(256, 4, 30.0, torch.Generator().manual_seed(0))
+    assert network.weights[0].abs().max() <= 1 / 3
+    for weight in network.weights[1:]:
+        assert weight.abs().max() <= math.sqrt(6 / 256) / 30
+    assert network.weights[1].std().item() == pytest.approx(math.sqrt(2 / 256) / 30, rel=0.02)
+    assert sum(p.numel() for p in network.parameters()) == 199_428
+
+
+# --- the losses -------------------------------------------------------------------------
+
+
+def rows(*values):
+    return torch.tensor(values, dtype=torch.float64)
+
+
+def test_each_term_by_hand():
+    g = rows([2.0, 0, 0], [0, 0.5, 0])
+    n = rows([1.0, 0, 0], [1.0, 0, 0])
+    near = {"abs": 1e-6}
+    assert losses.eikonal(g).item() == pytest.approx((1 + 0.5) / 2, **near)
+    assert losses.normal_alignment(g, n).item() == pytest.approx((0 + 1) / 2, **near)
+    assert losses.surface(rows(-0.1, 0.3)).item() == pytest.approx(0.2)
+    phi = rows(0.0, -0.01)
+    assert losses.off_surface(phi, 100.0).item() == pytest.approx((1 + math.exp(-1)) / 2)
+    assert losses.unit_length(rows([0.0, 3, 4])).item() == pytest.approx(4, **near)
+    assert losses.psi_on_surface(-n, n).item() == pytest.approx(2, **near)
+    assert losses.psi_off_surface(g, n).item() == pytest.approx(0.5, **near)
+
+
+def test_total_is_the_weighted_sum():
+    on, off = rows([0.1, 1, 0, 0]), rows([0.02, 0, 2, 0])
+    g_on, g_off = rows([0.0, 3, 0]), rows([1.0, 1, 0])
+    options = recipe("paper")
+    total = losses.paper_loss(on, g_on, off, g_off, rows([1.0, 0, 0]), options).item()
+    by_hand = (
+        50 * (2 + math.sqrt(2) - 1) / 2 + 100 * 1 + 3000 * 0.1 + 100 * math.exp(-2)
+        + 50 * (0 + 1) / 2 + 100 * 0 + 100 * (1 - 1 / math.sqrt(2))
+    )  # fmt: skip
+    assert total == pytest.approx(by_hand, rel=1e-6)
+
+
+def test_stop_gradient_keeps_psi_from_training_phi():
+    for stop in (True, False):
+        g = rows([1.0, 1, 0]).requires_grad_()
+        options = recipe("paper", weights=[0, 0, 0, 0, 0, 0, 100.0], stop_gradient=stop)
+        one = rows([0.0, 1, 0, 0])
+        losses.paper_loss(one, rows([1.0, 0, 0]), one, g, rows([1.0, 0, 0]), options).backward()
+        assert (g.grad is None or not g.grad.any()) == stop
+
+
+def test_no_term_is_unbounded_below():
+    """With raw inner products a growing Ψ would be rewarded without limit."""
+    n = rows([1.0, 0, 0])
+    for size in (1e-3, 1.0, 1e3, 1e6):
+        assert losses.psi_on_surface(size * n, n).item() >= 0
+        total = 50 * losses.unit_length(size * n) + 100 * losses.psi_on_surface(size * n, n)
+        assert total.item() >= 0
+
+
+def test_gradients_are_finite_at_zero():
+    for term in (
+        losses.eikonal,
+        losses.unit_length,
+        lambda v: losses.psi_on_surface(v, rows([1.0, 0, 0])),
+        lambda v: losses.psi_off_surface(rows([1.0, 0, 0]), v),
+    ):
+        zero = rows([0.0, 0, 0]).requires_grad_()
+        term(zero).backward()
+        assert torch.isfinite(zero.grad).all()
+        assert zero.grad.abs().max() <= 1.1 / losses.SMALL
+
+
+def test_off_surface_term_makes_no_subnormals():
+    phi = torch.tensor([1.0, 0.9, 2.0, 1e6], requires_grad=True)
+    losses.off_surface(phi, 100.0).backward()
+    assert losses.off_surface(phi, 100.0).item() < 1e-30
+    tiny = torch.finfo(torch.float32).tiny
+    assert all(g == 0 or abs(g) > tiny for g in phi.grad.tolist())
+
+
+def test_exact_loss_is_zero_at_the_truth_and_counts_force():
+    options = recipe()
+    distance, normal = rows(-0.02, 0.0), rows([1.0, 0, 0], [0, 1.0, 0])
+    truth = torch.cat([distance[:, None], normal], dim=1)
+    floor = losses.exact_loss(truth, distance, normal, options).item()
+    assert floor == pytest.approx(0, abs=1e-5)
+    off = truth + rows([0.01, 0, 0, 0])
+    wanted = 0.01 * (0.5 + 1) / 2
+    assert losses.exact_loss(off, distance, normal, options).item() == pytest.approx(
+        wanted, rel=1e-3
+    )
+
+
+# --- the trainer ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("loss", ["exact", "paper"])
+def test_training_learns_and_reproduces(samples, tmp_path, loss):
+    one = trainer(samples, tmp_path, loss=loss, steps=150).run(silent_progress)
+    other = trainer(samples, tmp_path, loss=loss, steps=150).run(silent_progress)
+    assert same(one, other)
+    curve = one[0]["curve"]
+    assert curve[-1, 1] < 0.7 * curve[0, 1]
+    assert one[1]["reproducible"]
+    assert one[1]["steps"] == 150
+    assert one[1]["held_out_error"]["mean"] < 0.03
+
+
+@pytest.mark.parametrize("loss", ["exact", "paper"])
+def test_resumed_run_ends_bit_identical(samples, tmp_path, loss):
+    """Interrupt a run at every tenth step; the checkpoint alone carries it on."""
+    undisturbed = trainer(samples, tmp_path, loss=loss).run(silent_progress)
+
+    class Interrupted(Exception):
+        pass
+
+    result, stops = None, 0
+    while result is None:
+        run = trainer(samples, tmp_path, loss=loss)
+        advance, left = run._advance, iter(range(10))
+
+        def interrupt(share, run=run, advance=advance, left=left):
+            if next(left, None) is None:
+                run._save()
+                raise Interrupted
+            return advance(share)
+
+        run._advance = interrupt
+        try:
+            result = run.run(silent_progress)
+        except Interrupted:
+            stops += 1
+    assert stops >= 5
+    assert same(result, undisturbed)
+    run.finish()
+    assert not (tmp_path / "c.pt").exists()
+
+
+def test_damaged_checkpoint_starts_afresh(samples, tmp_path):
+    undisturbed = trainer(samples, tmp_path).run(silent_progress)
+    (tmp_path / "c.pt").write_bytes(b"half a checkpoint")
+    assert same(trainer(samples, tmp_path).run(silent_progress), undisturbed)
+
+
+def test_seed_and_options_matter(samples, tmp_path):
+    one = trainer(samples, tmp_path).run(silent_progress)
+    options = recipe() | {"seed": 8}
+    other = Trainer(options, samples, tmp_path / "c.pt", print).run(silent_progress)
+    assert not same(one, other)
+
+
+def test_budget_in_seconds_records_its_steps(samples, tmp_path):
+    arrays, attributes = trainer(samples, tmp_path, steps=None, seconds=0.5).run(silent_progress)
+    assert not attributes["reproducible"]
+    assert attributes["steps"] > 5
+    assert np.isfinite(arrays["weight_0"]).all()
+
+
+def test_divergence_is_an_error_not_a_field(samples, tmp_path):
+    wild = trainer(samples, tmp_path, learning_rate=1e30, warmup=0.0)
+    with pytest.raises(PandisError, match=r"diverged.*train\.r\.learning_rate"):
+        wild.run(silent_progress)
+
+
+def test_held_out_points_are_not_trained_on(samples, tmp_path):
+    held_out = samples.arrays["points"][slice(*samples.attributes["strata"]["held-out"])]
+    rows_of = {tuple(row) for row in trainer(samples, tmp_path).data[:, :3].tolist()}
+    assert not rows_of & {tuple(row) for row in held_out.tolist()}
+    on_surface = trainer(samples, tmp_path, loss="paper")
+    assert len(on_surface.data) == 4000
+    assert on_surface.data[:, 3].abs().max() == 0
+
+
+def test_fewer_points_than_a_batch(samples, tmp_path):
+    run = trainer(samples, tmp_path, loss="paper", batch=10_000, steps=3)
+    assert run.run(silent_progress)[1]["steps"] == 3
+
+
+def test_cuda_that_is_not_there_is_refused(samples, tmp_path):
+    if torch.cuda.is_available():
+        assert trainer(samples, tmp_path, device="cuda").device == "cuda"
+    else:
+        with pytest.raises(PandisError, match="finds no CUDA device"):
+            trainer(samples, tmp_path, device="cuda")
+    assert trainer(samples, tmp_path, device="cpu").device == "cpu"

@@ -1,0 +1,201 @@
+"""Which jobs run after which change: the exact sets, through Snakemake's own dry run."""
+
+import os
+import shutil
+
+import pytest
+import yaml
+
+from support import edit, plan
+
+FAST = "config/fast.yaml"
+DOWNSTREAM = {"evaluate", "timing", "validate"}
+LAST = {("summary", None), ("report", None)}
+
+
+def change(folder, **sections):
+    """Merge sections into the configuration file."""
+    path = folder / FAST
+    config = yaml.safe_load(path.read_text())
+    for key, value in sections.items():
+        if isinstance(value, dict):
+            config[key] = config.get(key, {}) | value
+        else:
+            config[key] = value
+    path.write_text(yaml.safe_dump(config))
+
+
+def all_of(*stages, meshes=("sphere", "torus")):
+    return {(stage, mesh) for stage in stages for mesh in meshes}
+
+
+def test_fresh_plan_has_every_job_once(workspace):
+    jobs = plan(workspace)
+    per_mesh = {"mesh", "sample", "train", "export_network", "bake", "export_grid", "trajectory"}
+    per_mesh |= DOWNSTREAM
+    assert {(job[0], job[1]) for job in jobs} == all_of(*per_mesh) | LAST
+    assert len(jobs) + 1 <= 26  # with `all`
+
+
+def test_finished_run_has_nothing_to_do(rerun):
+    assert plan(rerun) == set()
+
+
+def test_training_option_of_one_mesh(rerun):
+    change(
+        rerun,
+        meshes={"torus": {"source": "analytic:torus", "train": {"pandis-exact": {"steps": 301}}}},
+    )
+    network = {("train", "torus", "pandis-exact"), ("export_network", "torus", "pandis-exact")}
+    assert plan(rerun) == network | all_of(*DOWNSTREAM, meshes=["torus"]) | LAST
+
+
+def test_new_mesh(rerun):
+    change(rerun, meshes={"box": {"source": "analytic:box"}})
+    jobs = plan(rerun)
+    assert {job[1] for job in jobs - LAST} == {"box"}
+    assert jobs >= LAST
+    assert {job[0] for job in jobs} >= {"mesh", "sample", "train", "bake", *DOWNSTREAM}
+
+
+def test_evaluation_option_trains_nothing(rerun):
+    change(rerun, evaluation={"probes": 4000})
+    assert plan(rerun) == all_of("evaluate", "validate") | LAST
+
+
+def test_library_module_restales_its_importers_only(rerun):
+    edit(rerun / "workflow/pandis/trajectories.py", "_TRIES = 24", "_TRIES = 25")
+    assert plan(rerun) == all_of("trajectory", *DOWNSTREAM) | LAST
+
+
+def test_module_imported_through_another_counts(rerun):
+    edit(rerun / "workflow/pandis/mesh/tools.py", "OMP_NUM_THREADS", "OMP_THREAD_LIMIT")
+    assert ("mesh", "sphere") in plan(rerun)
+
+
+def test_template_counts(rerun):
+    edit(rerun / "workflow/pandis/report/page.html", "<h1>pandis report</h1>", "<h1>pandis</h1>")
+    assert plan(rerun) == LAST
+
+
+def test_script_edited(rerun):
+    edit(rerun / "scripts/timing.py", "for path in", "for path in list() or")
+    assert plan(rerun) == all_of("timing") | LAST
+
+
+def test_field_module_edited_restales_no_other_field(rerun):
+    edit(rerun / "workflow/pandis/training/trainer.py", "QUICK = 4000", "QUICK = 4001")
+    jobs = plan(rerun)
+    assert {job[0] for job in jobs} == {"train", "export_network", *DOWNSTREAM, "summary", "report"}
+
+
+def test_grid_module_edited_trains_nothing(rerun):
+    edit(rerun / "workflow/pandis/fields/grid.py", "SLAB = 1 << 18", "SLAB = 1 << 17")
+    stages = {job[0] for job in plan(rerun)}
+    assert "bake" in stages
+    assert not stages & {"mesh", "sample", "train", "export_network", "trajectory"}
+
+
+def test_network_module_edited_bakes_nothing(rerun):
+    edit(rerun / "workflow/pandis/fields/siren.py", "h = np.sin(", "h = +np.sin(")
+    stages = {job[0] for job in plan(rerun)}
+    assert {"export_network", "evaluate"} <= stages
+    assert not stages & {"mesh", "sample", "train", "bake", "export_grid", "trajectory"}
+
+
+def test_config_module_edited_reruns_nothing(rerun):
+    """Options reach a stage through its params: the module that reads them is not a part of it."""
+    edit(
+        rerun / "workflow/pandis/config.py",
+        "def merge(base, override):",
+        "def merge(base, override=()):",
+    )
+    assert plan(rerun) == set()
+
+
+def test_comment_and_docstring_edited(rerun):
+    for path in (rerun / "workflow/pandis").rglob("*.py"):
+        path.write_text("# a comment\n" + path.read_text() + "\n\n\n")
+    edit(rerun / "scripts/mesh.py", '"""Read', '"""Really read')
+    assert plan(rerun) == set()
+
+
+def test_everything_touched(rerun):
+    for path in rerun.rglob("*"):
+        if path.is_file() and ".snakemake" not in path.parts:
+            os.utime(path)
+    assert plan(rerun) == set()
+
+
+def test_tree_copied(rerun, tmp_path):
+    shutil.copytree(rerun, tmp_path / "copied", copy_function=shutil.copyfile)
+    assert plan(tmp_path / "copied") == set()
+
+
+def test_keys_reordered(rerun):
+    config = yaml.safe_load((rerun / FAST).read_text())
+
+    def backwards(value):
+        if isinstance(value, dict):
+            return {k: backwards(value[k]) for k in reversed(value)}
+        return value
+
+    (rerun / FAST).write_text(yaml.safe_dump(backwards(config), sort_keys=False))
+    # the order of the meshes is the order of the report, and nothing else
+    assert plan(rerun) <= LAST
+    config = backwards(config) | {"meshes": config["meshes"]}
+    (rerun / FAST).write_text(yaml.safe_dump(config, sort_keys=False))
+    assert plan(rerun) == set()
+
+
+def test_swapped_values_are_noticed(rerun):
+    config = yaml.safe_load((rerun / FAST).read_text())
+    samples = config["samples"]
+    samples["offsets"], samples["box"] = samples["box"], samples["offsets"]
+    (rerun / FAST).write_text(yaml.safe_dump(config))
+    assert {("sample", "sphere"), ("sample", "torus")} <= plan(rerun)
+
+
+def test_field_added(rerun):
+    change(
+        rerun, fields=["exact", "trilinear-24", "pandis-exact", "nearest-24", "trilinear-normal-8"]
+    )
+    own = {("bake", m, "normal", "8") for m in ("sphere", "torus")}
+    own |= {
+        ("export_grid", m, f)
+        for m in ("sphere", "torus")
+        for f in ("nearest-24", "trilinear-normal-8")
+    }
+    assert plan(rerun) == own | all_of(*DOWNSTREAM) | LAST
+
+
+@pytest.mark.parametrize("field", ["trilinear-24", "pandis-exact"])
+def test_field_taken_off(rerun, field):
+    kept = [f for f in ("exact", "trilinear-24", "pandis-exact") if f != field]
+    change(rerun, fields=kept)
+    assert plan(rerun) == all_of(*DOWNSTREAM) | LAST
+
+
+def test_no_network_means_no_samples(workspace):
+    change(workspace, fields=["exact", "trilinear-24"])
+    assert not {job[0] for job in plan(workspace)} & {"sample", "train", "export_network"}
+
+
+def test_upstream_missing_reruns_what_follows(rerun):
+    (rerun / "results/torus/samples.zarr.zip").unlink()
+    assert ("sample", "torus") in plan(rerun)
+
+
+@pytest.mark.parametrize(
+    ("target", "stages"),
+    [
+        ("meshes", {"mesh"}),
+        ("samples", {"mesh", "sample"}),
+        ("models", {"mesh", "sample", "train"}),
+        ("grids", {"mesh", "bake"}),
+        ("exports", {"mesh", "sample", "train", "bake", "export_grid", "export_network"}),
+    ],
+)
+def test_named_targets(workspace, target, stages):
+    jobs = plan(workspace, targets=[target])
+    assert {job[0] for job in jobs} - {target} == stages

@@ -1,0 +1,122 @@
+"""The shape that every rule has, and what planning may import."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from support import ROOT, environment
+
+RULES = {
+    name: body
+    for path in sorted((ROOT / "rules").glob("*.smk"))
+    for name, body in re.findall(
+        r"^rule (\w+):\n((?:    .*\n|\n)+)", path.read_text(encoding="utf-8"), re.M
+    )
+    if path.name != "targets.smk"
+}
+HEAVY = ("torch", "trimesh", "igl", "pymeshlab", "onnx", "onnxruntime", "matplotlib", "numpy")
+#: The only stages that may load torch.
+TORCH = {"train", "export_network", "evaluate"}
+
+
+def test_there_are_rules():
+    assert len(RULES) >= 13
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_rule_has_the_common_shape(name):
+    body = RULES[name]
+    directives = re.findall(r"^    (\w+):", body, re.M)
+    order = [
+        "input", "output", "log", "benchmark", "retries", "conda", "threads",
+        "resources", "params", "message", "script",
+    ]  # fmt: skip
+    assert [d for d in order if d in directives] == directives
+    assert {"log", "benchmark", "conda", "resources", "params", "message", "script"} <= set(
+        directives
+    )
+    assert f'"../scripts/{name}.py"' in body
+    assert (ROOT / "scripts" / f"{name}.py").is_file()
+    assert f'options=plan.options("{name}"),' in body
+    assert f'code=plan.code("{name}"),' in body
+    assert re.search(r"mem_mb=\d+,\n +runtime=\d+,", body)
+    assert "lambda" not in body
+
+
+def test_every_script_has_a_rule():
+    assert {path.stem for path in (ROOT / "scripts").glob("*.py")} == set(RULES)
+
+
+def test_clocked_rules_claim_all_cores():
+    for name in ("timing", "validate"):
+        assert "threads: all_cores" in RULES[name]
+
+
+def test_no_rule_runs_shell_or_inline_code():
+    for path in [ROOT / "workflow/Snakefile", *(ROOT / "rules").glob("*.smk")]:
+        assert not re.search(r"^\s+(shell|run):", path.read_text(encoding="utf-8"), re.M), path
+
+
+def test_no_module_hides_an_import():
+    """The code digest follows import statements: anything else would be missed."""
+    for path in (ROOT / "workflow/pandis").rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert "importlib.import_module" not in text, path
+        assert "__import__" not in text, path
+
+
+def loaded_by(statement):
+    code = f"import sys; {statement}; print(*[m for m in {HEAVY!r} if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=environment(PYTHONPATH=str(ROOT / "workflow")),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return set(done.stdout.split())
+
+
+def test_planning_imports_nothing_heavy():
+    config = {"meshes": {"a": {"source": "analytic:sphere"}}}
+    heavy = loaded_by(
+        f"from pandis.plan import Plan; p = Plan({config!r}, 'workflow'); p.target('all'); "
+        "[p.code(s) for s in ('mesh', 'train', 'evaluate', 'report')]"
+    )
+    assert heavy == set()
+
+
+@pytest.mark.parametrize("name", sorted(RULES))
+def test_only_three_stages_may_import_torch(name):
+    source = (ROOT / "scripts" / f"{name}.py").read_text(encoding="utf-8")
+    imports = "; ".join(re.findall(r"^from pandis.*$", source, re.M))
+    heavy = loaded_by(imports)
+    assert "pymeshlab" not in heavy
+    if name not in TORCH:
+        assert "torch" not in heavy
+
+
+def test_floors_import_downwards_only():
+    floors = [
+        {"errors", "catalogue", "config", "artifact", "provenance", "stage", "plan", "frame",
+         "machine", "reference"},
+        {"mesh"},
+        {"distance"},
+        {"sampling", "forces"},
+        {"fields", "trajectories"},
+        {"training"},
+        {"export"},
+        {"evaluation", "hardware"},
+        {"report", "verification"},
+    ]  # fmt: skip
+    level = {name: index for index, floor in enumerate(floors) for name in floor}
+    root = ROOT / "workflow/pandis"
+    for path in root.rglob("*.py"):
+        own = path.relative_to(root).parts[0].removesuffix(".py")
+        if own == "__init__":
+            continue
+        for name in re.findall(r"^\s*from pandis\.(\w+)", path.read_text(encoding="utf-8"), re.M):
+            assert level[name] <= level[own], f"{path} imports pandis.{name} from a floor above"

@@ -1,0 +1,157 @@
+"""The whole workflow on config/fast.yaml: everything is made, again the same, and only once."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+import yaml
+
+from pandis.artifact import read_artifact
+from pandis.plan import Plan
+from support import ROOT, copy_workflow, results, snakemake
+
+FAST = ("--configfile", "config/fast.yaml")
+
+
+def fast_plan(folder):
+    config = yaml.safe_load((folder / "config/fast.yaml").read_text())
+    return Plan(config, folder / "workflow")
+
+
+def test_every_file_of_the_plan_is_there(finished):
+    wanted = {*fast_plan(finished).target("all")}
+    assert all((finished / path).stat().st_size > 0 for path in wanted)
+    made = {
+        str(p.relative_to(finished))
+        for p in (finished / "results").rglob("*")
+        if p.is_file() and "logs" not in p.parts and "benchmarks" not in p.parts
+    }
+    assert made == wanted  # and no leftovers
+
+
+def test_contract_of_the_artifacts(finished):
+    home = finished / "results" / "sphere"
+    arrays = {
+        "mesh": {"vertices": "float64", "faces": "int32"},
+        "samples": {
+            "points": "float32", "distance": "float32", "normal": "float32", "stratum": "uint8",
+            "face": "int32", "barycentrics": "float32", "offset": "float32",
+        },
+        "grid-force-24": {"values": "float32"},
+        "trajectory": {"points": "float64", "distance": "float64", "normal": "float64"},
+    }  # fmt: skip
+    for stem, types in arrays.items():
+        found = read_artifact(home / f"{stem}.zarr.zip")
+        assert {name: str(a.dtype) for name, a in found.arrays.items()} == types
+        assert {"centre", "scale"} <= set(found.attributes["frame"])
+    model = read_artifact(home / "model-pandis-exact.zarr.zip", "model")
+    assert {f"{kind}_{i}" for kind in ("weight", "bias") for i in range(4)} < set(model.arrays)
+    assert model.attributes["held_out_error"]["mean"] < 0.02
+    evaluation = read_artifact(home / "evaluation.zarr.zip", "evaluation")
+    fields = {"exact", "trilinear-24", "pandis-exact"}
+    for errors in evaluation.attributes["errors"].values():
+        assert fields < set(errors)
+        assert errors["exact"]["max"] == 0
+        assert {"mean", "rms", "p95", "p99", "max"} < set(errors["trilinear-24"])
+    hardware = json.loads((home / "hardware.json").read_text())
+    assert "No haptic device was attached" in hardware["statement"]
+    assert set(hardware["fields"]) == fields - {"exact"}
+    ticks = read_artifact(home / "hardware.zarr.zip", "hardware")
+    assert len(ticks.arrays["compute_trilinear-24"]) == 500
+    assert not ticks.attributes["reproducible"]
+
+
+def test_provenance_names_no_time_host_or_path(finished):
+    for path in (finished / "results").rglob("*.zarr.zip"):
+        found = read_artifact(path)
+        text = json.dumps(found.provenance)
+        assert str(finished) not in text
+        assert str(ROOT) not in text
+        assert {"stage", "options", "code", "inputs", "versions"} == set(found.provenance)
+        assert not any(name.startswith("/") for name in found.provenance["inputs"])
+
+
+def test_second_run_has_nothing_to_do(rerun):
+    done = snakemake(rerun, "-j2", "all", *FAST)
+    assert done.returncode == 0
+    assert "Nothing to be done" in done.stdout
+    assert snakemake(rerun, "-j2", *FAST).stdout.count("Nothing to be done") == 1  # the default
+
+
+def test_same_bytes_on_one_core(finished, tmp_path):
+    """Another folder, no results, -j1 instead of -j2: every artifact and export is the same."""
+    folder = copy_workflow(finished, tmp_path / "again")
+    done = snakemake(folder, "-j1", "all", *FAST)
+    assert done.returncode == 0, done.stdout
+    one, other = results(finished), results(folder)
+    assert list(one) == list(other)
+    assert len(one) >= 16
+    assert [name for name in one if one[name] != other[name]] == []
+
+
+def test_logs_benchmarks_and_last_words(rerun):
+    (rerun / "results/summary.csv").unlink()
+    done = snakemake(rerun, "-j2", "all", *FAST)
+    assert "The report is in   results/report.html" in done.stdout
+    for mesh in ("sphere", "torus"):
+        for stage in ("mesh", "sample", "train-pandis-exact", "bake-force-24", "evaluate"):
+            log = (rerun / f"results/logs/{mesh}/{stage}.log").read_text()
+            assert log.splitlines()[0].endswith("started")
+            assert log.splitlines()[-1].endswith("done")
+            line = (rerun / f"results/benchmarks/{mesh}/{stage}.jsonl").read_text()
+            assert json.loads(line)["rule_name"] == stage.split("-")[0]
+
+
+def test_summary(finished):
+    lines = (finished / "results/summary.csv").read_text().splitlines()
+    assert [line.split(",")[:2] for line in lines[1:]] == [
+        [mesh, field]
+        for mesh in ("sphere", "torus")
+        for field in ("exact", "trilinear-24", "pandis-exact", "pandis-exact (‖Ψ‖ kept)")
+    ]
+
+
+def test_report_is_one_file(finished):
+    page = (finished / "results/report.html").read_text()
+    assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page)
+    assert "http" not in re.sub(r"data:image/[^\"]*", "", page).replace("http-equiv", "")
+    assert page.count("<img ") >= 2 * 5
+    assert "No haptic device was attached" in page
+    assert len(page) < 15e6
+
+
+def test_report_opens_in_a_browser(finished, tmp_path):
+    browser = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser is None:
+        pytest.skip("no Chromium here: apt-get install chromium")
+    command = [
+        browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync",
+        "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}",
+        "--window-size=1300,3000", f"--screenshot={tmp_path / 'page.png'}",
+        (finished / "results/report.html").as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert "CONSOLE" not in done.stderr
+    import matplotlib.image
+
+    image = matplotlib.image.imread(tmp_path / "page.png")
+    assert image.shape[:2] == (3000, 1300)
+    assert np.ptp(image[..., :3], axis=2).max() > 0.3  # there is colour on it
+
+
+def test_snakemakes_own_report_builds(rerun):
+    done = snakemake(rerun, "--report", "own.html", *FAST)
+    assert done.returncode == 0, done.stdout
+    assert (rerun / "own.html").stat().st_size > 1e5
+
+
+def test_plan_of_the_default_config():
+    """Three meshes, eight fields: what the README promises."""
+    config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    files = Plan(config, ROOT / "workflow").target("all")
+    assert len(files) == 3 * 19 + 2
+    assert "results/bunny-holes/export/trilinear-normal-64.onnx" in files
