@@ -1,7 +1,7 @@
 """Evaluate one grid. Reads mesh.zarr.zip, writes grid-{content}-{size}.zarr.zip."""
 
+from pandis.baking import bake, grid_attributes
 from pandis.distance import open_distance
-from pandis.fields.grid import bake, grid_attributes
 from pandis.stage import stage
 
 with stage(snakemake) as job:

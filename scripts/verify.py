@@ -5,4 +5,4 @@ from pandis.stage import stage
 from pandis.verification import verify
 
 with stage(snakemake) as job:
-    verify(Plan(snakemake.config, job.workflow()), job.log)
+    verify(Plan(snakemake.config, job.workflow(), job.options["configfiles"]), job.log)

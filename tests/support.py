@@ -27,7 +27,7 @@ def copy_workflow(source, target):
 def environment(**extra):
     """The environment of a user's shell: the library is not on Python's path."""
     kept = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    return kept | {"PYTHONWARNINGS": "ignore"} | extra
+    return kept | extra
 
 
 def snakemake_command(*arguments):

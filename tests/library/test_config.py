@@ -62,9 +62,13 @@ def test_all_faults_at_once_with_paths_and_suggestions():
         ),
         ("train: {pandis: {seconds: 0}}", "train.pandis.seconds: Input should be greater than 0"),
         ("train: {pandis: {steps: 1, seconds: 2}}", "train.pandis: a budget is in steps or in"),
-        ("fields: [exact, trilnear-64]", "fields: 'trilnear-64' is no field; known are exact,"),
-        ("fields: [exact, trilinear-1]", "fields: trilinear-1: a grid has 2 to 512 nodes"),
-        ("fields: [exact, exact]", "fields: exact listed twice"),
+        ("fields: [exact, trilnear-64]", "fields.1: 'trilnear-64' is no field; known are exact,"),
+        ("fields: [exact, trilinear-1]", "fields.1: trilinear-1: a grid has 2 to 512 nodes"),
+        ("fields: [exact, exact]", "fields.1: exact is listed twice"),
+        ("train: {trilinear-007: {}}", "train.trilinear-007: a recipe's name"),
+        ("seed: -1\nfields: [exact, a, b]", "3 faults"),
+        ("samples: {held_out: 1}", "samples.held_out:"),
+        ("samples: {scales: []}", "samples.scales:"),
         ("fields: []", "fields: List should have at least 1 item"),
         ("train: {nearest-8: {}}", "train.nearest-8: a recipe's name"),
         ("train: {exact: {}}", "train.exact: a recipe's name"),
@@ -105,6 +109,13 @@ def test_overrides_merge_by_key_and_lists_replace():
     assert (entries["b"].train["x"].alpha, entries["b"].train["x"].omega) == (7, 9)
     assert entries["a"].train["x"].omega == 30
     assert merge({"a": {"b": 1}}, {"a": 2}) == {"a": 2}
+
+
+def test_empty_section_and_merge_keys_are_accepted(tmp_path):
+    assert load("train:")["a"].train["pandis"].loss == "paper"
+    path = tmp_path / "c.yaml"
+    path.write_text("a: &x {b: 1}\nc: {<<: *x, d: 2}\n")
+    check_yaml(path)
 
 
 def test_doubled_key_is_refused(tmp_path):

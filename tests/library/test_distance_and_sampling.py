@@ -68,6 +68,18 @@ def test_direction_on_the_surface_is_the_pseudonormal():
     assert np.abs(normal - wanted).max() < 1e-12
 
 
+@pytest.mark.parametrize("gap", [1e-5, 1e-7, 3e-9])
+def test_sign_is_right_down_to_the_surface(gap):
+    """The winding number alone is a coin toss below 1e-8."""
+    vertices, faces = SHAPES["torus"].tessellation()
+    engine = MeshDistance(vertices, faces)
+    points, normals, _, _ = Surface(vertices, faces).draw(3000, np.random.default_rng(0))
+    for side in (1, -1):
+        distance, normal = engine.distance_and_normal(points + side * gap * normals)
+        assert (np.sign(distance) == side).all()
+        assert (np.einsum("ij,ij->i", normal, normals) > 0.99).all()
+
+
 def test_answers_do_not_depend_on_the_batch(monkeypatch):
     vertices, faces = SHAPES["torus"].tessellation()
     engine = MeshDistance(vertices, faces)

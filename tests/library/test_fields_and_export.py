@@ -6,14 +6,15 @@ import pytest
 import torch
 
 from pandis.artifact import read_artifact
+from pandis.baking import bake, grid_attributes, node_axis
 from pandis.distance import ShapeDistance
 from pandis.errors import ArtifactError, PandisError
 from pandis.export.check import DISTANCE, FORCE, check, check_points
 from pandis.export.grids import export_grid
 from pandis.export.networks import export_network, torch_network
-from pandis.export.session import Session
+from pandis.export.session import Session, read_export
 from pandis.fields.base import Field, clamp_to_box, normalise
-from pandis.fields.grid import GridField, bake, grid_attributes, node_axis
+from pandis.fields.grid import GridField
 from pandis.fields.registry import open_fields
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
@@ -21,7 +22,6 @@ from pandis.frame import Frame
 from pandis.mesh.shapes import SHAPES
 from pandis.stage import silent_progress
 from pandis.training.network import Siren
-from pandis.verification import onnx_provenance
 from support import artifact
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)
@@ -64,7 +64,7 @@ def test_nodes_hold_the_exact_answer(content):
 
 def test_baking_in_slabs_changes_nothing(monkeypatch):
     whole = grid("force", 12).arrays["values"]
-    monkeypatch.setattr("pandis.fields.grid.SLAB", 100)
+    monkeypatch.setattr("pandis.baking.SLAB", 100)
     assert np.array_equal(grid("force", 12).arrays["values"], whole)
 
 
@@ -220,7 +220,7 @@ def test_export_has_the_contracts_interface_and_provenance(kind, tmp_path):
     assert json.loads(metadata["frame"])["scale"] == FRAME.scale
     path = tmp_path / "a.onnx"
     path.write_bytes(data)
-    assert onnx_provenance(path) == {"stage": "x"}
+    assert json.loads(read_export(path).metadata["provenance"]) == {"stage": "x"}
     assert exported(kind)[0] == data  # same content, same bytes
 
 
@@ -232,10 +232,10 @@ def test_damaged_export_is_noticed(tmp_path):
         broken[index] ^= 1 << int(index % 8)
         path.write_bytes(broken)
         with pytest.raises(ArtifactError):
-            onnx_provenance(path)
+            Session(path)
     path.write_bytes(data[:-5])
     with pytest.raises(ArtifactError, match="not readable as ONNX"):
-        onnx_provenance(path)
+        Session(path)
 
 
 def test_check_refuses_a_wrong_export():
@@ -264,8 +264,10 @@ def test_far_from_the_origin_no_digits_are_lost():
 def test_session_names_a_damaged_file(tmp_path):
     path = tmp_path / "bad.onnx"
     path.write_bytes(b"not a model")
-    with pytest.raises(PandisError, match=r"bad\.onnx"):
+    with pytest.raises(ArtifactError, match=r"bad\.onnx.*rebuild it with: snakemake"):
         Session(path)
+    with pytest.raises(PandisError, match="does not take the model"):
+        Session(b"not a model")
 
 
 # --- a finished run -------------------------------------------------------------------

@@ -68,6 +68,20 @@ def test_last_bit_cracks_are_welded_by_tolerance():
         fix(soup, np.arange(24).reshape(-1, 3), weld=0, max_hole_edges=0)
 
 
+def test_every_pair_within_the_tolerance_is_welded():
+    """A lattice would part one pair in seven at a sixth of the tolerance."""
+    rng = np.random.default_rng(0)
+    base = rng.uniform(-1, 1, (2000, 3))
+    offset = rng.normal(size=base.shape)
+    offset *= 1e-9 / np.linalg.norm(offset, axis=1, keepdims=True)
+    vertices = np.concatenate([base, base + offset])
+    faces = np.arange(2000).reshape(-1, 2)
+    faces = np.concatenate([faces, faces[::-1, :1] + 2000], axis=1)  # mixes both copies
+    kept, _ = clean(vertices, faces, tolerance=1.7e-9)
+    gaps = np.linalg.norm(kept[:, None] - kept[None], axis=2)[~np.eye(len(kept), dtype=bool)]
+    assert gaps.min() > 1.7e-9
+
+
 def test_inside_out_is_turned():
     vertices, faces = box_mesh()
     fixed, fixed_faces, record = fix(vertices, faces[:, ::-1])
@@ -94,6 +108,20 @@ def test_cavity_stays_a_cavity_and_island_an_island():
     volume = 2.8 * (1 - 0.5**3 + 0.25**3)
     assert diagnose(fixed, fixed_faces).volume == pytest.approx(volume)
     assert orient(fixed, fixed_faces) is None
+
+
+def test_overlapping_solids_are_both_matter():
+    """Each has vertices inside the other; neither is a cavity of it."""
+    vertices, faces = octahedron()
+    both = np.concatenate([vertices, vertices + [0.3, 0.3, 0.3]])
+    outward = np.concatenate([faces, faces + 6])
+    fixed, fixed_faces, record = fix(both, outward)
+    assert record["before"]["inverted_components"] == 0
+    assert fixed.tobytes() == both.tobytes()
+    assert np.array_equal(fixed_faces, outward)
+    assert record["after"]["self_intersections"] > 0
+    turned, turned_faces, _ = fix(both, np.concatenate([faces, faces[:, ::-1] + 6]))
+    assert diagnose(turned, turned_faces).volume == pytest.approx(2 * 4 / 3)
 
 
 def test_doubles_degenerates_and_strays_are_dropped():

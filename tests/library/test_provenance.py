@@ -50,6 +50,13 @@ def test_change_elsewhere_does_not(tree):
     assert digests(tree) == before
 
 
+def test_files_of_an_editor_do_not_count(tree):
+    before = digests(tree)
+    for name in (".e.py.swp", "e.py~", "e.py.orig", ".DS_Store", ".page.html.swp"):
+        (tree / "workflow/pandis/sub" / name).write_text("x")
+    assert digests(tree) == before
+
+
 def test_comments_docstrings_and_layout_do_not_count():
     bare = "def f(x):\n    return x+1\nclass A:\n    pass\n"
     full = '"""Doc."""\n# note\ndef f( x ):\n    """Doc."""\n    return (x + 1)\n'

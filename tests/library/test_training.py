@@ -234,6 +234,20 @@ def test_divergence_is_an_error_not_a_field(samples, tmp_path):
     wild = trainer(samples, tmp_path, learning_rate=1e30, warmup=0.0)
     with pytest.raises(PandisError, match=r"diverged.*train\.r\.learning_rate"):
         wild.run(silent_progress)
+    late = trainer(samples, tmp_path, steps=None, seconds=0.2)  # between two points of the curve
+    with torch.no_grad():
+        late.parameters[0][0, 0] = torch.nan
+    with pytest.raises(PandisError, match="diverged"):
+        late.run(silent_progress)
+
+
+def test_checkpoint_that_cannot_be_written_does_not_stop_the_run(samples, tmp_path, monkeypatch):
+    monkeypatch.setattr("pandis.training.trainer.CHECKPOINT_SECONDS", 0.0)
+    (tmp_path / "file").write_text("in the way")
+    lines = []
+    run = Trainer(recipe(steps=5), samples, tmp_path / "file" / "c.pt", lines.append)
+    assert run.run(silent_progress)[1]["steps"] == 5
+    assert any("no checkpoint at step" in line for line in lines)
 
 
 def test_held_out_points_are_not_trained_on(samples, tmp_path):

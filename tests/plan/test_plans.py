@@ -11,6 +11,14 @@ from support import edit, plan
 FAST = "config/fast.yaml"
 DOWNSTREAM = {"evaluate", "timing", "validate"}
 LAST = {("summary", None), ("report", None)}
+BOTH = ("sphere", "torus")
+EVERYTHING = (
+    {(stage, mesh) for stage in ("mesh", "sample", "trajectory", *DOWNSTREAM) for mesh in BOTH}
+    | {(stage, mesh, "pandis-exact") for stage in ("train", "export_network") for mesh in BOTH}
+    | {("bake", mesh, "force", "24") for mesh in BOTH}
+    | {("export_grid", mesh, "trilinear-24") for mesh in BOTH}
+    | LAST
+)
 
 
 def change(folder, **sections):
@@ -30,11 +38,8 @@ def all_of(*stages, meshes=("sphere", "torus")):
 
 
 def test_fresh_plan_has_every_job_once(workspace):
-    jobs = plan(workspace)
-    per_mesh = {"mesh", "sample", "train", "export_network", "bake", "export_grid", "trajectory"}
-    per_mesh |= DOWNSTREAM
-    assert {(job[0], job[1]) for job in jobs} == all_of(*per_mesh) | LAST
-    assert len(jobs) + 1 <= 26  # with `all`
+    assert plan(workspace) == EVERYTHING
+    assert len(EVERYTHING) + 1 <= 26  # with `all`
 
 
 def test_finished_run_has_nothing_to_do(rerun):
@@ -52,10 +57,10 @@ def test_training_option_of_one_mesh(rerun):
 
 def test_new_mesh(rerun):
     change(rerun, meshes={"box": {"source": "analytic:box"}})
-    jobs = plan(rerun)
-    assert {job[1] for job in jobs - LAST} == {"box"}
-    assert jobs >= LAST
-    assert {job[0] for job in jobs} >= {"mesh", "sample", "train", "bake", *DOWNSTREAM}
+    own = all_of("mesh", "sample", "trajectory", *DOWNSTREAM, meshes=["box"])
+    own |= {("train", "box", "pandis-exact"), ("export_network", "box", "pandis-exact")}
+    own |= {("bake", "box", "force", "24"), ("export_grid", "box", "trilinear-24")}
+    assert plan(rerun) == own | LAST
 
 
 def test_evaluation_option_trains_nothing(rerun):
@@ -70,7 +75,7 @@ def test_library_module_restales_its_importers_only(rerun):
 
 def test_module_imported_through_another_counts(rerun):
     edit(rerun / "workflow/pandis/mesh/tools.py", "OMP_NUM_THREADS", "OMP_THREAD_LIMIT")
-    assert ("mesh", "sphere") in plan(rerun)
+    assert plan(rerun) == EVERYTHING
 
 
 def test_template_counts(rerun):
@@ -85,22 +90,31 @@ def test_script_edited(rerun):
 
 def test_field_module_edited_restales_no_other_field(rerun):
     edit(rerun / "workflow/pandis/training/trainer.py", "QUICK = 4000", "QUICK = 4001")
-    jobs = plan(rerun)
-    assert {job[0] for job in jobs} == {"train", "export_network", *DOWNSTREAM, "summary", "report"}
+    network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
+    assert plan(rerun) == network | all_of(*DOWNSTREAM) | LAST
 
 
-def test_grid_module_edited_trains_nothing(rerun):
-    edit(rerun / "workflow/pandis/fields/grid.py", "SLAB = 1 << 18", "SLAB = 1 << 17")
-    stages = {job[0] for job in plan(rerun)}
-    assert "bake" in stages
-    assert not stages & {"mesh", "sample", "train", "export_network", "trajectory"}
+def test_baking_module_edited_trains_nothing(rerun):
+    edit(rerun / "workflow/pandis/baking.py", "SLAB = 1 << 14", "SLAB = 1 << 13")
+    grids = {("bake", m, "force", "24") for m in BOTH}
+    grids |= {("export_grid", m, "trilinear-24") for m in BOTH}
+    assert plan(rerun) == grids | all_of(*DOWNSTREAM) | LAST
+
+
+def test_grid_module_edited_bakes_and_trains_nothing(rerun):
+    edit(
+        rerun / "workflow/pandis/fields/grid.py",
+        "position = (points + 1.0)",
+        "position = +(points + 1.0)",
+    )
+    grids = {("export_grid", m, "trilinear-24") for m in BOTH}
+    assert plan(rerun) == grids | all_of(*DOWNSTREAM) | LAST
 
 
 def test_network_module_edited_bakes_nothing(rerun):
     edit(rerun / "workflow/pandis/fields/siren.py", "h = np.sin(", "h = +np.sin(")
-    stages = {job[0] for job in plan(rerun)}
-    assert {"export_network", "evaluate"} <= stages
-    assert not stages & {"mesh", "sample", "train", "bake", "export_grid", "trajectory"}
+    networks = {("export_network", m, "pandis-exact") for m in BOTH}
+    assert plan(rerun) == networks | all_of(*DOWNSTREAM) | LAST
 
 
 def test_config_module_edited_reruns_nothing(rerun):
@@ -153,7 +167,8 @@ def test_swapped_values_are_noticed(rerun):
     samples = config["samples"]
     samples["offsets"], samples["box"] = samples["box"], samples["offsets"]
     (rerun / FAST).write_text(yaml.safe_dump(config))
-    assert {("sample", "sphere"), ("sample", "torus")} <= plan(rerun)
+    network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
+    assert plan(rerun) == all_of("sample", *DOWNSTREAM) | network | LAST
 
 
 def test_field_added(rerun):
@@ -183,7 +198,9 @@ def test_no_network_means_no_samples(workspace):
 
 def test_upstream_missing_reruns_what_follows(rerun):
     (rerun / "results/torus/samples.zarr.zip").unlink()
-    assert ("sample", "torus") in plan(rerun)
+    own = all_of("sample", *DOWNSTREAM, meshes=["torus"])
+    own |= {(s, "torus", "pandis-exact") for s in ("train", "export_network")}
+    assert plan(rerun) == own | LAST
 
 
 @pytest.mark.parametrize(

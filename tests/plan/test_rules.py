@@ -105,7 +105,7 @@ def test_floors_import_downwards_only():
          "machine", "reference"},
         {"mesh"},
         {"distance"},
-        {"sampling", "forces"},
+        {"sampling", "forces", "baking"},
         {"fields", "trajectories"},
         {"training"},
         {"export"},

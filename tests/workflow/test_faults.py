@@ -29,10 +29,10 @@ STAGES = {
 QUICK = ("train", "validate")
 
 
-def kill_at(folder, text):
+def kill_at(folder, text, command=("-j2", "all", *FAST)):
     """Start a run and kill -9 all of it as soon as a line with ``text`` appears."""
     run = subprocess.Popen(
-        snakemake_command("-j2", "all", *FAST),
+        snakemake_command(*command),
         cwd=folder,
         env=environment(),
         stdout=subprocess.PIPE,
@@ -69,7 +69,8 @@ def test_kill_in_a_stage_then_rerun(rerun, finished, stage):
 def test_kill_in_a_first_run_again_and_again(workspace, finished):
     """Killed at the start of every single job in turn, the run still ends as an undisturbed one."""
     for stage in STAGES:
-        kill_at(workspace, f"sphere {stage}")
+        name = f"all meshes {stage}" if stage in ("summary", "report") else f"sphere {stage}"
+        assert kill_at(workspace, name)
         snakemake(workspace, "--unlock", *FAST)
     done = snakemake(workspace, "-j2", "all", *FAST)
     assert done.returncode == 0, done.stdout
@@ -101,7 +102,7 @@ def verify(folder):
 def test_verify_accepts_a_finished_run(rerun):
     done = verify(rerun)
     assert done.returncode == 0, done.stdout
-    assert "all 22 results are whole and belong to this configuration and code" in done.stdout
+    assert "all 24 results are whole and belong to this configuration and code" in done.stdout
 
 
 def test_verify_without_snakemakes_records(rerun):
@@ -114,7 +115,7 @@ def test_verify_without_snakemakes_records(rerun):
         line = f"results/{mesh}/model-pandis-exact.zarr.zip"
         found = next(t for t in done.stdout.splitlines() if line in t and "stale" in t)
         assert "options changed (steps)" in found
-    assert "snakemake -j2 -R results/" in done.stdout
+    assert "-R results/" in done.stdout
 
 
 def test_verify_names_the_module_that_changed(rerun):
@@ -126,7 +127,15 @@ def test_verify_names_the_module_that_changed(rerun):
 
 @pytest.mark.parametrize("damage", ["flip", "truncate", "remove", "swap"])
 @pytest.mark.parametrize(
-    "path", ["sphere/samples.zarr.zip", "sphere/export/pandis-exact.onnx", "sphere/hardware.json"]
+    "path",
+    [
+        "sphere/samples.zarr.zip",
+        "sphere/timing.zarr.zip",
+        "sphere/export/pandis-exact.onnx",
+        "sphere/hardware.json",
+        "summary.csv",
+        "report.html",
+    ],
 )
 def test_verify_detects_damage(rerun, path, damage):
     target = rerun / "results" / path
@@ -138,11 +147,14 @@ def test_verify_detects_damage(rerun, path, damage):
         target.write_bytes(data[: len(data) // 2])
     elif damage == "remove":
         target.unlink()
-    else:  # another mesh's result of the same kind: whole, but not what was made from these inputs
+    elif "sphere" in path:  # another mesh's result: whole, but not this one
         target.write_bytes((rerun / "results" / path.replace("sphere", "torus")).read_bytes())
+    else:
+        target.write_bytes(b"something else")
     done = verify(rerun)
     assert done.returncode == 1
-    assert f"results/{path}" in done.stdout
+    # the file itself is named, not only what was made from it
+    assert f"all meshes verify: results/{path} " in done.stdout
 
 
 def test_mending_as_verify_says(rerun, finished):
@@ -151,28 +163,68 @@ def test_mending_as_verify_says(rerun, finished):
     said = verify(rerun).stdout
     command = next(t for t in said.splitlines() if "To mend them: snakemake " in t)
     arguments = command.split("To mend them: snakemake ")[1].split()
-    done = snakemake(rerun, *FAST, *arguments)
+    assert arguments[1:3] == ["--configfile", "config/fast.yaml"]
+    done = snakemake(rerun, *arguments)
     assert done.returncode == 0, done.stdout
     assert verify(rerun).returncode == 0
     assert results(rerun) == results(finished)
 
 
-def test_damaged_input_stops_its_reader_with_the_remedy(rerun):
-    target = rerun / "results/sphere/samples.zarr.zip"
+@pytest.mark.parametrize("export", [False, True])
+def test_damaged_input_stops_its_reader_with_the_remedy(rerun, export):
+    """As after `cp -p`: an older time, so that Snakemake sees nothing."""
+    name = "sphere/export/pandis-exact.onnx" if export else "sphere/samples.zarr.zip"
+    reader = "sphere/timing.zarr.zip" if export else "sphere/model-pandis-exact.zarr.zip"
+    target = rerun / "results" / name
+    stamp = target.stat()
     data = bytearray(target.read_bytes())
     data[len(data) // 3] ^= 1
     target.write_bytes(data)
-    (rerun / "results/sphere/model-pandis-exact.zarr.zip").unlink()
-    done = snakemake(rerun, "-j2", "results/sphere/model-pandis-exact.zarr.zip", *FAST)
-    if done.returncode == 0:  # Snakemake saw the newer file by itself and made it again
-        assert verify(rerun).returncode == 0 or "stale" in verify(rerun).stdout
-    else:
-        assert "rebuild it with: snakemake" in done.stdout
+    os.utime(target, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
+    (rerun / "results" / reader).unlink()
+    done = snakemake(rerun, "-j2", f"results/{reader}", *FAST)
+    assert done.returncode != 0
+    assert f"results/{name}: " in done.stdout
+    assert f"rebuild it with: snakemake -j2 -R results/{name}" in done.stdout
+    assert not (rerun / "results" / reader).exists()
 
 
-def test_lost_records_and_touched_files_rerun_nothing_wrongly(rerun):
-    shutil.rmtree(rerun / ".snakemake")
-    assert verify(rerun).returncode == 0
+def test_code_changed_during_a_run_is_noticed(rerun):
+    """The plan has digested one version, the job would run another."""
+    script = rerun / "scripts/trajectory.py"
+    edit(rerun / "workflow/pandis/mesh/build.py", "shape = find_shape(name)", SABOTAGE)
+    (rerun / "results/sphere/trajectory.zarr.zip").unlink()
+    (rerun / "results/sphere/mesh.zarr.zip").unlink()
+    done = snakemake(rerun, "-j1", "results/sphere/trajectory.zarr.zip", *FAST)
+    assert "late change" in script.read_text()
+    assert done.returncode != 0
+    assert "the code was changed after this run was planned" in done.stdout
+
+
+#: Makes the mesh stage edit the script of a stage that runs after it.
+SABOTAGE = """shape = find_shape(name)
+    from pathlib import Path
+    script = Path("scripts/trajectory.py")
+    if "late" not in script.read_text():
+        script.write_text(script.read_text() + "\\nlate = 'late change'\\n")"""
+
+
+@pytest.mark.full
+def test_kill_in_the_middle_of_training_resumes_bit_identical(workspace):
+    """Killed after a checkpoint, the next run goes on from it and ends as an undisturbed one."""
+    edit(workspace / "config/fast.yaml", "steps: 300", "steps: 6000")
+    model = "results/sphere/model-pandis-exact.zarr.zip"
+    command = ("-j2", model, *FAST)
+    done = snakemake(workspace, *command)
+    assert done.returncode == 0, done.stdout
+    undisturbed = (workspace / model).read_bytes()
+    (workspace / model).unlink()
+    assert kill_at(workspace, "checkpoint at step", command)
+    snakemake(workspace, "--unlock", *FAST)
+    done = snakemake(workspace, *command)
+    assert "resumed at step" in done.stdout
+    assert (workspace / model).read_bytes() == undisturbed
+    assert not (workspace / "results/sphere/.resume").exists()
 
 
 @pytest.mark.full

@@ -150,7 +150,7 @@ def write_atomically(path, data):
         ) from error
 
 
-def read_artifact(path, kind=None, arrays=True):
+def read_artifact(path, kind=None):
     """Read an artifact and check all of it.
 
     Parameters
@@ -158,8 +158,6 @@ def read_artifact(path, kind=None, arrays=True):
     path : path-like
     kind : str, optional
         What it must be.
-    arrays : bool
-        False reads the attributes alone (the file's checksum is checked all the same).
 
     Raises
     ------
@@ -169,7 +167,7 @@ def read_artifact(path, kind=None, arrays=True):
     path = Path(path)
     _check_file(path)
     try:
-        root, read = _decode(path, arrays)
+        root, read = _decode(path)
         found, schema = root["kind"], root["schema"]
         digests, recorded = root["content"]["arrays"], root["content"]["digest"]
         attributes, provenance = root["attributes"], root["provenance"]
@@ -179,10 +177,9 @@ def read_artifact(path, kind=None, arrays=True):
         raise _damaged(path, f"has schema {schema}, this version of pandis reads {SCHEMA}")
     if kind is not None and found != kind:
         raise ArtifactError(f"{path}: holds a {found}, expected a {kind}")
-    if arrays:
-        wrong = [n for n in digests if n not in read or array_digest(n, read[n]) != digests[n]]
-        if wrong:
-            raise _damaged(path, f"array {', '.join(wrong)} differs from its digest")
+    wrong = [n for n in digests if n not in read or array_digest(n, read[n]) != digests[n]]
+    if wrong:
+        raise _damaged(path, f"array {', '.join(wrong)} differs from its digest")
     if content_digest(found, digests, attributes) != recorded:
         raise _damaged(path, "its attributes differ from their digest")
     return Artifact(path, found, read, attributes, provenance, recorded)
@@ -248,7 +245,7 @@ def _pack(entries):
     return data + _MARK + hashlib.sha256(data).hexdigest().encode()
 
 
-def _decode(path, arrays):
+def _decode(path):
     import zarr
     from zarr.storage import ZipStore
 
@@ -256,8 +253,7 @@ def _decode(path, arrays):
     try:
         group = zarr.open_group(store, mode="r")
         root = dict(group.attrs)
-        names = root["content"]["arrays"] if arrays else ()
-        return root, {name: group[name][...] for name in names}
+        return root, {name: group[name][...] for name in root["content"]["arrays"]}
     finally:
         store.close()
 

@@ -40,12 +40,7 @@ class FieldSpec(NamedTuple):
 
 def is_builtin_field(name):
     """Tell whether ``name`` is taken by a field that is not a recipe."""
-    return name == "exact" or _grid(name) is not None
-
-
-def _grid(name):
-    match = re.fullmatch(f"({'|'.join(GRID_FIELDS)})-([1-9][0-9]*)", name)
-    return (match[1], int(match[2])) if match else None
+    return name == "exact" or re.fullmatch(rf"({'|'.join(GRID_FIELDS)})-\d+", name) is not None
 
 
 def parse_field(name, recipes):
@@ -65,12 +60,12 @@ def parse_field(name, recipes):
     """
     if name == "exact":
         return FieldSpec(name, "exact", "mesh", None, ())
-    if grid := _grid(name):
-        kind, size = grid
+    if match := re.fullmatch(f"({'|'.join(GRID_FIELDS)})-([1-9][0-9]*)", name):
+        kind, size = match[1], int(match[2])
         if not 2 <= size <= 512:
-            raise ValueError(f"fields: {name}: a grid has 2 to 512 nodes per axis")
+            raise ValueError(f"{name}: a grid has 2 to 512 nodes per axis")
         return FieldSpec(name, kind, f"grid-{GRID_FIELDS[kind]}-{size}", size, ("onnx",))
     if name in recipes:
         return FieldSpec(name, "network", f"model-{name}", None, ("onnx",))
     known = ["exact", *(f"{kind}-64" for kind in GRID_FIELDS), *recipes]
-    raise ValueError(f"fields: '{name}' is no field; known are {', '.join(known)}")
+    raise ValueError(f"'{name}' is no field; known are {', '.join(known)}")

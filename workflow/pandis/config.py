@@ -67,13 +67,13 @@ class SampleOptions(Options):
     offsets: int = Field(
         300_000, ge=0, description="points off the surface along the normal, over all scales"
     )
-    scales: list[Positive] = Field(
+    scales: Annotated[list[Positive], Field(min_length=1)] = Field(
         [0.002, 0.01, 0.05], description="standard deviations of the offsets"
     )
     penetration: int = Field(300_000, ge=0, description="points below the surface")
     depth: Positive = Field(0.05, description="largest penetration depth")
     box: int = Field(100_000, ge=0, description="points uniform in the box [-1, 1]³")
-    held_out: Count = Field(
+    held_out: Annotated[int, Field(ge=100)] = Field(
         20_000, description="points never trained on: half at most 0.01 deep, half at most 0.04"
     )
 
@@ -220,7 +220,7 @@ class StageOptions(Options):
     @classmethod
     def _name_the_loss(cls, values):
         """Recipes choose their model by `loss`; fill it in from the recipe's name."""
-        if not isinstance(values, dict) or not isinstance(values.get("train", {}), dict):
+        if not isinstance(values, dict) or not isinstance(values.get("train") or {}, dict):
             return values
         recipes = {"pandis": {}, "pandis-exact": {}} | (values.get("train") or {})
         named = {
@@ -232,21 +232,6 @@ class StageOptions(Options):
             for name, recipe in recipes.items()
         }
         return values | {"train": named}
-
-    @model_validator(mode="after")
-    def _check_fields(self):
-        for name in self.train:
-            if not re.fullmatch(MESH_NAME, name) or is_builtin_field(name):
-                raise ValueError(
-                    f"train.{name}: a recipe's name is made of a-z, 0-9, - and _ and is not "
-                    "that of a built-in field: rename it"
-                )
-        doubled = sorted({name for name in self.fields if self.fields.count(name) > 1})
-        if doubled:
-            raise ValueError(f"fields: {', '.join(doubled)} listed twice: remove one")
-        for name in self.fields:
-            parse_field(name, self.train)
-        return self
 
 
 #: Steps used where a recipe names no budget (about 90 s of two CPU cores).
@@ -291,6 +276,8 @@ class _StrictLoader(yaml.SafeLoader):
     def construct_mapping(self, node, deep=False):
         seen = set()
         for key, _ in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                continue
             name = self.construct_object(key, deep=True)
             if name in seen:
                 raise PandisError(
@@ -398,8 +385,35 @@ def _faults(model, values):
     try:
         model.model_validate(values)
     except ValidationError as error:
-        return dict(_describe(fault, model) for fault in error.errors(include_url=False))
-    return {}
+        faults = dict(_describe(fault, model) for fault in error.errors(include_url=False))
+    else:
+        faults = {}
+    for key, message in _name_faults(values):
+        faults.setdefault(key, message)
+    return faults
+
+
+def _name_faults(values):
+    """Yield path and message for every recipe and field whose name cannot be."""
+    recipes = values.get("train") or {}
+    names = values.get("fields", StageOptions.model_fields["fields"].default)
+    if not isinstance(recipes, dict) or not isinstance(names, list):
+        return  # the models have said so
+    for name in recipes:
+        if not re.fullmatch(MESH_NAME, str(name)) or is_builtin_field(str(name)):
+            yield (
+                f"train.{name}",
+                "a recipe's name is made of a-z, 0-9, - and _ and is not that of a built-in "
+                "field: rename it",
+            )
+    known = {"pandis": None, "pandis-exact": None} | recipes
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            yield f"fields.{index}", f"{name} is listed twice: remove one"
+        try:
+            parse_field(str(name), known)
+        except ValueError as error:
+            yield f"fields.{index}", str(error)
 
 
 def _describe(fault, model):

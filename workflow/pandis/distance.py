@@ -2,8 +2,9 @@
 
 An engine answers in the unit frame. For a mesh it is libigl's AABB tree for
 the closest point and the winding number for the sign; the direction is from
-the closest point to the query (turned outward inside), and on the surface the
-angle-weighted pseudonormal (Bærentzen & Aanæs 2005). For a closed-form shape
+the closest point to the query (turned outward inside). On the surface the
+direction, and right next to it the sign, is that of the angle-weighted
+pseudonormal (Bærentzen & Aanæs 2005). For a closed-form shape
 it is the formula.
 """
 
@@ -15,6 +16,8 @@ from pandis.mesh.shapes import find_shape
 
 #: Closer than this (unit frame) the quotient (q - c) / d has lost too many digits.
 ON_SURFACE = 1e-9
+#: Closer than this the float32 winding number cannot tell the sides apart.
+NEAR_SURFACE = 1e-6
 CHUNK = 50_000
 
 
@@ -68,10 +71,15 @@ class MeshDistance:
         squared, face, closest = self._tree.squared_distance(self.vertices, self.faces, points)
         distance = np.sqrt(squared)
         sign = np.where(self.inside(points), -1.0, 1.0)
-        normal = (points - closest) * (sign / np.maximum(distance, 1e-300))[:, None]
-        near = np.flatnonzero(distance <= ON_SURFACE)
+        offset = points - closest
+        near = np.flatnonzero(distance <= NEAR_SURFACE)
         if len(near):
-            normal[near] = self._pseudonormals(face[near], closest[near])
+            pseudo = self._pseudonormals(face[near], closest[near])
+            sign[near] = np.where(np.einsum("ij,ij->i", offset[near], pseudo) < 0, -1.0, 1.0)
+        normal = offset * (sign / np.maximum(distance, 1e-300))[:, None]
+        if len(near):
+            on = distance[near] <= ON_SURFACE
+            normal[near[on]] = pseudo[on]
         return sign * distance, normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
     def _pseudonormals(self, face, closest):

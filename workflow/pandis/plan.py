@@ -6,7 +6,9 @@ Ground floor: no torch, no trimesh.
 """
 
 import hashlib
+import os
 import sys
+import time
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
@@ -27,6 +29,7 @@ TARGETS = {
     "evaluations": ("trajectory", "evaluate", "timing"),
     "hardware": ("validate",),
 }
+DEFAULT_CONFIG = "config/config.yaml"
 SUMMARY = "results/summary.csv"
 REPORT = "results/report.html"
 
@@ -49,6 +52,9 @@ def open_plan(config, root, files):
         raise SystemExit(1) from None
 
 
+FINAL = (Output(SUMMARY, "summary", {}), Output(REPORT, "report", {}))
+
+
 class Plan:
     """The outputs, options and code digests of a configuration.
 
@@ -68,11 +74,14 @@ class Plan:
     """
 
     def __init__(self, config, root, files=()):
-        for path in files:
+        # as a user would write them: relative where they lie below the working directory
+        self.files = [os.path.relpath(path) for path in files]
+        for path in self.files:
             check_yaml(path)
         self.entries = load_config(config)
         self.digests = CodeDigests(root)
         self._options = {}
+        self._start = time.time()
 
     @property
     def meshes(self):
@@ -147,7 +156,8 @@ class Plan:
         extension = url_extension(source)
         if extension:
             return [f"results/{wildcards.mesh}/source.{extension}"]
-        return [source] if ":" not in source and Path(source).is_file() else []
+        shipped = source.startswith(("pymeshlab:", "analytic:"))
+        return [source] if not shipped and Path(source).is_file() else []
 
     def field_artifacts(self, wildcards):
         """Return the artifacts of all fields of a mesh but its own mesh file."""
@@ -198,6 +208,8 @@ class Plan:
 
     def stage_options(self, stage, mesh=None, **wildcards):
         """Return what one stage of one mesh is asked, and nothing else, as a dict."""
+        if stage == "verify":
+            return {"configfiles": self.files}
         if mesh is None:
             return {"fields": {name: entry.fields for name, entry in self.entries.items()}}
         entry = self.entries[mesh]
@@ -247,8 +259,8 @@ class Plan:
 
     def farewell(self):
         """Return what a successful run prints at its end."""
-        if not Path(REPORT).is_file():
-            return "Done."
+        if not Path(REPORT).is_file() or Path(REPORT).stat().st_mtime < self._start:
+            return "Done. The report is made by the targets all and report."
         return (
             f"\nThe report is in   {REPORT}\n"
             f"The table is in    {SUMMARY}\n"

@@ -13,6 +13,9 @@ import sys
 from importlib import metadata
 from pathlib import Path
 
+#: Files beside a package's modules that are a part of it: templates, sources in C.
+_DATA = {".html", ".css", ".js", ".h", ".c"}
+
 #: Packages whose versions are recorded if the stage has loaded them.
 _PACKAGES = {
     "numpy": "numpy",
@@ -68,7 +71,8 @@ class CodeDigests:
         imports = self._imports[module] = []
         if path.name == "__init__.py":
             # templates and the like belong to the package they lie in
-            data = [f for f in path.parent.iterdir() if f.is_file() and f.suffix != ".py"]
+            files = path.parent.iterdir()
+            data = [f for f in files if f.suffix in _DATA and not f.name.startswith(".")]
             digests = {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
             if digests:
                 self._own[module] = combine({"": self._own[module]} | digests)
@@ -134,13 +138,15 @@ def versions():
     return found
 
 
-def provenance(stage, options, modules, inputs):
+def provenance(stage, wildcards, options, modules, inputs):
     """Assemble an artifact's provenance. It holds no time, host or path of the machine.
 
     Parameters
     ----------
     stage : str
         Name of the rule and its script.
+    wildcards : dict of str to str
+        Which of the stage's outputs this is.
     options : dict
         The options that the stage was given.
     modules : dict of str to str
@@ -150,6 +156,7 @@ def provenance(stage, options, modules, inputs):
     """
     return {
         "stage": stage,
+        "wildcards": wildcards,
         "options": options,
         "code": {"digest": combine(modules), "modules": modules},
         "inputs": inputs,

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from pandis.artifact import file_digest, read_artifact, write_artifact, write_atomically
 from pandis.errors import PandisError
-from pandis.provenance import CodeDigests, provenance
+from pandis.provenance import CodeDigests, combine, provenance
 
 PROGRESS_SECONDS = 5.0
 
@@ -44,7 +44,7 @@ def stage(snakemake):
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
     try:
-        job.check_library()
+        job.check_code()
         yield job
     except PandisError as error:
         job.log(f"error: {error}", terminal=False)
@@ -90,14 +90,20 @@ class Job:
         """Close the log."""
         self._log.close()
 
-    def check_library(self):
-        """Refuse to run with another copy of the library than the plan has digested."""
+    def check_code(self):
+        """Refuse to run with other code than the plan has digested."""
         here = Path(__file__).resolve().parent
         wanted = self.workflow() / "pandis"
         if here != wanted:
             raise PandisError(
                 f"the library was imported from {here}, but this workflow's is {wanted}; "
                 "uninstall the other one: pip uninstall pandis"
+            )
+        # digested now, while it is what this process has imported
+        self._modules = CodeDigests(self.workflow()).modules(self.stage)
+        if combine(self._modules) != self._snakemake.params.code:
+            raise PandisError(
+                "the code was changed after this run was planned; run the same command again"
             )
 
     def checkpoint(self):
@@ -107,9 +113,11 @@ class Job:
         older run; it is no output of the rule, so Snakemake does not delete it.
         """
         why = self.provenance()
-        text = json.dumps([why["options"], why["code"]["digest"], why["inputs"]], sort_keys=True)
+        parts = [why["options"], why["code"]["digest"], why["inputs"], why["versions"]]
+        text = json.dumps(parts, sort_keys=True)
         key = hashlib.sha256(text.encode()).hexdigest()[:24]
-        return Path(self.output[0]).parent / ".resume" / f"{key}.pt"
+        output = Path(self.output[0])
+        return output.parent / ".resume" / f"{output.name.split('.')[0]}.{key}.pt"
 
     # --- inputs and output -----------------------------------------------------
 
@@ -134,8 +142,9 @@ class Job:
 
     def provenance(self):
         """Return why the output that is being made will be current."""
-        modules = CodeDigests(self.workflow()).modules(self.stage)
-        return provenance(self.stage, self.options, modules, dict(sorted(self._inputs.items())))
+        wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
+        inputs = dict(sorted(self._inputs.items()))
+        return provenance(self.stage, wildcards, self.options, self._modules, inputs)
 
     def write(self, kind, arrays, attributes, chunks=None):
         """Write the rule's first output as an artifact."""

@@ -8,7 +8,11 @@ import json
 from pathlib import Path
 
 from pandis.artifact import file_digest, read_artifact
-from pandis.errors import ArtifactError, PandisError
+from pandis.errors import PandisError
+from pandis.export.session import read_export
+from pandis.plan import DEFAULT_CONFIG, FINAL
+from pandis.report.seal import read_seal
+from pandis.report.tables import summarise, to_csv
 
 
 def verify(plan, log):
@@ -27,13 +31,9 @@ def verify(plan, log):
         message says the command that mends it.
     """
     checker = _Checker(plan)
-    found = [
-        (output, fault)
-        for mesh in plan.meshes
-        for output in plan.outputs(mesh)
-        if (fault := checker.fault(output))
-    ]
-    total = sum(len(plan.outputs(mesh)) for mesh in plan.meshes)
+    outputs = [output for mesh in plan.meshes for output in plan.outputs(mesh)] + [*FINAL]
+    found = [(output, fault) for output in outputs if (fault := checker.fault(output))]
+    total = len(outputs)
     width = max((len(output.path) for output, _ in found), default=0)
     for output, fault in found:
         log(f"{output.path:{width}}  {fault}")
@@ -41,9 +41,13 @@ def verify(plan, log):
         paths = " ".join(output.path for output, _ in found)
         raise PandisError(
             f"{len(found)} of {total} results are not what the configuration asks for (listed "
-            f"above). To mend them: snakemake -j2 -R {paths} -- all"
+            f"above). To mend them: snakemake -j2{_configfiles(plan)} -R {paths} -- all"
         )
     log(f"all {total} results are whole and belong to this configuration and code")
+
+
+def _configfiles(plan):
+    return f" --configfile {' '.join(plan.files)}" if plan.files != [DEFAULT_CONFIG] else ""
 
 
 class _Checker:
@@ -63,14 +67,17 @@ class _Checker:
             found = self._provenance(path)
         except PandisError as error:
             return str(error).removeprefix(f"{path}: ").split(";")[0]
+        if output.stage == "summary":
+            return self._summary(path)
         if found is None:
             return self._companion(path)
         return self._stale(output, found)
 
     def _stale(self, output, found):
         options = self.plan.options(output.stage)(output.wildcards)
-        if found["stage"] != output.stage:
-            return f"made by stage '{found['stage']}', not '{output.stage}'"
+        made = (found["stage"], found["wildcards"])
+        if made != (output.stage, output.wildcards):
+            return f"is another result, of {made[0]} {' '.join(made[1].values())}"
         if json.loads(json.dumps(options)) != found["options"]:
             keys = sorted(set(options) | set(found["options"]))
             changed = [k for k in keys if options.get(k) != found["options"].get(k)]
@@ -87,6 +94,20 @@ class _Checker:
             if now != digest:
                 return f"stale: its input {name} changed"
         return None
+
+    def _summary(self, path):
+        """Return what is wrong with summary.csv: it must be what the artifacts give now."""
+        fields = self.plan.stage_options("summary")["fields"]
+        try:
+            read = (
+                [read_artifact(name) for name in self.plan.results(f"{stem}.zarr.zip")]
+                for stem in ("evaluation", "timing", "hardware")
+            )
+            text = to_csv(summarise(fields, *read))
+        except PandisError:
+            return "stale: an artifact it sums up is missing or damaged"
+        same = path.read_text(encoding="utf-8") == text
+        return None if same else "differs from the artifacts it sums up"
 
     def _companion(self, path):
         """Return what is wrong with hardware.json: it repeats its artifact's attributes."""
@@ -105,7 +126,9 @@ class _Checker:
             self._digests[str(path)] = artifact.digest
             return artifact.provenance
         if path.suffix == ".onnx":
-            return onnx_provenance(path)
+            return json.loads(read_export(path).metadata["provenance"])
+        if path.suffix == ".html":
+            return read_seal(path)
         return None
 
     def _digest(self, name):
@@ -117,28 +140,3 @@ class _Checker:
             except (PandisError, OSError):
                 self._digests[name] = None
         return self._digests[name]
-
-
-def onnx_provenance(path):
-    """Return the provenance in an exported ONNX file.
-
-    Raises
-    ------
-    ArtifactError
-        The file is damaged: it does not parse, or its checksum is another.
-    """
-    import onnx
-
-    from pandis.export.graphs import unsealed_digest
-
-    try:
-        model = onnx.load(path)
-        metadata = {entry.key: entry.value for entry in model.metadata_props}
-        whole = model.SerializeToString(deterministic=True) == Path(path).read_bytes()
-        sealed = whole and metadata.get("sha256") == unsealed_digest(model)
-        provenance = json.loads(metadata["provenance"])
-    except Exception as error:
-        raise ArtifactError(f"{path}: not readable as ONNX ({type(error).__name__})") from error
-    if not sealed:
-        raise ArtifactError(f"{path}: damaged (its checksum does not match)")
-    return provenance

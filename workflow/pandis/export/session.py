@@ -1,9 +1,42 @@
 """Running an exported ONNX file, as a user's program would."""
 
+from pathlib import Path
+from typing import NamedTuple
+
+import onnx
 import onnxruntime
 
-from pandis.errors import PandisError
-from pandis.forces import penalty_force
+from pandis.errors import ArtifactError, PandisError
+from pandis.export.graphs import unsealed_digest
+
+
+class Export(NamedTuple):
+    """An exported file that was read and found whole."""
+
+    data: bytes
+    metadata: dict
+
+
+def read_export(path):
+    """Read an exported ONNX file and check its seal.
+
+    Raises
+    ------
+    ArtifactError
+        It does not parse, or its checksum is another.
+    """
+    remedy = f"rebuild it with: snakemake -j2 -R {path}"
+    try:
+        data = Path(path).read_bytes()
+        model = onnx.load_from_string(data)
+        metadata = {entry.key: entry.value for entry in model.metadata_props}
+        canonical = model.SerializeToString(deterministic=True)
+    except Exception as error:
+        name = type(error).__name__
+        raise ArtifactError(f"{path}: not readable as ONNX ({name}); {remedy}") from error
+    if canonical != data or metadata.get("sha256") != unsealed_digest(model):
+        raise ArtifactError(f"{path}: damaged (its checksum does not match); {remedy}")
+    return Export(data, metadata)
 
 
 class Session:
@@ -12,6 +45,12 @@ class Session:
     Parameters
     ----------
     model : path-like or bytes
+        A file is checked against its seal first.
+
+    Raises
+    ------
+    ArtifactError
+        The file is damaged.
     """
 
     def __init__(self, model):
@@ -20,21 +59,15 @@ class Session:
         # a sequential session on one thread neither spins nor hands over
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
         options.log_severity_level = 3
-        source = model if isinstance(model, bytes) else str(model)
+        data = model if isinstance(model, bytes) else read_export(model).data
         try:
             self._session = onnxruntime.InferenceSession(
-                source, options, providers=["CPUExecutionProvider"]
+                data, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:
-            raise PandisError(
-                f"{'model' if isinstance(model, bytes) else model}: {error}"
-            ) from error
+            raise PandisError(f"ONNX Runtime does not take the model: {error}") from error
         self.metadata = self._session.get_modelmeta().custom_metadata_map
 
     def distance_and_normal(self, points):
         """Answer distance (n,) in mesh units and normal (n, 3), at points (n, 3) in mesh units."""
         return self._session.run(None, {"points": points})
-
-    def force(self, points, stiffness):
-        """Answer the penalty force (n, 3) at points (n, 3) in mesh units."""
-        return penalty_force(*self.distance_and_normal(points), stiffness)

@@ -185,19 +185,21 @@ def wrong_side(vertices, faces, component, count):
 
     A component inside an even number of others bounds matter and has positive
     volume; inside an odd number it bounds a cavity and has negative volume.
+    Inside means with every vertex: components that merely overlap are matter.
     """
     volumes = signed_volumes(vertices, faces, component, count)
     depth = np.zeros(count, np.int64)
     if count > 1:
-        first = np.array([np.flatnonzero(component == k)[0] for k in range(count)])
-        points = vertices[faces[first]].mean(axis=1)
-        for k in range(count):
-            turns = igl.winding_number(
-                vertices, np.ascontiguousarray(faces[component == k]), points
-            )
-            inside = np.abs(turns) > 0.5
-            inside[k] = False
-            depth += inside
+        corners = vertices[faces]
+        low = np.array([corners[component == k].min(axis=(0, 1)) for k in range(count)])
+        high = np.array([corners[component == k].max(axis=(0, 1)) for k in range(count)])
+        for outer in range(count):
+            enclosed = (low > low[outer]).all(axis=1) & (high < high[outer]).all(axis=1)
+            shell = np.ascontiguousarray(faces[component == outer])
+            for inner in np.flatnonzero(enclosed):
+                points = vertices[np.unique(faces[component == inner])]
+                turns = igl.winding_number(vertices, shell, points)
+                depth[inner] += (np.abs(turns) > 0.5).all()
     return (volumes > 0) != (depth % 2 == 0)
 
 

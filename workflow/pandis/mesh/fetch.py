@@ -1,6 +1,7 @@
 """Downloading a mesh, checked against its digest before it is kept."""
 
 import hashlib
+import http.client
 import urllib.error
 import urllib.request
 
@@ -26,7 +27,7 @@ def fetch(url, sha256, progress):
                 done += len(block)
                 if total:
                     report.update(done)
-    except (urllib.error.URLError, OSError, ValueError) as error:
+    except (urllib.error.URLError, http.client.HTTPException, OSError, ValueError) as error:
         raise PandisError(
             f"{url}: cannot be fetched ({error}); without network, download it elsewhere and "
             "give its path as `source`"

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import igl
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pandis.errors import PandisError
 from pandis.mesh import tools
-from pandis.mesh.diagnosis import components, diagnose, repeats_a_vertex, wrong_side
+from pandis.mesh.diagnosis import components, connected, diagnose, repeats_a_vertex, wrong_side
 
 
 def repair(vertices, faces, options, log=print):
@@ -95,10 +96,13 @@ def clean(vertices, faces, tolerance=0.0):
         None if nothing changed. Kept vertices keep their bits and their order.
     """
     if tolerance:
-        _, first, index = igl.remove_duplicate_vertices(vertices, tolerance)
+        # not igl.remove_duplicate_vertices: that rounds to a lattice and parts close pairs
+        pairs = cKDTree(vertices).query_pairs(tolerance, output_type="ndarray")
+        representative = connected(pairs, len(vertices))
     else:
         _, first, index = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
-    welded = first[index.reshape(-1)][faces]
+        representative = first[index.reshape(-1)]
+    welded = representative[faces]
     welded = welded[~repeats_a_vertex(welded)]
     welded = resolve_duplicates(welded)
     used, compact = np.unique(welded, return_inverse=True)

@@ -1,5 +1,6 @@
 """Training: batches, schedule, checkpoints, held-out error."""
 
+import contextlib
 import math
 import time
 from pathlib import Path
@@ -158,17 +159,12 @@ class Trainer:
             loss = self._advance(done / (steps or seconds))
             if self.step % every == 0:
                 value = loss.item()
-                if not math.isfinite(value):
-                    self.checkpoint.unlink(missing_ok=True)
-                    raise PandisError(
-                        f"training diverged: the loss is {value} at step {self.step}; reduce "
-                        f"train.{self.options.get('recipe')}.learning_rate "
-                        f"(now {self.options['learning_rate']:g}) or set clip"
-                    )
+                self._check_finite()
                 error = self.held_out_error(QUICK)["mean"]
                 self.curve.append((self.step, value, error))
                 note = f"loss {value:.4g}, held-out force error {error:.3e}"
             if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                self._check_finite()
                 self._save()
                 saved = time.monotonic()
             report.update(self.step if steps else time.monotonic() - start, note)
@@ -177,10 +173,23 @@ class Trainer:
         return result
 
     def finish(self):
-        """Remove the checkpoint: the artifact is written."""
-        self.checkpoint.unlink(missing_ok=True)
+        """Remove the checkpoints, also those of older options: the artifact is written."""
+        for path in self.checkpoint.parent.glob(f"{self.checkpoint.name.split('.')[0]}.*pt"):
+            path.unlink()
+        with contextlib.suppress(OSError):  # other recipes may still have theirs there
+            self.checkpoint.parent.rmdir()
+
+    def _check_finite(self):
+        if not all(torch.isfinite(p).all() for p in self.parameters):
+            self.checkpoint.unlink(missing_ok=True)
+            raise PandisError(
+                f"training diverged: weights are not finite at step {self.step}; reduce "
+                f"train.{self.options.get('recipe')}.learning_rate "
+                f"(now {self.options['learning_rate']:g}) or set clip"
+            )
 
     def _result(self):
+        self._check_finite()
         weights = self.average or [p.detach() for p in self.parameters]
         count = len(weights) // 2
         arrays = {}
@@ -193,7 +202,7 @@ class Trainer:
             "architecture": {"width": width, "depth": depth, "omega": omega, "outputs": 4},
             "recipe": self.options["loss"],
             "steps": self.step,
-            "reproducible": self.options["steps"] is not None,
+            "reproducible": self.options["steps"] is not None and self.device == "cpu",
             "device": self.device,
             "curve_columns": ["step", "loss", "held-out force error"],
             "held_out_error": self.held_out_error(None),
@@ -225,7 +234,7 @@ class Trainer:
 
     def _psi_length(self):
         size = self._answer(self.held_out)[:, 1:].norm(dim=1).double()
-        return {"mean": size.mean().item(), "std": size.std().item()}
+        return {"mean": size.mean().item(), "std": size.std(correction=0).item()}
 
     # --- checkpoints -------------------------------------------------------------
 
@@ -235,13 +244,22 @@ class Trainer:
             "average": self.average,
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
+            "device": self.device,
             "elapsed": self.elapsed,
             "curve": self.curve,
         }
-        self.checkpoint.parent.mkdir(parents=True, exist_ok=True)
         part = self.checkpoint.with_suffix(".part")
-        torch.save(state, part)
-        part.replace(self.checkpoint)
+        try:
+            self.checkpoint.parent.mkdir(parents=True, exist_ok=True)
+            torch.save(state, part)
+            part.replace(self.checkpoint)
+        except (OSError, RuntimeError) as error:  # torch reports a full disk as RuntimeError
+            # a checkpoint is a convenience: the run goes on without
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
+            self.log(f"warning: no checkpoint at step {self.step}: {error}")
+        else:
+            self.log(f"checkpoint at step {self.step}")
 
     def _resume(self):
         if not self.checkpoint.is_file():
@@ -251,6 +269,9 @@ class Trainer:
         except Exception as error:
             self.log(f"the checkpoint {self.checkpoint} is damaged ({error}): starting afresh")
             self.checkpoint.unlink()
+            return
+        if state["device"] != self.device:
+            self.log(f"the checkpoint is of a run on {state['device']}: starting afresh")
             return
         with torch.no_grad():
             for parameter, value in zip(self.parameters, state["parameters"], strict=True):
