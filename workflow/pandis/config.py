@@ -89,7 +89,11 @@ class Recipe(Options):
         description="budget in seconds instead: the steps reached are recorded, "
         "and the result does not reproduce",
     )
-    threads: Count = Field(2, description="CPU threads; a part of the result's identity")
+    threads: Count = Field(
+        1,
+        description="CPU threads; a part of the result's identity. With one, `-j2` trains two "
+        "networks at once; more pay only where there are more cores than networks",
+    )
     device: Literal["cpu", "cuda", "auto"] = Field(
         "cpu", description="where to train; auto takes CUDA if found and records which"
     )
@@ -234,8 +238,8 @@ class StageOptions(Options):
         return values | {"train": named}
 
 
-#: Steps used where a recipe names no budget (about 90 s of two CPU cores).
-DEFAULT_STEPS = {"paper": 1100, "exact": 3000}
+#: Steps used where a recipe names no budget (about three minutes of one CPU core).
+DEFAULT_STEPS = {"paper": 1800, "exact": 4500}
 
 
 class MeshEntry(StageOptions):
