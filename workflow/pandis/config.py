@@ -238,8 +238,8 @@ class StageOptions(Options):
         return values | {"train": named}
 
 
-#: Steps used where a recipe names no budget (about three minutes of one CPU core).
-DEFAULT_STEPS = {"paper": 1800, "exact": 4500}
+#: Steps used where a recipe names no budget (about three and a half minutes of one CPU core).
+DEFAULT_STEPS = {"paper": 1500, "exact": 4000}
 
 
 class MeshEntry(StageOptions):

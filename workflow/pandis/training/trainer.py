@@ -12,7 +12,7 @@ from pandis.errors import PandisError
 from pandis.training.losses import exact_loss, paper_loss
 from pandis.training.network import Siren
 
-CHECKPOINT_SECONDS = 10.0
+CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100
 QUICK = 4000
 
