@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.config import check_yaml, load_config, plain, recipe_options
 from pandis.errors import PandisError
-from pandis.provenance import CodeDigests
+from pandis.provenance import CodeDigests, unused_modules
 
 #: Named targets and the stages whose outputs they ask for.
 TARGETS = {
@@ -80,7 +80,7 @@ class Plan:
             check_yaml(path)
         self.entries = load_config(config)
         self.digests = CodeDigests(root)
-        self._options = {}
+        self._options, self._train_digests = {}, {}
         self._start = time.time()
 
     @property
@@ -193,8 +193,18 @@ class Plan:
     # --- params of rules ---------------------------------------------------------
 
     def code(self, stage):
-        """Return the digest of a stage's script and the library modules it imports."""
-        return self.digests.stage(stage)
+        """Return the digest of a stage's script and the library modules it imports.
+
+        For training it depends on the recipe: a function that Snakemake calls.
+        """
+        return self._train_code if stage == "train" else self.digests.stage(stage)
+
+    def _train_code(self, wildcards):
+        loss = self.entries[wildcards.mesh].train[wildcards.recipe].loss
+        if loss not in self._train_digests:
+            unused = unused_modules({"loss": loss})
+            self._train_digests[loss] = self.digests.stage("train", unused)
+        return self._train_digests[loss]
 
     def options(self, stage):
         """Return the function that gives a job of ``stage`` its options (Snakemake calls it)."""

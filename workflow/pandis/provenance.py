@@ -29,6 +29,17 @@ _PACKAGES = {
 }
 
 
+#: Modules that one kind of recipe alone runs, though the trainer imports them all.
+_LOSSES = {"paper": "pandis.training.paper_loss", "exact": "pandis.training.exact_loss"}
+
+
+def unused_modules(options):
+    """Return the modules that a stage imports but, with these options, never runs."""
+    if "loss" not in options:
+        return ()
+    return tuple(module for loss, module in _LOSSES.items() if loss != options["loss"])
+
+
 class CodeDigests:
     """Digests of scripts and of the library modules behind them.
 
@@ -46,21 +57,24 @@ class CodeDigests:
         self._own = {}
         self._imports = {}
 
-    def stage(self, name):
+    def stage(self, name, unused=()):
         """Return one digest (hex) for the stage whose script is ``{name}.py``."""
-        return combine(self.modules(name))
+        return combine(self.modules(name, unused))
 
-    def modules(self, name):
-        """Return the digest of each file behind a stage, as a sorted dict of name to hex."""
+    def modules(self, name, unused=()):
+        """Return the digest of each file behind a stage, as a sorted dict of name to hex.
+
+        ``unused`` names modules to leave out: see `unused_modules`.
+        """
         script = f"scripts/{name}"
         self._load(script, self.scripts / f"{name}.py", package="")
-        found, queue = set(), [script]
+        found, queue = set(unused), [script]
         while queue:
             module = queue.pop()
             if module not in found:
                 found.add(module)
                 queue += self._imports[module]
-        return {module: self._own[module] for module in sorted(found)}
+        return {module: self._own[module] for module in sorted(found - set(unused))}
 
     def _load(self, module, path, package):
         if module in self._own:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from pandis.artifact import file_digest, read_artifact, write_artifact, write_atomically
 from pandis.errors import PandisError
-from pandis.provenance import CodeDigests, combine, provenance
+from pandis.provenance import CodeDigests, combine, provenance, unused_modules
 
 PROGRESS_SECONDS = 5.0
 
@@ -100,7 +100,8 @@ class Job:
                 "uninstall the other one: pip uninstall pandis"
             )
         # digested now, while it is what this process has imported
-        self._modules = CodeDigests(self.workflow()).modules(self.stage)
+        unused = unused_modules(self.options)
+        self._modules = CodeDigests(self.workflow()).modules(self.stage, unused)
         if combine(self._modules) != self._snakemake.params.code:
             raise PandisError(
                 "the code was changed after this run was planned; run the same command again"

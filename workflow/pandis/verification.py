@@ -11,6 +11,7 @@ from pandis.artifact import file_digest, read_artifact
 from pandis.errors import PandisError
 from pandis.export.session import read_export
 from pandis.plan import DEFAULT_CONFIG, FINAL
+from pandis.provenance import unused_modules
 from pandis.report.seal import read_seal
 from pandis.report.tables import summarise, to_csv
 
@@ -82,7 +83,7 @@ class _Checker:
             keys = sorted(set(options) | set(found["options"]))
             changed = [k for k in keys if options.get(k) != found["options"].get(k)]
             return f"stale: options changed ({', '.join(changed)})"
-        modules = self.plan.digests.modules(output.stage)
+        modules = self.plan.digests.modules(output.stage, unused_modules(options))
         if modules != found["code"]["modules"]:
             before = found["code"]["modules"]
             changed = [m for m in sorted(modules | before) if modules.get(m) != before.get(m)]

@@ -9,8 +9,9 @@ import numpy as np
 import torch
 
 from pandis.errors import PandisError
-from pandis.training.losses import exact_loss, paper_loss
+from pandis.training.exact_loss import exact_loss
 from pandis.training.network import Siren
+from pandis.training.paper_loss import paper_loss
 
 CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100

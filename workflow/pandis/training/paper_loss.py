@@ -1,4 +1,4 @@
-"""The losses. Each term of the paper is one function; means are over the points it is given.
+"""The paper's loss. Each of its seven terms is one function; means are over the points given.
 
 Readings where the print cannot be meant (see ``docs/architecture.md``): inner
 products are cosines, for raw products are unbounded below; ‖·‖ − 1 has an
@@ -7,18 +7,7 @@ absolute value, for without it a vanishing Ψ is rewarded.
 
 import torch
 
-#: Below this length a direction counts as undefined, and cosines stay smooth.
-SMALL = 1e-4
-
-
-def length(vectors):
-    """Return the norm of vectors (n, 3), differentiable at zero."""
-    return torch.sqrt((vectors * vectors).sum(dim=1) + SMALL * SMALL)
-
-
-def cosine(a, b):
-    """Return the cosine of the angle between vectors (n, 3); 0 where one of them vanishes."""
-    return (a * b).sum(dim=1) / (length(a) * length(b))
+from pandis.training.vectors import cosine, length
 
 
 def eikonal(gradient):
@@ -83,23 +72,3 @@ def paper_loss(on, on_gradient, off, off_gradient, normal, options):
         psi_off_surface(off[:, 1:], target),
     )
     return sum(weight * term for weight, term in zip(options["weights"], terms, strict=True))
-
-
-def exact_loss(output, distance, normal, options):
-    """Return the regression loss on exact distance and normal.
-
-    The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
-    both parts are of L1 kind and weighted toward the surface, where probes are.
-
-    Parameters
-    ----------
-    output : Tensor, shape (n, 4)
-    distance : Tensor, shape (n,)
-    normal : Tensor, shape (n, 3)
-    options : dict
-        ``near`` and ``normal_weight`` of `pandis.config.ExactRecipe`.
-    """
-    weight = options["near"] / (options["near"] + distance.abs())
-    error = (output[:, 0] - distance).abs()
-    error = error + options["normal_weight"] * length(output[:, 1:] - normal)
-    return (weight * error).mean()
