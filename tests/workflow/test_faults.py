@@ -68,10 +68,12 @@ def test_kill_in_a_stage_then_rerun(rerun, finished, stage):
 @pytest.mark.full
 def test_kill_in_a_first_run_again_and_again(workspace, finished):
     """Killed at the start of every single job in turn, the run still ends as an undisturbed one."""
+    kills = 0
     for stage in STAGES:
         name = f"all meshes {stage}" if stage in ("summary", "report") else f"sphere {stage}"
-        assert kill_at(workspace, name)
+        kills += kill_at(workspace, name)  # some stages are over before their turn comes
         snakemake(workspace, "--unlock", *FAST)
+    assert kills >= 6
     done = snakemake(workspace, "-j2", "all", *FAST)
     assert done.returncode == 0, done.stdout
     assert results(workspace) == results(finished)
@@ -212,7 +214,7 @@ SABOTAGE = """shape = find_shape(name)
 @pytest.mark.full
 def test_kill_in_the_middle_of_training_resumes_bit_identical(workspace):
     """Killed after a checkpoint, the next run goes on from it and ends as an undisturbed one."""
-    edit(workspace / "config/fast.yaml", "steps: 300", "steps: 6000")
+    edit(workspace / "config/fast.yaml", "steps: 300", "steps: 20000")
     model = "results/sphere/model-pandis-exact.zarr.zip"
     command = ("-j2", model, *FAST)
     done = snakemake(workspace, *command)
