@@ -112,7 +112,8 @@ def test_overrides_merge_by_key_and_lists_replace():
 
 
 def test_empty_section_and_merge_keys_are_accepted(tmp_path):
-    assert load("train:")["a"].train["pandis"].loss == "paper"
+    for empty in ("train:", "train: {pandis: }", "train: {pandis: {}}"):
+        assert load(empty)["a"].train["pandis"].loss == "paper"
     path = tmp_path / "c.yaml"
     path.write_text("a: &x {b: 1}\nc: {<<: *x, d: 2}\n")
     check_yaml(path)

@@ -228,10 +228,8 @@ class StageOptions(Options):
             return values
         recipes = {"pandis": {}, "pandis-exact": {}} | (values.get("train") or {})
         named = {
-            name: {"loss": "paper" if name == "pandis" else "exact"} | recipe
-            if isinstance(recipe, dict)
-            else {"loss": "exact"}
-            if recipe is None
+            name: {"loss": "paper" if name == "pandis" else "exact"} | (recipe or {})
+            if isinstance(recipe, dict | None)
             else recipe
             for name, recipe in recipes.items()
         }
