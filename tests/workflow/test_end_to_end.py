@@ -35,7 +35,9 @@ def test_every_file_of_the_plan_is_there(finished):
 def test_contract_of_the_artifacts(finished):
     home = finished / "results" / "sphere"
     arrays = {
-        "mesh": {"vertices": "float64", "faces": "int32"},
+        "mesh": {
+            "vertices": "float64", "faces": "int32", "origin": "uint8", "deviation": "float32",
+        },
         "samples": {
             "points": "float32", "distance": "float32", "normal": "float32", "stratum": "uint8",
             "face": "int32", "barycentrics": "float32", "offset": "float32",
@@ -186,7 +188,7 @@ def test_open_mesh_with_two_networks_gives_the_same_bytes(workspace, tmp_path):
     assert list(one) == list(other)
     assert [name for name in one if one[name] != other[name]] == []
     mesh = read_artifact(workspace / "results/part/mesh.zarr.zip")
-    assert "fill holes" in [rung["rung"] for rung in mesh.attributes["rungs"]]
+    assert "fill" in [rung["rung"] for rung in mesh.attributes["rungs"]]
     assert mesh.attributes["after"]["volume"] == pytest.approx(2.8)
 
 

@@ -37,25 +37,56 @@ class DeviceOptions(Options):
 
 
 class MeshOptions(Options):
-    """Loading and repair."""
+    """Loading and repair. What each rung does, and to which meshes: docs/repair.md."""
 
+    unit: str = Field(
+        "unknown",
+        pattern=r"^[A-Za-zµ]{1,12}$",
+        description="what one mesh unit is (`mm`, `m`, …): recorded, nothing is scaled by it; "
+        "glTF and 3MF files say it themselves",
+    )
     weld: float = Field(
         1e-8,
         ge=0,
         le=1e-3,
         description="vertices closer than this share of the diagonal become one; used only where "
-        "exact welding leaves the mesh open",
+        "exact welding leaves the mesh open; 0: never",
+    )
+    rungs: list[Literal["clean", "union", "fill", "meshfix", "remesh", "wrap"]] = Field(
+        ["clean", "union", "fill", "meshfix", "remesh", "wrap"],
+        description="the repairs that may be tried, in this order, on a mesh that is not valid; "
+        "leave out what you do not want",
     )
     small_hole: float = Field(
         0.5,
         ge=0,
-        le=10,
-        description="a hole is small, and filled, if its rim is at most this share of the "
-        "diagonal; a larger one is refused",
+        le=100,
+        description="a hole is small, and filled, if its rim is at most this share of its "
+        "component's diagonal",
     )
-    max_hole_edges: int = Field(
-        500, ge=0, description="a hole with more edges on its rim is never filled; 0 fills none"
+    max_hole_edges: int = Field(500, ge=0, description="a hole with more edges is not small")
+    open: Literal["refuse", "cap", "thicken"] = Field(
+        "refuse",
+        description="a surface with holes that are not small: refuse it, cap the holes all the "
+        "same, or make it a wall of `thickness`",
     )
+    thickness: Positive = Field(
+        0.01, le=0.2, description="thickness of that wall, as a share of the diagonal"
+    )
+    nested: Literal["cavity", "solid"] = Field(
+        "cavity",
+        description="what a component wholly inside another bounds: a cavity (and inside that an "
+        "island, by parity), or matter, so that only the outer surface remains",
+    )
+    deviation_p99: float = Field(
+        0.005,
+        ge=0,
+        description="a repair is kept only if 99 % of the surface, both ways, moves no farther "
+        "than this share of the diagonal (caps of holes and walls inside the solid not counted)",
+    )
+    deviation_max: float = Field(0.03, ge=0, description="the same for all of the surface")
+    rung_seconds: Positive = Field(240.0, description="time limit of each rung")
+    rung_memory_gb: Positive = Field(3.0, description="memory limit of each rung")
     reader_seconds: Positive = Field(120.0, description="time limit of each reader")
     reader_memory_gb: Positive = Field(3.0, description="memory limit of each reader")
 

@@ -19,6 +19,8 @@ SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
 OPTIONS = ROOT / "config" / "README.md"
 README = ROOT / "README.md"
 FIGURES = ROOT / "docs" / "figures" / "default.csv"
+REPAIR = ROOT / "docs" / "repair.md"
+REPAIR_FIGURES = ROOT / "docs" / "figures" / "repair.csv"
 END = "<!-- end of generated -->"
 
 _SECTIONS = {
@@ -77,9 +79,7 @@ def _default(model, key, field):
 
 def bunny_table():
     """Return the README's table: the default run's figures for ``bunny``."""
-    lines = FIGURES.read_text(encoding="utf-8").splitlines()
-    notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
-    rows = csv.DictReader(line for line in lines if not line.startswith("#"))
+    notes, rows = _figures(FIGURES)
     table = [
         "| field | bytes | on the path | shallow | deep | one query, median |",
         "|---|--:|--:|--:|--:|--:|",
@@ -91,6 +91,49 @@ def bunny_table():
             time = f"{float(row['one_p50_us']):.0f} µs"
             table.append(f"| `{row['field']}` | {int(row['bytes']):,} | {cells} | {time} |")
     return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def _figures(path):
+    """Return the notes and the rows of a file of measured figures."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
+    return notes, list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+def repair_table():
+    """Return the table of docs/repair.md: what became of every mesh of a collection."""
+    notes, rows = _figures(REPAIR_FIGURES)
+    table = [
+        "| file | outcome | rungs kept | source to result, p99 / max (%) | result to source (%) "
+        "| caps, hidden (% of area) | untouched (%) | s | MB |",
+        "|---|---|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        outcome = row["outcome"] + (f": `{row['option']}`" if row["option"] else "")
+        figures = [
+            f"{_short(row['to_result_p99_percent'])} / {_short(row['to_result_max_percent'])}",
+            f"{_short(row['to_source_p99_percent'])} / {_short(row['to_source_max_percent'])}",
+            f"{_short(row['caps_percent'])}, {_short(row['hidden_percent'])}",
+            _short(row["untouched_percent"]),
+        ]
+        if row["outcome"].startswith("refused"):
+            figures = ["–"] * 4
+        cells = [f"{row['folder']}/{row['file']}", outcome, row["rungs"] or "–", *figures]
+        cells += [f"{float(row['seconds']):.0f}", f"{float(row['memory_mb']):.0f}"]
+        table.append("| " + " | ".join(cells) + " |")
+    valid = sum(row["outcome"] == "valid" for row in rows)
+    asked = sum(row["outcome"] == "valid with option" for row in rows)
+    summary = (
+        f"Of {len(rows)} files {valid} end valid with the default options, {asked} more with the "
+        f"option that the refusal names, {len(rows) - valid - asked} are refused."
+    )
+    return "\n".join([summary, "", *table, "", f"({'; '.join(notes)}.)"])
+
+
+def _short(text):
+    """Format a percentage: what is below a billionth is rounding."""
+    value = float(text or 0)
+    return "0" if value < 1e-9 else f"{value:.2g}" if value < 99.5 else f"{value:.4g}"
 
 
 def with_generated(path, name, text):
@@ -107,6 +150,7 @@ def generated():
         SCHEMA: schema_text(),
         OPTIONS: with_generated(OPTIONS, "options", option_tables()),
         README: with_generated(README, "bunny", bunny_table()),
+        REPAIR: with_generated(REPAIR, "repair", repair_table()),
     }
 
 

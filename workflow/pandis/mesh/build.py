@@ -3,9 +3,10 @@
 import numpy as np
 
 from pandis.frame import Frame
+from pandis.mesh.declared import declared_unit
 from pandis.mesh.diagnosis import diagnose
 from pandis.mesh.intake import find_file, read_mesh
-from pandis.mesh.repair import deviation, repair
+from pandis.mesh.repair import repair
 from pandis.mesh.shapes import find_shape
 
 
@@ -39,16 +40,24 @@ def build(options, source_file, log):
     log(f"read {source} with {record['reader']}")
     for reader, complaint in record["passed_over"].items():
         log(f"{reader} was passed over: {complaint}")
-    fixed, fixed_faces, history = repair(vertices, faces, options, log)
-    used = fixed[np.unique(fixed_faces)]
+    arrays, history = repair(vertices, faces, options, log)
+    used = arrays["vertices"][np.unique(arrays["faces"])]
     frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
     attributes = history | {
-        "source": {"name": source, **record, "unit": "unknown"},
-        "deviation": deviation((vertices, faces), (fixed, fixed_faces), options["seed"]),
+        "source": {"name": source, **record, "unit": _unit(options, path, record)},
         "frame": frame.attributes(),
         "shape": None,
     }
-    return {"vertices": fixed, "faces": fixed_faces.astype(np.int32)}, attributes
+    return arrays, attributes
+
+
+def _unit(options, path, record):
+    """Return what a mesh unit is: as the configuration says, else as the format does."""
+    if options["unit"] != "unknown":
+        return options["unit"]
+    if record["format"] in ("glb", "gltf"):
+        return "m"  # by the standard
+    return declared_unit(path) if record["format"] == "3mf" else "unknown"
 
 
 def _closed_form(source, log):
@@ -68,10 +77,21 @@ def _closed_form(source, log):
     attributes = {
         "source": {"name": source, "unit": "unknown"},
         "before": found.attributes(),
+        "faults_before": found.faults(),
         "after": found.attributes(),
         "rungs": [],
-        "deviation": {"to_result": distances, "to_source": distances},
+        "deviation": {
+            "to_result": distances | {"hidden": 0.0},
+            "to_source": distances | {"caps": 0.0},
+            "untouched": 1.0,
+        },
         "frame": frame.attributes(),
         "shape": name,
     }
-    return {"vertices": vertices, "faces": faces.astype(np.int32)}, attributes
+    arrays = {
+        "vertices": vertices,
+        "faces": faces.astype(np.int32),
+        "origin": np.zeros(len(faces), np.uint8),
+        "deviation": off.astype(np.float32),
+    }
+    return arrays, attributes

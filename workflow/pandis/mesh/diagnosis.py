@@ -1,10 +1,43 @@
 """What is wrong with a mesh: everything that a signed distance depends on."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields
 
 import igl
 import igl.predicates
 import numpy as np
+
+from pandis.mesh.nesting import must_turn, nesting_depth, signed_volumes
+from pandis.mesh.topology import (
+    EdgeTable,
+    components,
+    nonmanifold_vertices,
+    repeats_a_vertex,
+    same_place,
+)
+from pandis.mesh.winding import WindingNumber
+
+#: A face whose smallest altitude is this share of its longest edge, or less, has no normal.
+FLAT = 1e-13
+#: A face whose smallest altitude is at most this share of its longest edge is a sliver.
+SLIVER = 1e-2
+#: Points at which the winding number is looked at, and rays that measure wall thickness.
+WINDING_POINTS, THICKNESS_RAYS = 20_000, 2_000
+#: Of very many components, the largest are listed.
+LISTED_COMPONENTS = 50
+
+#: Counts that must all be zero, and how a person reads them.
+FAULTS = {
+    "split_vertices": "vertices at the place of another",
+    "boundary_edges": "boundary edges",
+    "nonmanifold_edges": "non-manifold edges",
+    "nonmanifold_vertices": "non-manifold vertices",
+    "orientation_conflicts": "edges whose faces disagree in orientation",
+    "duplicate_faces": "duplicate faces",
+    "degenerate_faces": "degenerate faces",
+    "inverted_components": "components that are inside out",
+    "self_intersections": "pairs of faces that cross or touch",
+    "odd_windings": "points whose winding number is neither 0 nor 1",
+}
 
 
 @dataclass(frozen=True)
@@ -17,17 +50,25 @@ class Diagnosis:
     euler: int
     boundary_edges: int
     holes: list  # of {"edges": int, "length": float}, longest first
+    unbalanced_edges: int  # of which more faces run along one way than the other
     nonmanifold_edges: int
     nonmanifold_vertices: int
     orientation_conflicts: int
     duplicate_faces: int
     degenerate_faces: int
+    sliver_faces: int
     unreferenced_vertices: int
+    split_vertices: int  # corners at the place of another; joined for all other counts
     inverted_components: int
     self_intersections: int
+    odd_windings: int  # of WINDING_POINTS in the box around the mesh
     volume: float
     area: float
     diagonal: float
+    parts: list = field(default_factory=list)  # of {"faces", "volume", "depth"}, largest first
+    cavities: int | None = None  # components at odd depth; None where not all are closed
+    genus: int | None = None  # of all components; None unless manifold and closed
+    wall: dict | None = None  # {"min", "p1"}: thickness along inward rays, where valid
 
     @property
     def closed(self):
@@ -36,13 +77,16 @@ class Diagnosis:
 
     @property
     def valid(self):
-        """Closed, manifold, consistently oriented, outward: a signed distance is defined."""
-        return self.closed and not (
-            self.nonmanifold_vertices
-            or self.orientation_conflicts
-            or self.duplicate_faces
-            or self.degenerate_faces
-            or self.inverted_components
+        """Closed, manifold, outward and free of self-intersections: an inside is defined."""
+        return not any(getattr(self, name) for name in FAULTS)
+
+    @property
+    def rank(self):
+        """What repair compares, the less the better: is it open, is it torn, what else."""
+        return (
+            self.unbalanced_edges,
+            self.nonmanifold_edges + self.nonmanifold_vertices + self.orientation_conflicts,
+            sum(getattr(self, name) for name in FAULTS),
         )
 
     def attributes(self):
@@ -51,17 +95,8 @@ class Diagnosis:
 
     def faults(self):
         """Return the faults that make the mesh invalid, as one phrase."""
-        names = {
-            "boundary_edges": "boundary edges",
-            "nonmanifold_edges": "non-manifold edges",
-            "nonmanifold_vertices": "non-manifold vertices",
-            "orientation_conflicts": "edges whose faces disagree in orientation",
-            "duplicate_faces": "duplicate faces",
-            "degenerate_faces": "degenerate faces",
-            "inverted_components": "components that are inside out",
-        }
         found = [
-            f"{getattr(self, key)} {name}" for key, name in names.items() if getattr(self, key)
+            f"{getattr(self, key):,} {name}" for key, name in FAULTS.items() if getattr(self, key)
         ]
         if self.holes:
             longest = self.holes[0]
@@ -75,6 +110,9 @@ class Diagnosis:
 def diagnose(vertices, faces):
     """Examine a mesh.
 
+    Corners at the same place are counted, then taken as one vertex: the faults
+    of a triangle soup are those of the surface that it describes.
+
     Parameters
     ----------
     vertices : ndarray, shape (V, 3), float64
@@ -84,126 +122,136 @@ def diagnose(vertices, faces):
     -------
     Diagnosis
     """
-    faces = np.ascontiguousarray(faces, np.int64)
+    vertices = np.ascontiguousarray(vertices, np.float64)
+    separate = np.unique(faces)
+    faces = np.ascontiguousarray(same_place(vertices)[faces])
     edges = EdgeTable(faces)
-    corners = vertices[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     component, count = components(faces)
     used = np.unique(faces)
-    manifold = igl.is_vertex_manifold(faces)
-    inverted, self_intersections = 0, 0
-    if edges.closed and not edges.conflicts:
-        wrong = wrong_side(vertices, faces, component, count)
-        inverted = int(wrong.sum())
-        _, pairs, _ = igl.predicates.find_self_intersections(vertices, faces)
-        self_intersections = len(pairs)
-    return Diagnosis(
-        vertices=len(vertices),
-        faces=len(faces),
-        components=count,
-        euler=len(used) - edges.count + len(faces),
-        boundary_edges=edges.boundary_count,
-        holes=edges.holes(vertices),
-        nonmanifold_edges=int((edges.uses > 2).sum()),
-        nonmanifold_vertices=int((~manifold[used]).sum()),
-        orientation_conflicts=edges.conflicts,
-        duplicate_faces=len(faces) - len(np.unique(np.sort(faces, axis=1), axis=0)),
-        degenerate_faces=int(repeats_a_vertex(faces).sum()),
-        unreferenced_vertices=len(vertices) - len(used),
-        inverted_components=inverted,
-        self_intersections=self_intersections,
-        volume=float(signed_volumes(vertices, faces, component, count).sum()),
-        area=float(np.linalg.norm(cross, axis=1).sum() / 2),
-        diagonal=float(np.linalg.norm(np.ptp(vertices[used], axis=0))),
-    )
-
-
-class EdgeTable:
-    """The edges of a mesh and how often, and in which direction, faces use them."""
-
-    def __init__(self, faces):
-        directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        ordered = np.sort(directed, axis=1)
-        self.edges, index, self.uses = np.unique(
-            ordered, axis=0, return_inverse=True, return_counts=True
-        )
-        forward = np.zeros(len(self.edges), np.int64)
-        np.add.at(forward, index.reshape(-1), directed[:, 0] < directed[:, 1])
-        self.count = len(self.edges)
-        self.boundary_count = int((self.uses == 1).sum())
-        self.conflicts = int(((self.uses == 2) & (forward != 1)).sum())
-        self._directed, self._index = directed, index.reshape(-1)
-
-    @property
-    def closed(self):
-        """Every edge has exactly two faces."""
-        return bool((self.uses == 2).all())
-
-    def holes(self, vertices):
-        """Return edge count and length of each connected rim, longest first."""
-        rim = self._directed[self.uses[self._index] == 1]
-        if not len(rim):
-            return []
-        nodes, index = np.unique(rim, return_inverse=True)
-        label = connected(index.reshape(-1, 2), len(nodes))[index.reshape(-1, 2)[:, 0]]
-        lengths = np.linalg.norm(vertices[rim[:, 0]] - vertices[rim[:, 1]], axis=1)
-        found = [
-            {"edges": int((label == k).sum()), "length": float(lengths[label == k].sum())}
-            for k in np.unique(label)
-        ]
-        return sorted(found, key=lambda hole: -hole["length"])
-
-
-def connected(pairs, count):
-    """Return a component label for each of ``count`` nodes joined by ``pairs`` (m, 2)."""
-    label = np.arange(count)
-    while True:
-        before = label.copy()
-        low = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
-        np.minimum.at(label, pairs[:, 0], low)
-        np.minimum.at(label, pairs[:, 1], low)
-        label = label[label]
-        if (label == before).all():
-            return label
-
-
-def components(faces):
-    """Return the edge-connected component of each face, and their number."""
-    count, label = igl.facet_components(faces)
-    return label, int(count)
-
-
-def signed_volumes(vertices, faces, component, count):
-    """Return the signed volume of each component (meaningful where it is closed)."""
-    corners = (vertices - vertices[faces[0, 0]])[faces]
-    volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
-    return np.bincount(component, volume, count)
-
-
-def wrong_side(vertices, faces, component, count):
-    """Tell for each closed component whether it must be turned.
-
-    A component inside an even number of others bounds matter and has positive
-    volume; inside an odd number it bounds a cavity and has negative volume.
-    Inside means with every vertex: components that merely overlap are matter.
-    """
+    altitude, area = altitudes(vertices[faces])
+    unit = _unit_box(vertices, used)
+    crossings = crossing_faces(vertices, faces)  # as they are: scaling would round
     volumes = signed_volumes(vertices, faces, component, count)
-    depth = np.zeros(count, np.int64)
-    if count > 1:
-        corners = vertices[faces]
-        low = np.array([corners[component == k].min(axis=(0, 1)) for k in range(count)])
-        high = np.array([corners[component == k].max(axis=(0, 1)) for k in range(count)])
-        for outer in range(count):
-            enclosed = (low > low[outer]).all(axis=1) & (high < high[outer]).all(axis=1)
-            shell = np.ascontiguousarray(faces[component == outer])
-            for inner in np.flatnonzero(enclosed):
-                points = vertices[np.unique(faces[component == inner])]
-                turns = igl.winding_number(vertices, shell, points)
-                depth[inner] += (np.abs(turns) > 0.5).all()
-    return (volumes > 0) != (depth % 2 == 0)
+    solid = edges.closed and not edges.conflicts.any()
+    depth = nesting_depth(unit, faces, component, count, crossings) if edges.closed else None
+    euler = len(used) - edges.count + len(faces)
+    torn = len(nonmanifold_vertices(faces, edges))
+    figures = {
+        "vertices": len(vertices),
+        "faces": len(faces),
+        "components": count,
+        "euler": euler,
+        "boundary_edges": int(edges.boundary.sum()),
+        "holes": edges.holes(vertices),
+        "unbalanced_edges": int((2 * edges.forward != edges.uses).sum()),
+        "nonmanifold_edges": int(edges.nonmanifold.sum()),
+        "nonmanifold_vertices": torn,
+        "orientation_conflicts": int(edges.conflicts.sum()),
+        "duplicate_faces": len(faces) - count_distinct(faces),
+        "degenerate_faces": int((altitude <= FLAT).sum()),
+        "sliver_faces": int(((altitude > FLAT) & (altitude <= SLIVER)).sum()),
+        "unreferenced_vertices": len(vertices) - len(separate),
+        "split_vertices": len(separate) - len(used),
+        "inverted_components": int(must_turn(volumes, depth).sum()) if solid else 0,
+        "self_intersections": len(crossings),
+        "odd_windings": _odd_windings(unit, faces) if solid else 0,
+        "volume": float(volumes.sum()),
+        "area": float(area.sum()),
+        "diagonal": float(np.linalg.norm(np.ptp(vertices[used], axis=0))),
+        "parts": _parts(component, count, volumes, depth),
+        "cavities": int((depth % 2).sum()) if solid else None,
+        "genus": int(count - euler / 2) if solid and not torn else None,
+    }
+    found = Diagnosis(**figures)
+    if not found.valid:
+        return found
+    scale = np.ptp(vertices[used], axis=0).max()
+    return Diagnosis(**figures, wall=_wall_thickness(unit, faces, area, scale))
 
 
-def repeats_a_vertex(faces):
-    """Tell which faces name a vertex twice."""
-    a, b, c = faces.T
-    return (a == b) | (b == c) | (c == a)
+def crossing_faces(vertices, faces):
+    """Return the pairs (m, 2) of faces that meet elsewhere than in what they share.
+
+    Exact (libigl's predicates). Faces that merely touch count: where two
+    surfaces touch, the distance does not know which one it is to.
+    """
+    sound = np.flatnonzero(~repeats_a_vertex(faces))
+    if not len(sound):
+        return np.empty((0, 2), np.int64)
+    # libigl has an absolute tolerance in it: bring the size to about 1, by a power of two,
+    # which rounds nothing; any other scale or shift could make coplanar faces cross
+    size = np.abs(np.ptp(vertices[faces[sound].reshape(-1)], axis=0)).max()
+    scaled = np.ldexp(vertices, -int(np.frexp(size)[1]))
+    _, pairs, _ = igl.predicates.find_self_intersections(
+        np.ascontiguousarray(scaled), np.ascontiguousarray(faces[sound])
+    )
+    return sound[np.asarray(pairs, np.int64).reshape(-1, 2)]
+
+
+def count_distinct(faces):
+    """Return the number of different vertex triples."""
+    ordered = np.sort(faces, axis=1)
+    ordered = ordered[np.lexsort(ordered.T)]
+    return 1 + int((np.diff(ordered, axis=0) != 0).any(axis=1).sum())
+
+
+def _unit_box(vertices, used):
+    """Centre and scale to longest side 1: float32 inside libigl, and thresholds, need it."""
+    low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
+    return (vertices - (low + high) / 2) / (high - low).max()
+
+
+def altitudes(corners):
+    """Return smallest altitude over longest edge, and area, of faces with corners (F, 3, 3)."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    double = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return double / np.maximum(longest, 1e-300) / np.maximum(longest, 1e-300), double / 2
+
+
+def _odd_windings(unit, faces):
+    half = np.ptp(unit[np.unique(faces)], axis=0) / 2
+    points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
+    turns = WindingNumber(unit, faces)(points)
+    # whole numbers, as the mesh is closed
+    return int((np.abs(turns - 0.5) > 0.75).sum())
+
+
+def _parts(component, count, volumes, depth):
+    sizes = np.bincount(component, minlength=count)
+    largest = np.argsort(-sizes, kind="stable")[:LISTED_COMPONENTS]
+    return [
+        {
+            "faces": int(sizes[k]),
+            "volume": float(volumes[k]),
+            "depth": None if depth is None else int(depth[k]),
+        }
+        for k in largest
+    ]
+
+
+def _wall_thickness(unit, faces, area, scale):
+    """Return the least, and the first percentile, of the way through matter along −normal."""
+    rng = np.random.default_rng(0)
+    start = np.minimum(
+        np.searchsorted(np.cumsum(area) / area.sum(), rng.random(THICKNESS_RAYS)), len(faces) - 1
+    )
+    corners = unit[faces[start]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    weights = rng.dirichlet((1, 1, 1), len(start))
+    origin = np.einsum("ij,ijk->ik", weights, corners)
+    tree = igl.AABB()
+    tree.init(unit, faces)
+    hits = tree.intersect_ray(unit, faces, origin, -normal)
+    ways = [
+        min((hit[1] for hit in found if hit[0] != face), default=np.nan)
+        for face, found in zip(start.tolist(), hits, strict=True)
+    ]
+    ways = np.asarray(ways)[np.isfinite(ways)] * scale
+    if not len(ways):
+        return None
+    return {"min": float(ways.min()), "p1": float(np.percentile(ways, 1))}
+
+
+FIGURES = tuple(f.name for f in fields(Diagnosis))

@@ -11,9 +11,10 @@ import numpy as np
 from pandis.artifact import file_digest
 from pandis.errors import PandisError
 from pandis.mesh import tools
+from pandis.mesh.declared import declared
 
 FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
-READERS = ("trimesh", "pymeshlab")
+READERS = ("trimesh", "pymeshlab", "libigl")
 
 
 def find_file(source):
@@ -47,7 +48,7 @@ def find_file(source):
 
 
 def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
-    """Read a mesh file with the first reader that makes sense of it.
+    """Read a mesh file with the first reader that finds what the file declares.
 
     Parameters
     ----------
@@ -96,24 +97,59 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
             except (OSError, EOFError) as error:
                 raise PandisError(f"{source}: not a whole gzip file ({error})") from error
             path = plain
-        for reader in READERS:
+        says = declared(path, ending)
+        limits = {"seconds": seconds, "memory_gb": memory_gb}
+        found = {}
+        for reader in readers_of(ending, says):
             try:
-                found = tools.call(f"read_{reader}", path, seconds=seconds, memory_gb=memory_gb)
-                check_arrays(*found)
+                mesh = tools.call(f"read_{reader}", path=str(path.resolve()), **limits)
+                check_arrays(*mesh)
             except BadMesh as error:
                 # no second opinion: PyMeshLab would drop such vertices and their faces in silence
                 raise PandisError(f"{source}: {error}; correct them and export it again") from None
             except tools.ToolError as error:
                 complaints[reader] = str(error)
                 continue
-            record = {"reader": reader, "format": ending, "sha256": digest}
-            return *found, record | {"passed_over": complaints}
-    raise PandisError(
-        f"{source}: no reader finds a usable mesh in it ("
-        + "; ".join(f"{reader}: {complaint}" for reader, complaint in complaints.items())
-        + "); open it in a mesh editor and export it again as a triangle mesh with finite "
-        "coordinates"
-    )
+            found[reader] = mesh
+            count = len(mesh[1])
+            if says is None or says.agrees(count):
+                break
+            complaints[reader] = f"finds {count:,} triangles, the file declares {says}"
+    if not found:
+        raise PandisError(
+            f"{source}: no reader finds a usable mesh in it ("
+            + "; ".join(f"{reader}: {complaint}" for reader, complaint in complaints.items())
+            + "); open it in a mesh editor and export it again as a triangle mesh with finite "
+            "coordinates"
+        )
+    reader = choose(found, says)
+    record = {"reader": reader, "format": ending, "sha256": digest}
+    record["declared_triangles"] = str(says) if says else None
+    complaints.pop(reader, None)
+    return *found[reader], record | {"passed_over": complaints}
+
+
+def readers_of(ending, says):
+    """Return the readers to try for a format, in order."""
+    polygons = ["polygons"] if ending == "obj" and says and says.polygons else []
+    return polygons + [
+        r for r in READERS if r != "libigl" or ending in ("obj", "off", "ply", "stl")
+    ]
+
+
+def choose(found, says):
+    """Return the reader to believe: who agrees with the file, else with others, else has most.
+
+    Parameters
+    ----------
+    found : dict of str to (vertices, faces)
+    says : Declared or None
+    """
+    counts = {reader: len(mesh[1]) for reader, mesh in found.items()}
+    if says is None:
+        return next(iter(found))
+    votes = list(counts.values())
+    return max(counts, key=lambda r: (says.agrees(counts[r]), votes.count(counts[r]), counts[r]))
 
 
 class BadMesh(tools.ToolError):

@@ -1,10 +1,12 @@
-"""What runs in a process of its own: mesh readers, and tools under another licence.
+"""What runs in a process of its own: mesh readers, rungs of the repair, tools under other licences.
 
-Some readers crash on valid files, some hang, and PyMeshLab is GPL: so each call
-is ``python -m pandis.mesh.tools OPERATION ARGUMENT… OUTPUT.npz`` under limits of
-time and memory. Arrays travel as ``.npz`` in float64, never as a mesh format.
+Some readers crash on valid files, some tools hang, and PyMeshLab, the exact
+union and MeshFix are GPL or AGPL: so each call is ``python -m pandis.mesh.tools``
+under limits of time and memory. Arrays travel as ``.npz`` in float64, never as
+a mesh format.
 """
 
+import json
 import os
 import resource
 import subprocess
@@ -19,16 +21,23 @@ class ToolError(Exception):
     """A tool failed; the message says how, in a few words."""
 
 
-def call(operation, *arguments, seconds, memory_gb):
+class LimitError(ToolError):
+    """A tool needed more time or memory than it was given."""
+
+
+def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **parameters):
     """Run an operation of this module in a child process.
 
     Parameters
     ----------
     operation : str
         A key of OPERATIONS.
-    arguments : str
+    vertices, faces : ndarray, optional
+        The mesh it works on.
     seconds, memory_gb : float
         Limits; beyond them the child is ended.
+    **parameters
+        Numbers and strings for the operation.
 
     Returns
     -------
@@ -37,8 +46,10 @@ def call(operation, *arguments, seconds, memory_gb):
 
     Raises
     ------
+    LimitError
+        It ran out of time or memory.
     ToolError
-        It crashed, ran out of time or memory, or found nothing.
+        It crashed or raised.
     """
     limit = int(memory_gb * 2**30)
 
@@ -47,13 +58,16 @@ def call(operation, *arguments, seconds, memory_gb):
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
     with tempfile.TemporaryDirectory() as folder:
-        output = Path(folder) / "mesh.npz"
+        given, output = Path(folder) / "given.npz", Path(folder) / "result.npz"
+        if vertices is not None:
+            np.savez(given, vertices=vertices, faces=faces)
         command = [
             sys.executable,
             "-m",
             __spec__.name,
             operation,
-            *map(str, arguments),
+            json.dumps(parameters),
+            str(given),
             str(output),
         ]
         root = str(Path(__file__).resolve().parents[2])
@@ -70,15 +84,18 @@ def call(operation, *arguments, seconds, memory_gb):
                 check=False,
             )
         except subprocess.TimeoutExpired as error:
-            raise ToolError(f"took longer than {seconds:g} s") from error
-        if done.returncode < 0:
-            raise ToolError(f"crashed (signal {-done.returncode})")
+            raise LimitError(f"took longer than {seconds:g} s") from error
         if done.returncode or not output.is_file():
-            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-            memory = "MemoryError" in last or "bad_alloc" in last
-            raise ToolError(f"needs more than {memory_gb:g} GB of memory" if memory else last)
+            if any(word in done.stderr for word in ("MemoryError", "bad_alloc", "std::length")):
+                raise LimitError(f"needs more than {memory_gb:g} GB of memory")
+            if done.returncode < 0:
+                raise ToolError(f"crashed (signal {-done.returncode})")
+            raise ToolError((done.stderr.strip().splitlines() or ["no message"])[-1])
         with np.load(output) as data:
             return data["vertices"], data["faces"]
+
+
+# --- readers ---------------------------------------------------------------------------
 
 
 def read_trimesh(path):
@@ -87,6 +104,13 @@ def read_trimesh(path):
 
     mesh = trimesh.load_mesh(path, process=False)
     return mesh.vertices, mesh.faces
+
+
+def read_polygons(path):
+    """Read an OBJ file with polygons: see `pandis.mesh.polygons`."""
+    from pandis.mesh.polygons import read_obj
+
+    return read_obj(path)
 
 
 def read_pymeshlab(path):
@@ -101,29 +125,152 @@ def read_pymeshlab(path):
     return mesh.vertex_matrix(), mesh.face_matrix()
 
 
-def close_holes(path, max_edges):
-    """Close every hole of at most ``max_edges`` edges with PyMeshLab; no vertex moves."""
+def read_libigl(path):
+    """Read an OBJ, OFF, PLY or STL file with libigl."""
+    import igl
+
+    return igl.read_triangle_mesh(path)
+
+
+# --- rungs -----------------------------------------------------------------------------
+
+
+def clean(vertices, faces, tolerance=0.0):
+    """Weld, drop degenerate and duplicate faces: see `pandis.mesh.cleanup.clean`."""
+    from pandis.mesh import cleanup
+
+    return cleanup.clean(vertices, faces, tolerance)
+
+
+def orient(vertices, faces, nested="cavity"):
+    """Turn faces outward: see `pandis.mesh.cleanup.orient`."""
+    from pandis.mesh import cleanup
+
+    return cleanup.orient(vertices, faces, nested)
+
+
+def split(vertices, faces):
+    """Make edges and vertices manifold: see `pandis.mesh.cleanup.split`."""
+    from pandis.mesh import cleanup
+
+    return cleanup.split(vertices, faces)
+
+
+def union(vertices, faces):
+    """Keep the surface of what the mesh encloses, by exact arithmetic (libigl and CGAL)."""
+    from igl.copyleft import cgal
+
+    from pandis.mesh import cleanup
+    from pandis.mesh.topology import EdgeTable, rotate_to_smallest
+
+    def crossings(v, f):
+        """Ask both: each overlooks some pairs of faces that are next to flat."""
+        exact = cgal.remesh_self_intersections(v, f, detect_only=True)[2]
+        return np.concatenate([cleanup.crossing_faces(v, f), exact.reshape(-1, 2)])
+
+    none = np.empty((0, 3)), np.empty((0, 3), np.int64)
+    vertices, faces, birth = cgal.mesh_boolean(vertices, faces, *none, "union")
+    if not len(faces):
+        return vertices, faces
+    # the order in which the pieces of a cut face come differs from run to run
+    faces = rotate_to_smallest(faces)
+    faces = faces[np.lexsort((*faces.T[::-1], birth))]
+    if not len(crossings(vertices, faces)):
+        return vertices, faces
+    # rounding to float64 has made faces cross: join what it has brought together, part the rest
+    diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
+    welded = cleanup.clean(vertices, faces, 1e-9 * diagonal)
+    if len(welded[1]) and EdgeTable(welded[1]).balanced:
+        vertices, faces = welded
+    vertices, faces = cleanup.loosen(vertices, faces, crossings)
+    if left := len(crossings(vertices, faces)):
+        raise RuntimeError(f"{left} pairs of faces still cross after rounding")
+    return vertices, faces
+
+
+def fill(vertices, faces):
+    """Close every hole: see `pandis.mesh.holes.fill_holes`."""
+    from pandis.mesh import holes
+
+    return holes.fill_holes(vertices, faces)
+
+
+def meshfix(vertices, faces):
+    """Repair each component with MeshFix (Attene 2010), which knows single bodies only."""
+    import pymeshfix
+    from scipy.spatial import cKDTree
+
+    from pandis.mesh.topology import compact, components
+
+    label, count = components(faces)
+    parts, offset = [], 0
+    for k in range(count):
+        part = compact(vertices, faces[label == k])
+        fixed = pymeshfix.clean_from_arrays(
+            part[0], part[1].astype(np.int32), False, False, remove_smallest_components=False
+        )
+        if len(fixed[1]):
+            parts.append((fixed[0], np.asarray(fixed[1], np.int64) + offset))
+            offset += len(fixed[0])
+    if not parts:
+        return np.empty((0, 3)), np.empty((0, 3), np.int64)
+    fixed = np.concatenate([p[0] for p in parts])
+    # MeshFix rounds: vertices that it has not moved get their bits back
+    diagonal = np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
+    gap, nearest = cKDTree(vertices).query(fixed)
+    still = gap <= 1e-6 * diagonal
+    fixed[still] = vertices[nearest[still]]
+    return fixed, np.concatenate([p[1] for p in parts])
+
+
+def remesh(vertices, faces, level):
+    """Remesh by winding number: see `pandis.mesh.remesh.winding_remesh`."""
+    from pandis.mesh.remesh import winding_remesh
+
+    return winding_remesh(vertices, faces, level)
+
+
+def wrap(vertices, faces, alpha, offset):
+    """Wrap with CGAL's alpha wrap through PyMeshLab; lengths in shares of the diagonal."""
     import pymeshlab
 
-    with np.load(path) as data:
-        mesh = pymeshlab.Mesh(data["vertices"], data["faces"])
     meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(mesh)
-    meshes.meshing_close_holes(
-        maxholesize=int(max_edges), selfintersection=True, newfaceselected=False
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshes.generate_alpha_wrap(
+        alpha=pymeshlab.PercentageValue(100 * alpha), offset=pymeshlab.PercentageValue(100 * offset)
     )
     mesh = meshes.current_mesh()
     return mesh.vertex_matrix(), mesh.face_matrix()
 
 
-OPERATIONS = {f.__name__: f for f in (read_trimesh, read_pymeshlab, close_holes)}
+OPERATIONS = {
+    f.__name__: f
+    for f in (
+        read_trimesh,
+        read_polygons,
+        read_pymeshlab,
+        read_libigl,
+        clean,
+        orient,
+        split,
+        union,
+        fill,
+        meshfix,
+        remesh,
+        wrap,
+    )
+}
 
 
 def main(arguments):
     """Run one operation and store its mesh."""
-    operation, *rest, output = arguments
+    operation, parameters, given, output = arguments
+    mesh = ()
+    if Path(given).is_file():
+        with np.load(given) as data:
+            mesh = data["vertices"], data["faces"]
     try:
-        vertices, faces = OPERATIONS[operation](*rest)
+        vertices, faces = OPERATIONS[operation](*mesh, **json.loads(parameters))
     except MemoryError:
         raise
     except Exception as error:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pandis.forces import penalty_force
-from pandis.report.render import render
+from pandis.report.render import VIEW, render
 
 mpl.rcParams["svg.hashsalt"] = "pandis"
 mpl.rcParams["svg.fonttype"] = "none"
@@ -21,6 +21,7 @@ _COLOURS = {
     "trilinear": "#2a9d5c",
     "trilinear-normal": "#1f6f8b",
 }
+_KEPT, _CAP = (176, 190, 214), (228, 120, 60)
 _NETWORKS = ("#b5179e", "#d62828", "#7209b7", "#f3722c")
 
 
@@ -48,6 +49,46 @@ def picture(vertices, faces, path):
     stream = io.BytesIO()
     mpl.image.imsave(stream, render(vertices, faces, points=path), format="png")
     return _uri(stream.getvalue(), "png")
+
+
+def heat_map(vertices, faces, origin, deviation, diagonal):
+    """Draw a repaired mesh from two sides: what was kept, what moved and how far, what was added.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray
+        Unit frame.
+    origin : ndarray, shape (F,)
+        See `pandis.mesh.deviation.ORIGINS`.
+    deviation : ndarray, shape (F,)
+        Mesh units.
+    diagonal : float
+        Of the mesh, mesh units.
+    """
+    percent = 100 * deviation / diagonal
+    moved = percent[origin == 1]
+    largest = max(moved.max(initial=0.0), 1e-6)
+    norm = mpl.colors.Normalize(0, largest)
+    colours = np.full((len(faces), 3), _KEPT, float)
+    colours[origin == 1] = 255 * mpl.colormaps["viridis"](norm(moved))[:, :3]
+    colours[origin == 2] = _CAP
+    figure = Figure(figsize=(9.6, 4.6))
+    for index, view in enumerate((VIEW, [-v for v in VIEW])):
+        axes = figure.add_subplot(1, 2, index + 1)
+        axes.imshow(render(vertices, faces, view=view, colours=colours))
+        axes.set_axis_off()
+        axes.set_title(("front", "back")[index])
+    for colour, name in ((_KEPT, "kept"), (_CAP, "cap of a hole")):
+        axes.plot([], [], "s", color=np.array(colour) / 255, label=name)
+    axes.legend(frameon=False, loc="lower left", fontsize=8)
+    bar = mpl.cm.ScalarMappable(norm, "viridis")
+    figure.colorbar(
+        bar,
+        ax=figure.axes,
+        shrink=0.7,
+        label="cut or moved: distance to the source (% of diagonal)",
+    )
+    return save(figure, "png")
 
 
 def quiver(fields, size=46, half=1.0):

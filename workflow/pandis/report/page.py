@@ -9,6 +9,7 @@ from pandis import __version__
 from pandis.catalogue import parse_field
 from pandis.fields.registry import open_field
 from pandis.frame import Frame
+from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures
 from pandis.report.tables import COLUMNS, summary_rows
 
@@ -54,6 +55,8 @@ def mesh_section(name, artifacts, field_names):
         "models": {n: m.attributes | {"note": _training(m)} for n, m in models.items()},
         "sentence": _sentence(rows, networks, bool(mesh.attributes["shape"])),
         "picture": figures.picture(vertices, mesh.arrays["faces"], trajectory),
+        "heat": _heat_map(mesh, vertices),
+        "repair": [r["operation"] for r in mesh.attributes["rungs"] if r["kept"]],
         "quiver": figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
         "path": figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
         "front": figures.error_against_time(rows, specs, networks),
@@ -66,6 +69,14 @@ def mesh_section(name, artifacts, field_names):
         if compute
         else None,
     }
+
+
+def _heat_map(mesh, vertices):
+    """Return the picture of what a repair has changed, None where it has changed nothing."""
+    if not mesh.arrays["origin"].any():
+        return None
+    columns = (mesh.arrays[key] for key in ("faces", "origin", "deviation"))
+    return figures.heat_map(vertices, *columns, mesh.attributes["after"]["diagonal"])
 
 
 def _best(specs, rows):
@@ -128,7 +139,7 @@ def build(sections):
     )
     environment.filters["number"] = _number
     return environment.get_template("page.html").render(
-        sections=sections, columns=COLUMNS, version=__version__
+        sections=sections, columns=COLUMNS, version=__version__, rays=THICKNESS_RAYS
     )
 
 

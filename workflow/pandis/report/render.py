@@ -8,7 +8,7 @@ from pandis.sampling import Surface
 VIEW = (0.45, 0.35, 1.0)
 
 
-def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None):
+def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None, colours=None):
     """Draw a shaded mesh.
 
     Parameters
@@ -21,6 +21,8 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
         Direction from the mesh to the eye; which way is up.
     points : ndarray, shape (n, 3), optional
         A path to draw over the surface, where it is not hidden.
+    colours : ndarray, shape (F, 3), optional
+        Red, green and blue of each face, 0 to 255, before shading.
 
     Returns
     -------
@@ -29,7 +31,7 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     """
     axes = camera(view, up)
     surface = Surface(vertices, faces)
-    position, normal, _, _ = surface.draw(10 * size * size, np.random.default_rng(0))
+    position, normal, face, _ = surface.draw(10 * size * size, np.random.default_rng(0))
     row, column, depth = project(position, axes, size)
     # far to near: of all points in a pixel the nearest is written last
     order = np.argsort(depth, kind="stable")
@@ -38,7 +40,8 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     buffer = np.full((size, size), -np.inf)
     n = (normal @ axes.T)[order]
     light = np.clip(n @ _unit([-0.35, 0.55, 0.75]), 0, 1) * 0.75 + 0.25 * (0.5 + 0.5 * n[:, 1])
-    colour = np.clip(light[:, None] * [176, 190, 214] + 26, 0, 255)
+    base = np.array([176, 190, 214]) if colours is None else colours[face[order]]
+    colour = np.clip(light[:, None] * base + 26, 0, 255)
     image[row, column, :3] = colour
     image[row, column, 3] = 255
     buffer[row, column] = depth[order]

@@ -1,0 +1,117 @@
+"""Every fault is counted exactly, and sound figures are those of the shape."""
+
+import numpy as np
+import pytest
+
+from pandis.mesh.diagnosis import FAULTS, diagnose
+from pandis.mesh.shapes import SHAPES
+from support import box_mesh, octahedron
+
+
+def found(vertices, faces):
+    return diagnose(np.asarray(vertices, float), np.asarray(faces, np.int64))
+
+
+def faults(vertices, faces):
+    d = found(vertices, faces)
+    return {name: getattr(d, name) for name in FAULTS if getattr(d, name)}
+
+
+def copies(*placed):
+    """Place copies of a mesh, each (vertices, faces)."""
+    offset, vertices, faces = 0, [], []
+    for v, f in placed:
+        vertices.append(v)
+        faces.append(f + offset)
+        offset += len(v)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def test_a_sound_mesh_has_its_figures():
+    vertices, faces = SHAPES["torus"].tessellation()
+    d = found(vertices, faces)
+    assert d.valid
+    assert d.faults() == "none"
+    assert (d.genus, d.cavities, d.components, d.euler) == (1, 0, 1, 0)
+    assert d.volume == pytest.approx(2 * np.pi**2 * 0.4**2, rel=1e-2)
+    assert d.area == pytest.approx(4 * np.pi**2 * 0.4, rel=1e-2)
+    # straight through the tube it is twice its radius, and nowhere less than nearly that
+    assert 0.3 < d.wall["min"] <= d.wall["p1"] <= 0.81
+    assert d.parts == [{"faces": len(faces), "volume": d.volume, "depth": 0}]
+
+
+def test_wall_thickness_finds_a_thin_plate():
+    vertices, faces = box_mesh()
+    d = found(vertices * [1, 1, 0.002], faces)
+    assert d.valid
+    assert d.wall["min"] == pytest.approx(0.002, rel=1e-6)
+
+
+def test_holes_are_listed_longest_first():
+    vertices, faces = box_mesh()
+    d = found(vertices, np.delete(faces, [0, 16, 70], axis=0))
+    assert sorted(hole["edges"] for hole in d.holes) == [3, 4]
+    assert d.holes[0]["length"] > d.holes[1]["length"]
+    assert d.boundary_edges == 7
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "expected"),
+    [
+        ("a face missing", lambda f: f[1:], {"boundary_edges": 3}),
+        ("a face turned", lambda f: np.r_[f[:1, ::-1], f[1:]], {"orientation_conflicts": 3}),
+        ("all turned", lambda f: f[:, ::-1], {"inverted_components": 1}),
+        ("a face twice", lambda f: np.r_[f, f[:1]], {"duplicate_faces": 1, "nonmanifold_edges": 3}),
+        ("no area", lambda f: np.r_[f, [[0, 0, 2]]], {"degenerate_faces": 1}),
+    ],
+)
+def test_each_fault_of_an_octahedron(name, change, expected):
+    vertices, faces = octahedron()
+    seen = faults(vertices, change(faces))
+    assert expected.items() <= seen.items(), name
+
+
+def test_soup_is_judged_as_the_surface_it_describes():
+    vertices, faces = octahedron()
+    soup = vertices[faces].reshape(-1, 3)
+    assert faults(soup, np.arange(24).reshape(-1, 3)) == {"split_vertices": 18}
+
+
+def test_crossing_and_touching_solids():
+    vertices, faces = octahedron()
+    crossing = copies((vertices, faces), (vertices * 0.9 + [0.5, 0.1, 0.05], faces))
+    assert faults(*crossing).keys() == {"self_intersections", "odd_windings"}
+    touching = copies((vertices, faces), (vertices + [2.0, 0, 0], faces))
+    assert faults(*touching).keys() == {"split_vertices", "nonmanifold_vertices"}
+    apart = copies((vertices, faces), (vertices + [2.1, 0, 0], faces))
+    assert found(*apart).valid
+    assert found(*apart).components == 2
+
+
+def test_exact_predicates_see_the_coordinates_as_they_are():
+    """Scaling to a unit box would round, and make faces cross that only are coplanar."""
+    rng = np.random.default_rng(0)
+    vertices, faces = box_mesh()
+    for _ in range(20):
+        shifted = vertices * rng.uniform(0.1, 3) + rng.uniform(-1, 1, 3)
+        assert found(shifted, faces).self_intersections == 0
+
+
+def test_cavities_and_depth():
+    vertices, faces = box_mesh()
+    shells = copies((vertices, faces), (vertices / 2, faces[:, ::-1]), (vertices / 4, faces))
+    d = found(*shells)
+    assert d.valid
+    assert d.cavities == 1
+    assert sorted(part["depth"] for part in d.parts) == [0, 1, 2]
+    wrong = copies((vertices, faces), (vertices / 2, faces))
+    assert found(*wrong).inverted_components == 1
+    assert found(*wrong).odd_windings
+
+
+def test_scale_and_place_change_no_count():
+    vertices, faces = box_mesh()
+    broken = np.delete(faces, [0, 16], axis=0)
+    reference = faults(vertices, broken)
+    for scale, shift in ((1e-9, 0.0), (1e9, 0.0), (1.0, 1e6)):
+        assert faults(vertices * scale + shift, broken) == reference

@@ -1,0 +1,154 @@
+"""One rung at a time: run it in its own process, diagnose, keep it or not, and write down why."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pandis.errors import PandisError
+from pandis.mesh import tools
+from pandis.mesh.deviation import Surface, deviation, inside_changed, none
+from pandis.mesh.diagnosis import Diagnosis, diagnose
+
+#: No rung may turn more of the inside to outside, or back, than this.
+INSIDE_CHANGED = 0.02
+
+
+@dataclass
+class Ladder:
+    """A mesh on its way up, and what has been done to it.
+
+    Attributes
+    ----------
+    vertices, faces : ndarray
+        The mesh as it is now.
+    options : dict
+        See `pandis.config.MeshOptions`; and ``seed``.
+    log : callable
+    now : Diagnosis
+        Of the mesh as it is now.
+    rungs : list of dict
+        Every attempt: rung, operation, parameters, kept or not, why not, faults left.
+    source, reference : Surface
+        What deviations are measured from: the mesh as read; the same, welded
+        and turned outward, which knows inside from outside.
+    deviation : dict or None
+        Of the mesh as it is now; None where it was not measured.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    options: dict
+    log: Callable
+    now: Diagnosis
+    rungs: list = field(default_factory=list)
+    source: Surface = None
+    reference: Surface = None
+    deviation: dict | None = field(default_factory=none)
+    _measured: dict | None = None
+
+    def allows(self, rung):
+        """Tell whether the configuration lets this rung run."""
+        return rung in self.options["rungs"]
+
+    def attempt(self, rung, operation, accept, **parameters):
+        """Run an operation in its own process; keep its result if ``accept`` says so.
+
+        Parameters
+        ----------
+        rung : str
+            The name under which ``mesh.rungs`` lists it.
+        operation : str
+            See `pandis.mesh.tools`.
+        accept : callable
+            From the result's vertices, faces and diagnosis to None or the
+            reason for refusing it.
+
+        Returns
+        -------
+        bool
+            Whether the result was kept.
+        """
+        limits = {
+            "seconds": self.options["rung_seconds"],
+            "memory_gb": self.options["rung_memory_gb"],
+        }
+        entry = {"rung": rung, "operation": operation, "parameters": parameters}
+        try:
+            vertices, faces = tools.call(
+                operation, self.vertices, self.faces, **limits, **parameters
+            )
+        except tools.LimitError as error:
+            left = [name for name in self.options["rungs"] if name != rung]
+            key = "rung_seconds" if "longer" in str(error) else "rung_memory_gb"
+            raise PandisError(
+                f"repair: {rung} {error}; raise mesh.{key}, or leave this rung out: "
+                f"mesh.rungs: [{', '.join(left)}]"
+            ) from error
+        except tools.ToolError as error:
+            self._note(entry, f"failed: {error}")
+            return False
+        if not len(faces):
+            self._note(entry, "nothing is left")
+            return False
+        if np.array_equal(vertices, self.vertices) and np.array_equal(faces, self.faces):
+            return False
+        if not np.isfinite(vertices).all():
+            self._note(entry, "gave vertices that are not finite")
+            return False
+        found = diagnose(vertices, faces)
+        reason = accept(vertices, faces, found)
+        if reason is None:
+            self.vertices, self.faces, self.now = vertices, faces, found
+            self.deviation, self._measured = self._measured, None
+        self._note(entry, reason, found)
+        return reason is None
+
+    def _note(self, entry, reason, found=None):
+        entry["kept"] = reason is None
+        entry["reason"] = reason
+        entry["faults"] = found.faults() if found else None
+        self.rungs.append(entry)
+        text = f"{entry['operation']}: "
+        text += "kept" if reason is None else f"not kept ({reason})"
+        self.log(text + (f"; {found.faces:,} faces; faults: {entry['faults']}" if found else ""))
+
+    # --- what counts as better ----------------------------------------------------------
+
+    def not_worse(self, vertices, faces, found):
+        """Accept what keeps or lowers the number of faults."""
+        del vertices, faces
+        return None if found.rank <= self.now.rank else "more faults than before"
+
+    def better(self, vertices, faces, found):
+        """Accept fewer faults within the deviation budget."""
+        if not found.valid and found.rank >= self.now.rank:
+            return "no fewer faults than before"
+        return self.within_budget(vertices, faces, found)
+
+    def valid_only(self, vertices, faces, found):
+        """Accept a valid mesh within the deviation budget."""
+        if not found.valid:
+            return "not valid"
+        return self.within_budget(vertices, faces, found)
+
+    def within_budget(self, vertices, faces, found, allowance=0.0):
+        """Measure the deviation; return None or what exceeds the budget."""
+        del found
+        result, seed = Surface(vertices, faces), self.options["seed"]
+        changed = 0.0 if allowance else inside_changed(self.reference, result, seed)
+        if changed > INSIDE_CHANGED:
+            return f"{100 * changed:.3g} % of the inside would be added or lost"
+        wall = 1.01 * allowance * self.source.diagonal
+        moved = deviation(self.source, result, seed, self.reference, wall)
+        for way in ("to_result", "to_source"):
+            for key in ("p99", "max"):
+                share = moved[way][key] / self.source.diagonal - allowance
+                if share > self.options[f"deviation_{key}"]:
+                    return (
+                        f"deviation {way.replace('_', ' ')}: {key} {100 * share:.3g} % of the "
+                        f"diagonal, mesh.deviation_{key} is "
+                        f"{100 * self.options[f'deviation_{key}']:g} %"
+                    )
+        self._measured = moved
+        return None

@@ -1,0 +1,57 @@
+"""Which components of a mesh lie inside others, and which way they must face."""
+
+import igl
+import numpy as np
+
+
+def signed_volumes(vertices, faces, component, count):
+    """Return the signed volume of each component (meaningful where it is closed)."""
+    corners = (vertices - vertices[faces[0, 0]])[faces]
+    volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    return np.bincount(component, volume, count)
+
+
+def nesting_depth(vertices, faces, component, count, crossings):
+    """Return how many other components enclose each one wholly.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray
+        Every component closed.
+    component : ndarray, shape (F,)
+    count : int
+    crossings : ndarray, shape (m, 2)
+        Pairs of faces that cross or touch: their components overlap, so that
+        neither encloses the other.
+
+    Returns
+    -------
+    ndarray, shape (count,)
+    """
+    depth = np.zeros(count, np.int64)
+    if count == 1:
+        return depth
+    order = np.argsort(component, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(np.bincount(component, minlength=count))])
+    corners = vertices[faces[order]]
+    low = np.minimum.reduceat(corners.min(axis=1), starts[:-1])
+    high = np.maximum.reduceat(corners.max(axis=1), starts[:-1])
+    overlapping = {tuple(sorted(pair)) for pair in component[crossings].tolist()}
+    some_vertex = vertices[faces[order[starts[:-1]], 0]]
+    for outer in range(count):
+        enclosed = np.flatnonzero((low > low[outer]).all(axis=1) & (high < high[outer]).all(axis=1))
+        free = [k for k in enclosed if (min(k, outer), max(k, outer)) not in overlapping]
+        if free:
+            shell = np.ascontiguousarray(faces[order[starts[outer] : starts[outer + 1]]])
+            turns = igl.winding_number(vertices, shell, np.ascontiguousarray(some_vertex[free]))
+            depth[free] += np.abs(turns) > 0.5
+    return depth
+
+
+def must_turn(volumes, depth):
+    """Tell for each closed component whether it faces the wrong way.
+
+    Inside an even number of others a component bounds matter and has positive
+    volume; inside an odd number it bounds a cavity and has negative volume.
+    """
+    return (volumes > 0) != (depth % 2 == 0)

@@ -1,0 +1,168 @@
+"""Connectivity of a triangle mesh: edges, rims, fans around a vertex, components.
+
+Everything here looks at indices only (and at positions for lengths); nothing
+changes a mesh.
+"""
+
+import igl
+import numpy as np
+
+
+class EdgeTable:
+    """The edges of a mesh and how often, and in which direction, faces use them.
+
+    Half-edge ``3 f + k`` runs from corner k of face f to its corner k + 1.
+
+    Attributes
+    ----------
+    edges : ndarray, shape (E, 2)
+        Vertex indices, the smaller first.
+    edge_of : ndarray, shape (3 F,)
+        The edge of each half-edge.
+    uses, forward : ndarray, shape (E,)
+        Faces at the edge; those that run along it from the smaller index.
+    """
+
+    def __init__(self, faces):
+        self.directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        low, high = self.directed.min(axis=1), self.directed.max(axis=1)
+        span = int(faces.max()) + 1
+        key, self.edge_of, self.uses = np.unique(
+            low.astype(np.int64) * span + high, return_inverse=True, return_counts=True
+        )
+        self.edges = np.stack([key // span, key % span], axis=1)
+        self.runs_forward = self.directed[:, 0] == low
+        self.forward = np.bincount(self.edge_of[self.runs_forward], minlength=len(key))
+
+    @property
+    def count(self):
+        """Number of edges."""
+        return len(self.edges)
+
+    @property
+    def closed(self):
+        """Every edge has exactly two faces."""
+        return bool((self.uses == 2).all())
+
+    @property
+    def balanced(self):
+        """As many faces run along each edge one way as the other: it bounds a solid."""
+        return bool((2 * self.forward == self.uses).all())
+
+    @property
+    def boundary(self):
+        """Which edges have one face only."""
+        return self.uses == 1
+
+    @property
+    def nonmanifold(self):
+        """Which edges have more than two faces."""
+        return self.uses > 2
+
+    @property
+    def conflicts(self):
+        """Which edges have two faces that disagree in orientation."""
+        return (self.uses == 2) & (self.forward != 1)
+
+    def pairs(self):
+        """Return the pairs (m, 2) of half-edges of the edges that have two faces."""
+        order = np.argsort(self.edge_of, kind="stable")
+        return order[self.uses[self.edge_of[order]] == 2].reshape(-1, 2)
+
+    def holes(self, vertices):
+        """Return edge count and length of each connected rim, longest first."""
+        rim = self.directed[self.boundary[self.edge_of]]
+        if not len(rim):
+            return []
+        nodes, index = np.unique(rim, return_inverse=True)
+        index = index.reshape(-1, 2)
+        label = connected(index, len(nodes))[index[:, 0]]
+        lengths = np.linalg.norm(vertices[rim[:, 0]] - vertices[rim[:, 1]], axis=1)
+        _, which = np.unique(label, return_inverse=True)
+        found = [
+            {"edges": int(edges), "length": float(length)}
+            for edges, length in zip(np.bincount(which), np.bincount(which, lengths), strict=True)
+        ]
+        return sorted(found, key=lambda hole: -hole["length"])
+
+
+def connected(pairs, count):
+    """Return a component label for each of ``count`` nodes joined by ``pairs`` (m, 2).
+
+    The label is the smallest index of the component.
+    """
+    label = np.arange(count)
+    while True:
+        before = label.copy()
+        low = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
+        np.minimum.at(label, pairs[:, 0], low)
+        np.minimum.at(label, pairs[:, 1], low)
+        label = label[label]
+        if (label == before).all():
+            return label
+
+
+def components(faces):
+    """Return the edge-connected component of each face, and their number."""
+    count, label = igl.facet_components(np.ascontiguousarray(faces, np.int64))
+    return label, int(count)
+
+
+def fans(faces, edges, also=None):
+    """Return for each corner (3 F,) its fan: faces around a vertex joined over manifold edges.
+
+    A vertex with more than one fan is not manifold. Fans are numbered by their
+    smallest corner index (``3 f + k``).
+
+    Parameters
+    ----------
+    faces : ndarray, shape (F, 3)
+    edges : EdgeTable
+    also : ndarray, shape (m, 2), optional
+        More pairs of half-edges to join.
+    """
+    half = edges.pairs()
+    if also is not None:
+        half = np.concatenate([half, also])
+    # the corners of two faces that sit at the same end of their common edge
+    corner = (3 * (half // 3))[..., None] + np.stack([half % 3, (half + 1) % 3], axis=-1)
+    vertex = faces.reshape(-1)[corner]
+    pairs = []
+    for mine in (0, 1):
+        theirs = np.where(vertex[:, 0, mine] == vertex[:, 1, 0], 0, 1)
+        pairs.append(
+            np.stack([corner[:, 0, mine], corner[np.arange(len(corner)), 1, theirs]], axis=1)
+        )
+    return connected(np.concatenate(pairs), faces.size)
+
+
+def nonmanifold_vertices(faces, edges):
+    """Return the vertices around which the faces form more than one fan."""
+    fan = fans(faces, edges)
+    roots = np.flatnonzero(fan == np.arange(len(fan)))
+    vertex, count = np.unique(faces.reshape(-1)[roots], return_counts=True)
+    return vertex[count > 1]
+
+
+def same_place(vertices):
+    """Return for each vertex the first one with the very same coordinates."""
+    _, first, index = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
+    return first[index.reshape(-1)].astype(np.int64)
+
+
+def repeats_a_vertex(faces):
+    """Tell which faces name a vertex twice."""
+    a, b, c = faces.T
+    return (a == b) | (b == c) | (c == a)
+
+
+def rotate_to_smallest(faces):
+    """Let every face begin with its smallest index; the side it shows stays."""
+    start = np.argmin(faces, axis=1)
+    return np.take_along_axis(faces, (start[:, None] + [0, 1, 2]) % 3, axis=1)
+
+
+def compact(vertices, faces):
+    """Drop vertices that no face uses; the others keep their bits and their order."""
+    used, index = np.unique(faces, return_inverse=True)
+    return vertices[used], index.reshape(-1, 3).astype(np.int64)
