@@ -21,7 +21,7 @@ _COLOURS = {
     "trilinear": "#2a9d5c",
     "trilinear-normal": "#1f6f8b",
 }
-_KEPT, _CAP = (176, 190, 214), (228, 120, 60)
+_KEPT, _CAP = (176, 190, 214), (60, 160, 90)
 _NETWORKS = ("#b5179e", "#d62828", "#7209b7", "#f3722c")
 
 
@@ -67,27 +67,23 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
     """
     percent = 100 * deviation / diagonal
     moved = percent[origin == 1]
-    largest = max(moved.max(initial=0.0), 1e-6)
-    norm = mpl.colors.Normalize(0, largest)
+    norm = mpl.colors.Normalize(0, max(moved.max(initial=0.0), 0.01))
     colours = np.full((len(faces), 3), _KEPT, float)
-    colours[origin == 1] = 255 * mpl.colormaps["viridis"](norm(moved))[:, :3]
+    colours[origin == 1] = 255 * mpl.colormaps["plasma"](norm(moved))[:, :3]
     colours[origin == 2] = _CAP
-    figure = Figure(figsize=(9.6, 4.6))
+    figure = Figure(figsize=(11, 5), layout="constrained")
     for index, view in enumerate((VIEW, [-v for v in VIEW])):
         axes = figure.add_subplot(1, 2, index + 1)
-        axes.imshow(render(vertices, faces, view=view, colours=colours))
+        image = render(vertices, faces, size=720, view=view, colours=colours)
+        rows, columns = (np.flatnonzero(image[..., 3].any(axis=k)) for k in (1, 0))
+        axes.imshow(image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
         axes.set_axis_off()
         axes.set_title(("front", "back")[index])
     for colour, name in ((_KEPT, "kept"), (_CAP, "cap of a hole")):
         axes.plot([], [], "s", color=np.array(colour) / 255, label=name)
-    axes.legend(frameon=False, loc="lower left", fontsize=8)
-    bar = mpl.cm.ScalarMappable(norm, "viridis")
-    figure.colorbar(
-        bar,
-        ax=figure.axes,
-        shrink=0.7,
-        label="cut or moved: distance to the source (% of diagonal)",
-    )
+    figure.legend(frameon=False, loc="outside lower center", ncols=2)
+    bar = figure.colorbar(mpl.cm.ScalarMappable(norm, "plasma"), ax=figure.axes, shrink=0.7)
+    bar.set_label("cut or moved: distance to the source\n(% of the diagonal)")
     return save(figure, "png")
 
 

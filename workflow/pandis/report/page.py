@@ -138,9 +138,15 @@ def build(sections):
         ),
     )
     environment.filters["number"] = _number
+    environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(
         sections=sections, columns=COLUMNS, version=__version__, rays=THICKNESS_RAYS
     )
+
+
+def _percent(share):
+    """Format a share as a percentage; what is below rounding is nothing."""
+    return _number(100 * share if abs(share) > 1e-12 else 0)
 
 
 def _number(value):
