@@ -1,10 +1,12 @@
 """Every fault is counted exactly, and sound figures are those of the shape."""
 
+import igl
 import numpy as np
 import pytest
 
 from pandis.mesh.diagnosis import FAULTS, diagnose
 from pandis.mesh.shapes import SHAPES
+from pandis.mesh.winding import WindingNumber
 from support import box_mesh, octahedron
 
 
@@ -115,3 +117,17 @@ def test_scale_and_place_change_no_count():
     reference = faults(vertices, broken)
     for scale, shift in ((1e-9, 0.0), (1e9, 0.0), (1.0, 1e6)):
         assert faults(vertices * scale + shift, broken) == reference
+
+
+def test_winding_numbers_are_those_of_the_exact_sum():
+    """Open and closed, near and far from the origin: the fast tree alone is off by more."""
+    rng = np.random.default_rng(0)
+    vertices, faces = SHAPES["torus"].tessellation(48, 24)
+    for shown, shift in ((faces, 0.0), (faces[200:], 0.0), (faces, 1e6)):
+        shown = np.asarray(shown, np.int64)
+        points = rng.uniform(-1.5, 1.5, (5000, 3))
+        exact = igl.winding_number(vertices, shown, points)
+        off = np.abs(WindingNumber(vertices + shift, shown)(points + shift) - exact)
+        assert off.max() < 0.05
+        unclear = np.abs(exact - np.round(exact)) > 0.15
+        assert off[unclear].max(initial=0) < 1e-6
