@@ -189,8 +189,11 @@ def test_sphere_with_a_spherical_cavity_keeps_it():
 def test_sight_tells_front_from_back_where_nothing_is_closed():
     vertices, faces = ball(2)
     half = faces[vertices[faces][:, :, 2].mean(axis=1) > -0.3]
-    for given in (half, half[:, ::-1]):
-        assert volume(vertices, orient_by_sight(vertices, given)) > 0
+    # six domes side by side
+    domes = copies(*((vertices + [3.0 * k, 0, 0], half) for k in range(6)))
+    for size in (1.0, 1e-9):
+        for given in (domes[1], domes[1][:, ::-1]):
+            assert np.array_equal(orient_by_sight(domes[0] * size, given), domes[1])
 
 
 # --- union -------------------------------------------------------------------------------
