@@ -123,8 +123,8 @@ def test_winding_numbers_are_those_of_the_exact_sum():
     """Open and closed, near and far from the origin: the fast tree alone is off by more."""
     rng = np.random.default_rng(0)
     vertices, faces = SHAPES["torus"].tessellation(48, 24)
+    faces = np.asarray(faces, np.int64)
     for shown, shift in ((faces, 0.0), (faces[200:], 0.0), (faces, 1e6)):
-        shown = np.asarray(shown, np.int64)
         points = rng.uniform(-1.5, 1.5, (5000, 3))
         exact = igl.winding_number(vertices, shown, points)
         off = np.abs(WindingNumber(vertices + shift, shown)(points + shift) - exact)

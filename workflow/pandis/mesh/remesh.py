@@ -133,6 +133,9 @@ def orient_by_sight(vertices, faces):
     ndarray, shape (F, 3)
     """
     faces = np.ascontiguousarray(faces, np.int64)
+    used = vertices[np.unique(faces)]
+    # libigl's rays miss faces of 1e-9
+    vertices = np.ascontiguousarray((vertices - used.min(axis=0)) / np.ptp(used, axis=0).max())
     edges = EdgeTable(faces)
     patch, count = components(faces) if not edges.nonmanifold.any() else _patches(faces)
     if edges.conflicts.any():
@@ -156,10 +159,9 @@ def orient_by_sight(vertices, faces):
     weights = rng.dirichlet((1, 1, 1), len(chosen))
     origin = np.einsum("ij,ijk->ik", weights, corners[chosen])
     hits = tree.intersect_ray(vertices, faces, origin, way)
-    near = 1e-7 * np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0))
     seen = np.array(
         [
-            all(hit[0] == face or hit[1] < near for hit in found)
+            all(hit[0] == face or hit[1] < 1e-7 for hit in found)
             for face, found in zip(chosen.tolist(), hits, strict=True)
         ],
         bool,
