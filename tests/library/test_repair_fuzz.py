@@ -18,7 +18,7 @@ from test_repair import ball
 from validity import assert_valid
 
 #: Cases that once failed.
-FAILED_ONCE = []
+FAILED_ONCE = [873]
 #: Rungs that are our own code run in this process, the others as always in their own.
 OURS = ("clean", "orient", "split", "fill", "remesh")
 
@@ -109,7 +109,7 @@ def damaged(seed):
         for _ in range(rng.integers(1, 4)):
             vertices, faces = DAMAGES[rng.integers(len(DAMAGES))](rng, vertices, faces)
     rungs = ["clean", "union", "fill", "meshfix"]
-    rungs += ["remesh", "wrap"] if seed % 20 == 7 else []
+    rungs += ["remesh", "wrap"] if seed % 100 == 7 else []
     options = {"open": str(rng.choice(["refuse", "cap", "cap", "cap"])), "rungs": rungs, "seed": 0}
     return vertices, faces, MeshOptions().model_dump() | options
 
@@ -121,7 +121,10 @@ def check(seed, monkeypatch):
         if operation not in OURS:
             limits = {"seconds": seconds, "memory_gb": memory_gb}
             return honest(operation, vertices, faces, **limits, **parameters)
-        return tools.OPERATIONS[operation](vertices, faces, **parameters)
+        try:
+            return tools.OPERATIONS[operation](vertices, faces, **parameters)
+        except ValueError as error:  # as the child process would report it
+            raise tools.ToolError(str(error)) from error
 
     monkeypatch.setattr(tools, "call", call)
     vertices, faces, options = damaged(seed)
