@@ -141,10 +141,7 @@ def orient(vertices, faces, nested="cavity"):
     faces = np.ascontiguousarray(faces, np.int64)
     edges = EdgeTable(faces)
     if edges.conflicts.any() or (edges.nonmanifold.any() and not edges.balanced):
-        turned, _ = igl.bfs_orient(faces)
-        if edges.nonmanifold.any() and not EdgeTable(turned).balanced:
-            turned = faces if edges.balanced else turned
-        faces = np.ascontiguousarray(turned, np.int64)
+        faces = np.ascontiguousarray(igl.bfs_orient(faces)[0], np.int64)
     component, count = components(faces)
     volumes = signed_volumes(vertices, faces, component, count)
     depth = np.zeros(count, np.int64)

@@ -1,6 +1,6 @@
 """What is wrong with a mesh: everything that a signed distance depends on."""
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 
 import igl
 import igl.predicates
@@ -252,6 +252,3 @@ def _wall_thickness(unit, faces, area, scale):
     if not len(ways):
         return None
     return {"min": float(ways.min()), "p1": float(np.percentile(ways, 1))}
-
-
-FIGURES = tuple(f.name for f in fields(Diagnosis))
