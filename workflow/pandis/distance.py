@@ -1,24 +1,32 @@
 """Exact signed distance and direction, in float64: the truth that everything is judged by.
 
-An engine answers in the unit frame. For a mesh it is libigl's AABB tree for
-the closest point and the winding number for the sign; the direction is from
-the closest point to the query (turned outward inside). On the surface the
-direction, and right next to it the sign, is that of the angle-weighted
-pseudonormal (Bærentzen & Aanæs 2005). For a closed-form shape
-it is the formula.
+An engine answers in the unit frame. For a mesh it is a tree over its faces
+(`pandis.native.bvh`): closest point, and the sign of the angle-weighted
+pseudonormal there (Bærentzen & Aanæs 2005). The sign is compared with the
+winding number at every point; where they differ the exact winding number
+decides, and more than a few such points stop the stage: the mesh is not what
+it was taken for. The direction is from the closest point to the query (turned
+outward inside), on the surface the pseudonormal. For a closed-form shape all
+of it is the formula.
 """
 
-import igl
 import numpy as np
 
+from pandis.errors import PandisError
 from pandis.frame import Frame
 from pandis.mesh.shapes import find_shape
+from pandis.native.bvh import INVALID, ON_SURFACE, TIED, Bvh, Labels
 
 #: Closer than this (unit frame) the quotient (q - c) / d has lost too many digits.
-ON_SURFACE = 1e-9
-#: Closer than this the float32 winding number cannot tell the sides apart.
-NEAR_SURFACE = 1e-6
-CHUNK = 50_000
+SURFACE_DISTANCE = 1e-9
+#: Two closest points tie if they are equally far to this share of the distance …
+TIE_DISTANCE = 1e-3
+#: … and lie in directions that differ by more than this (radians).
+TIE_ANGLE = np.radians(10)
+#: Share of signs that the winding number may overrule before the mesh counts as unsound.
+MAX_OVERRULED = 1e-5
+#: Points answered at once: what bounds the memory of a call.
+CHUNK = 1 << 20
 
 
 class MeshDistance:
@@ -28,18 +36,54 @@ class MeshDistance:
     ----------
     vertices : ndarray, shape (V, 3), float64, unit frame
     faces : ndarray, shape (F, 3), integer
+
+    Raises
+    ------
+    PandisError
+        No C compiler is at hand: the tree is compiled on first use.
     """
 
     def __init__(self, vertices, faces):
         self.vertices = np.ascontiguousarray(vertices, np.float64)
-        self.faces = np.ascontiguousarray(faces, np.int64)
-        self._tree = igl.AABB()
-        self._tree.init(self.vertices, self.faces)
-        self._winding = igl.FastWindingNumberBVH()
-        self._winding.init(self.vertices, self.faces)
-        self._features = None
+        self.faces = np.ascontiguousarray(faces, np.int32)
+        self._tree = Bvh(self.vertices, self.faces)
+        self._asked = 0
 
-    def distance_and_normal(self, points, progress=None):
+    def label(self, points, ties=True, check=True):
+        """Answer everything there is to know at points.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3), unit frame
+            At points that are no finite numbers the answers are NaN, and flagged.
+        ties : bool
+            Look for second closest points.
+        check : bool
+            Compare the signs with the winding number.
+
+        Returns
+        -------
+        pandis.native.bvh.Labels
+
+        Raises
+        ------
+        PandisError
+            The two kinds of sign disagree too often.
+        """
+        tie = (TIE_DISTANCE, TIE_ANGLE) if ties else None
+        labels = self._tree.label(points, SURFACE_DISTANCE, check, tie)
+        self._asked += len(points)
+        allowed = max(1, MAX_OVERRULED * self._asked)
+        if self._tree.overruled > allowed:
+            raise PandisError(
+                f"the signs of {self._tree.overruled:,} of {self._asked:,} points by the mesh's "
+                "pseudonormals contradict its winding number: it is not closed, or folds over "
+                "itself where the repair did not see it; let the repair rebuild it (mesh.rungs: "
+                "[remesh])"
+            )
+        return labels
+
+    def distance_and_normal(self, points, progress=None, check=True):
         """Answer the signed distance and the direction of steepest increase.
 
         Parameters
@@ -47,90 +91,29 @@ class MeshDistance:
         points : ndarray, shape (n, 3), unit frame
         progress : Progress, optional
             Told how many points are done.
+        check : bool
+            As for `label`.
 
         Returns
         -------
         distance : ndarray, shape (n,), float64, negative inside
         normal : ndarray, shape (n, 3), float64, unit length
+            NaN, as the distance, at points that are no finite numbers.
         """
         points = np.ascontiguousarray(points, np.float64)
+        if len(points) <= CHUNK:
+            return self.label(points, ties=False, check=check)[:2]
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))
         for start in range(0, len(points), CHUNK):
             part = slice(start, start + CHUNK)
-            distance[part], normal[part] = self._answer(points[part])
+            distance[part], normal[part] = self.label(points[part], False, check)[:2]
             if progress:
                 progress.update(min(start + CHUNK, len(points)))
         return distance, normal
 
     def inside(self, points):
-        """Tell which points (n, 3) lie inside."""
-        points = np.ascontiguousarray(points, np.float64)
-        return self._winding.winding_number(points) > 0.5
-
-    def _answer(self, points):
-        squared, face, closest = self._tree.squared_distance(self.vertices, self.faces, points)
-        distance = np.sqrt(squared)
-        sign = np.where(self.inside(points), -1.0, 1.0)
-        offset = points - closest
-        near = np.flatnonzero(distance <= NEAR_SURFACE)
-        if len(near):
-            pseudo = self._pseudonormals(face[near], closest[near])
-            sign[near] = np.where(np.einsum("ij,ij->i", offset[near], pseudo) < 0, -1.0, 1.0)
-        normal = offset * (sign / np.maximum(distance, 1e-300))[:, None]
-        if len(near):
-            on = distance[near] <= ON_SURFACE
-            normal[near[on]] = pseudo[on]
-        return sign * distance, normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-    def _pseudonormals(self, face, closest):
-        """Return the pseudonormal of the face, edge or vertex that each point lies on."""
-        if self._features is None:
-            self._features = _feature_normals(self.vertices, self.faces)
-        face_normal, edge_normal, vertex_normal = self._features
-        a, b, c = (self.vertices[self.faces[face, k]] for k in range(3))
-        # barycentrics by areas against the face's own normal
-        n = np.cross(b - a, c - a)
-        total = np.einsum("ij,ij->i", n, n)
-        bary = np.stack(
-            [
-                np.einsum("ij,ij->i", np.cross(q - closest, r - closest), n) / total
-                for q, r in ((b, c), (c, a), (a, b))
-            ],
-            axis=1,
-        )
-        zero = bary < 1e-9
-        normal = face_normal[face]
-        for k in range(3):  # the edge opposite to corner k
-            on_edge = zero[:, k] & (zero.sum(axis=1) == 1)
-            normal[on_edge] = edge_normal[face[on_edge], k]
-            at_corner = zero[:, (k + 1) % 3] & zero[:, (k + 2) % 3]
-            normal[at_corner] = vertex_normal[self.faces[face[at_corner], k]]
-        return normal
-
-
-def _feature_normals(vertices, faces):
-    """Return unit normals of faces (F, 3), of edges opposite to corners (F, 3, 3), of vertices."""
-    corners = vertices[faces]
-    side = np.roll(corners, -1, axis=1) - corners  # from corner k to corner k+1
-    face_normal = np.cross(side[:, 0], side[:, 1])
-    face_normal /= np.maximum(np.linalg.norm(face_normal, axis=1, keepdims=True), 1e-300)
-    directed = faces[:, [[1, 2], [2, 0], [0, 1]]]  # edge opposite to corner k
-    _, index = np.unique(np.sort(directed, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
-    index = index.reshape(-1)
-    edge_sum = np.zeros((index.max() + 1, 3))
-    np.add.at(edge_sum, index, np.repeat(face_normal, 3, axis=0))
-    unit = side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), 1e-300)
-    cosine = -np.einsum("ijk,ijk->ij", unit, np.roll(unit, 1, axis=1))
-    angle = np.arccos(np.clip(cosine, -1, 1))
-    vertex_sum = np.zeros_like(vertices)
-    np.add.at(
-        vertex_sum, faces.reshape(-1), (angle[..., None] * face_normal[:, None]).reshape(-1, 3)
-    )
-
-    def normalised(sums):
-        return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
-
-    return face_normal, normalised(edge_sum)[index].reshape(-1, 3, 3), normalised(vertex_sum)
+        """Tell which points (n, 3) lie inside; none that is no finite number does."""
+        return self._tree.inside(points)
 
 
 class ShapeDistance:
@@ -146,11 +129,42 @@ class ShapeDistance:
     def __init__(self, shape, frame):
         self.shape, self.frame = shape, frame
 
-    def distance_and_normal(self, points, progress=None):
+    def label(self, points, ties=True, check=True):
+        """Answer as `MeshDistance.label` does; a formula has no faces.
+
+        Points next to which the direction turns by more than `TIE_ANGLE` within
+        `TIE_DISTANCE` of the distance are those with two closest points.
+        """
+        distance, normal = self.distance_and_normal(points)
+        flags = np.where(np.isnan(distance), INVALID, 0).astype(np.uint8)
+        with np.errstate(invalid="ignore"):
+            flags[np.abs(distance) <= SURFACE_DISTANCE] |= ON_SURFACE
+            if ties:
+                helper = np.where(np.abs(normal[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
+                aside = np.cross(normal, helper)
+                aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-300)
+                tied = np.zeros(len(points), bool)
+                across = np.cross(normal, aside)
+                for direction in (aside, -aside, across, -across, normal, -normal):
+                    step = TIE_DISTANCE * np.abs(distance)[:, None] * direction
+                    _, beside = self.distance_and_normal(points + step)
+                    tied |= np.einsum("ij,ij->i", normal, beside) < np.cos(TIE_ANGLE)
+                flags[tied] |= TIED
+        nowhere = np.full(len(points), -1, np.int32), np.full((len(points), 3), np.nan)
+        return Labels(distance, normal, *nowhere, flags)
+
+    def distance_and_normal(self, points, progress=None, check=True):
         """Answer as `MeshDistance.distance_and_normal` does."""
-        del progress  # a formula takes no time
-        distance, normal = self.shape.distance_and_normal(self.frame.to_mesh(points))
-        return distance * self.frame.scale, normal
+        del progress, check  # a formula takes no time, and has but one sign
+        points = np.asarray(points, np.float64)
+        bad = ~(np.abs(points) < 1e150).all(axis=1)
+        distance, normal = self.shape.distance_and_normal(
+            self.frame.to_mesh(np.where(bad[:, None], 2.0, points))
+        )
+        return (
+            np.where(bad, np.nan, distance * self.frame.scale),
+            np.where(bad[:, None], np.nan, normal),
+        )
 
     def inside(self, points):
         """Tell which points (n, 3) lie inside."""

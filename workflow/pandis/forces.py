@@ -16,6 +16,7 @@ def penalty_force(distance, normal, stiffness=1.0):
     Returns
     -------
     ndarray, shape (n, 3)
-        Zero outside: a contact pushes, it never pulls.
+        Zero outside: a contact pushes, it never pulls. Zero too where the distance is no number.
     """
-    return (-stiffness * np.minimum(distance, 0.0))[:, None] * normal
+    inside = np.less(distance, 0.0)[:, None]  # not so for NaN
+    return np.where(inside, (-stiffness * np.asarray(distance))[:, None] * normal, 0.0)

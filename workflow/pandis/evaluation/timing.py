@@ -31,7 +31,7 @@ def time_fields(exact, exports, mesh, points, options, progress):
         point), by field.
     """
     points = Frame.from_attributes(mesh.attributes["frame"]).to_mesh(points)
-    answers = {"exact": (exact.distance_and_normal, "libigl from Python")} if exact else {}
+    answers = {"exact": (exact.distance_and_normal, "tree in C, from Python")} if exact else {}
     for path in exports:
         answers[path.stem] = (Session(path).distance_and_normal, "ONNX Runtime, 1 thread")
     arrays, fields = {}, {}

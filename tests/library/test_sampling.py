@@ -1,9 +1,8 @@
-import igl
 import numpy as np
 import pytest
 
 from pandis.config import SampleOptions, TrajectoryOptions
-from pandis.distance import ON_SURFACE, MeshDistance, ShapeDistance
+from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
 from pandis.forces import penalty_force
 from pandis.frame import Frame
@@ -13,81 +12,7 @@ from pandis.stage import silent_progress
 from pandis.trajectories import trace
 from support import box_mesh
 
-UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 SMALL = SampleOptions(surface=3000, offsets=3000, penetration=3000, box=2000, held_out=1000)
-
-
-def naive(vertices, faces, points):
-    """Unsigned distance to all triangles, one by one (Ericson 2005, section 5.1.5)."""
-    best = np.full(len(points), np.inf)
-    for a, b, c in vertices[faces]:
-        ab, ac, ap = b - a, c - a, points - a
-        n = np.cross(ab, ac)
-        s = np.cross(ap, ac) @ n / (n @ n)
-        t = np.cross(ab, ap) @ n / (n @ n)
-        plane = np.abs(ap @ n) / np.linalg.norm(n)
-        inside = (s >= 0) & (t >= 0) & (s + t <= 1)
-        found = np.where(inside, plane, np.inf)
-        for p, q in ((a, b), (b, c), (c, a)):
-            w = np.clip((points - p) @ (q - p) / ((q - p) @ (q - p)), 0, 1)
-            found = np.minimum(found, np.linalg.norm(points - p - w[:, None] * (q - p), axis=1))
-        best = np.minimum(best, found)
-    return best
-
-
-def test_mesh_distance_is_exact():
-    vertices, faces = box_mesh()
-    points = np.random.default_rng(0).uniform(-1.5, 1.5, (3000, 3))
-    distance, normal = MeshDistance(vertices, faces).distance_and_normal(points)
-    shape = SHAPES["box"]
-    exact, exact_normal = shape.distance_and_normal(points)
-    assert np.abs(distance - exact).max() < 1e-14
-    assert np.abs(np.abs(distance) - naive(vertices, faces, points)).max() < 1e-14
-    tie = np.abs(np.sort(np.abs(points) - shape.half, axis=1)[:, -1:] - np.sort(
-        np.abs(points) - shape.half, axis=1)[:, -2:-1])[:, 0] < 1e-6  # fmt: skip
-    assert np.abs(normal - exact_normal)[~tie].max() < 1e-9
-
-
-def test_magnitude_is_that_of_the_tree():
-    """libigl's winding-number sign types would scale it by 1 - 2w."""
-    vertices, faces = SHAPES["torus"].tessellation()
-    points = np.random.default_rng(1).uniform(-1.5, 1.5, (2000, 3))
-    distance, _ = MeshDistance(vertices, faces).distance_and_normal(points)
-    squared, _, _ = igl.point_mesh_squared_distance(points, vertices, faces)
-    assert np.array_equal(np.abs(distance), np.sqrt(squared))
-
-
-def test_direction_on_the_surface_is_the_pseudonormal():
-    vertices, faces = box_mesh()
-    engine = MeshDistance(vertices, faces)
-    corner, edge, flat = [1.0, 0.7, 0.5], [1.0, 0.7, 0.1], [1.0, 0.1, 0.07]
-    distance, normal = engine.distance_and_normal(np.array([corner, edge, flat]))
-    assert (np.abs(distance) <= ON_SURFACE).all()
-    wanted = np.array([[1, 1, 1], [1, 1, 0], [1, 0, 0]], float)
-    wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
-    assert np.abs(normal - wanted).max() < 1e-12
-
-
-@pytest.mark.parametrize("gap", [1e-5, 1e-7, 3e-9])
-def test_sign_is_right_down_to_the_surface(gap):
-    """The winding number alone is a coin toss below 1e-8."""
-    vertices, faces = SHAPES["torus"].tessellation()
-    engine = MeshDistance(vertices, faces)
-    points, normals, _, _ = Surface(vertices, faces).draw(3000, np.random.default_rng(0))
-    for side in (1, -1):
-        distance, normal = engine.distance_and_normal(points + side * gap * normals)
-        assert (np.sign(distance) == side).all()
-        assert (np.einsum("ij,ij->i", normal, normals) > 0.99).all()
-
-
-def test_answers_do_not_depend_on_the_batch(monkeypatch):
-    vertices, faces = SHAPES["torus"].tessellation()
-    engine = MeshDistance(vertices, faces)
-    points = np.random.default_rng(1).uniform(-1.5, 1.5, (500, 3))
-    whole = engine.distance_and_normal(points)
-    monkeypatch.setattr("pandis.distance.CHUNK", 7)
-    parts = engine.distance_and_normal(points)
-    assert all(np.array_equal(a, b) for a, b in zip(whole, parts, strict=True))
 
 
 def test_frame():

@@ -1,0 +1,363 @@
+"""The exact engine against closed forms, against all triangles one by one, and against libigl."""
+
+import subprocess
+
+import igl
+import numpy as np
+import pytest
+
+from pandis.distance import SURFACE_DISTANCE, TIE_ANGLE, MeshDistance, ShapeDistance
+from pandis.errors import PandisError
+from pandis.frame import Frame
+from pandis.mesh.intake import read_mesh
+from pandis.mesh.shapes import SHAPES
+from pandis.native import compiler
+from pandis.native.bvh import INVALID, ON_SURFACE, TIED, Bvh
+from pandis.sampling import Surface
+from support import box_mesh, octahedron
+
+UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+REAL = (
+    "watertight/fandisk_6475v_12946f.obj",
+    "watertight/rockerarm_10044v_20088f.obj",
+    "stanford/armadillo_49990v_99976f_ngp.obj",
+)
+
+
+def naive(vertices, faces, points):
+    """Distance to all triangles, one by one (Ericson 2005, section 5.1.5), and closest points."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    n = np.cross(b - a, c - a)
+    area = np.einsum("ij,ij->i", n, n)
+    edges = [(p, q - p, np.einsum("ij,ij->i", q - p, q - p)) for p, q in ((a, b), (b, c), (c, a))]
+    best, closest = np.empty(len(points)), np.empty((len(points), 3))
+    for index, point in enumerate(points):
+        ap = point - a
+        s = np.einsum("ij,ij->i", np.cross(ap, c - a), n) / area
+        t = np.einsum("ij,ij->i", np.cross(b - a, ap), n) / area
+        height = np.einsum("ij,ij->i", ap, n) / area
+        within = (s >= 0) & (t >= 0) & (s + t <= 1)
+        feet = [np.where(within[:, None], point - height[:, None] * n, np.inf)]
+        for start, side, length in edges:
+            w = np.clip(np.einsum("ij,ij->i", point - start, side) / length, 0, 1)
+            feet.append(start + w[:, None] * side)
+        found = [np.linalg.norm(point - foot, axis=1) for foot in feet]
+        kind = np.argmin([f.min() for f in found])
+        best[index] = found[kind].min()
+        closest[index] = feet[kind][found[kind].argmin()]
+    return best, closest
+
+
+def unit(path):
+    """Read a real mesh into the unit frame."""
+    vertices, faces = read_mesh(str(path), path)[:2]
+    return Frame.of_bounds(vertices.min(0), vertices.max(0)).to_unit(vertices), faces
+
+
+def near_and_far(vertices, faces, count, seed=0):
+    """Return points near the surface, below it, and all over the box."""
+    rng = np.random.default_rng(seed)
+    points, normals, _, _ = Surface(vertices, faces).draw(count // 2, rng)
+    points = points + rng.normal(0, 0.02, (len(points), 1)) * normals
+    return np.concatenate([points, rng.uniform(-1, 1, (count - len(points), 3))])
+
+
+def compare_with_naive(vertices, faces, points):
+    engine = MeshDistance(vertices, faces)
+    labels = engine.label(points)
+    distance, closest = naive(engine.vertices, engine.faces, points)
+    assert np.abs(np.abs(labels.distance) - distance).max() < 1e-12
+    inside = igl.winding_number(engine.vertices, engine.faces.astype(np.int64), points) > 0.5
+    assert np.array_equal(labels.distance < 0, inside)
+    sign = np.where(inside, -1.0, 1.0)[:, None]
+    wanted = sign * (points - closest) / distance[:, None]
+    sure = ((labels.flags & TIED) == 0) & (distance > 1e-6)
+    assert sure.mean() > 0.9
+    assert np.linalg.norm(labels.normal - wanted, axis=1)[sure].max() < 1e-6
+    corners = engine.vertices[engine.faces[labels.face]]
+    feet = np.einsum("ij,ijk->ik", labels.barycentrics, corners)
+    assert np.abs(np.linalg.norm(points - feet, axis=1) - distance).max() < 1e-12
+
+
+def test_box_is_exact():
+    vertices, faces = box_mesh()
+    points = np.random.default_rng(0).uniform(-1.5, 1.5, (3000, 3))
+    engine = MeshDistance(vertices, faces)
+    labels = engine.label(points)
+    exact, exact_normal = SHAPES["box"].distance_and_normal(points)
+    assert np.abs(labels.distance - exact).max() < 1e-14
+    free = (labels.flags & TIED) == 0
+    assert free.mean() > 0.99
+    assert np.abs(labels.normal - exact_normal)[free].max() < 1e-12
+
+
+@pytest.mark.parametrize("shape", ["torus", "capsule", "sphere"])
+def test_tessellations_agree_with_all_triangles(shape):
+    vertices, faces = SHAPES[shape].tessellation()
+    compare_with_naive(vertices, faces, near_and_far(vertices, faces, 300))
+
+
+@pytest.mark.parametrize("path", REAL)
+def test_real_meshes_agree_with_all_triangles(path, meshes):
+    vertices, faces = unit(meshes / path)
+    compare_with_naive(vertices, faces, near_and_far(vertices, faces, 200))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("path", REAL)
+def test_real_meshes_agree_with_all_triangles_at_20_000_points(path, meshes):
+    vertices, faces = unit(meshes / path)
+    compare_with_naive(vertices, faces, near_and_far(vertices, faces, 20_000, seed=1))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_closed_forms_agree_with_their_tessellations(shape):
+    """Up to the sagitta of the tessellation, and in sign and direction off its facets."""
+    form = SHAPES[shape]
+    vertices, faces = form.tessellation()
+    points = np.random.default_rng(3).uniform(-1.4, 1.4, (3000, 3))
+    mesh, closed = MeshDistance(vertices, faces), ShapeDistance(form, UNIT)
+    found, wanted = mesh.label(points), closed.label(points)
+    assert np.abs(found.distance - wanted.distance).max() < 3e-3
+    # the facets of a tessellated sphere tie around its centre: the closed form must say so there
+    free = ((found.flags | wanted.flags) & TIED == 0) & (np.abs(wanted.distance) > 0.1)
+    assert free.mean() > 0.5
+    angle = np.einsum("ij,ij->i", found.normal, wanted.normal)[free]
+    assert np.median(angle) > 0.9999
+
+
+def test_distance_is_that_of_libigl():
+    vertices, faces = SHAPES["torus"].tessellation()
+    points = np.random.default_rng(1).uniform(-1.5, 1.5, (20_000, 3))
+    distance, _ = MeshDistance(vertices, faces).distance_and_normal(points)
+    squared, _, _ = igl.point_mesh_squared_distance(points, vertices, faces)
+    assert np.abs(np.abs(distance) - np.sqrt(squared)).max() < 1e-15
+    signed, _, _, _ = igl.signed_distance(
+        points, vertices, faces, sign_type=igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+    )
+    assert np.array_equal(np.sign(signed), np.sign(distance))
+
+
+def test_direction_on_the_surface_is_the_pseudonormal():
+    vertices, faces = box_mesh()
+    engine = MeshDistance(vertices, faces)
+    corner, edge, flat = [1.0, 0.7, 0.5], [1.0, 0.7, 0.1], [1.0, 0.1, 0.07]
+    labels = engine.label(np.array([corner, edge, flat]))
+    assert (np.abs(labels.distance) <= SURFACE_DISTANCE).all()
+    assert (labels.flags == ON_SURFACE).all()
+    wanted = np.array([[1, 1, 1], [1, 1, 0], [1, 0, 0]], float)
+    wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
+    assert np.abs(labels.normal - wanted).max() < 1e-12
+
+
+@pytest.mark.parametrize("gap", [1e-5, 1e-7, 3e-9])
+def test_sign_is_right_down_to_the_surface(gap):
+    vertices, faces = SHAPES["torus"].tessellation()
+    engine = MeshDistance(vertices, faces)
+    points, normals, _, _ = Surface(vertices, faces).draw(3000, np.random.default_rng(0))
+    for side in (1, -1):
+        distance, normal = engine.distance_and_normal(points + side * gap * normals)
+        assert (np.sign(distance) == side).all()
+        assert (np.einsum("ij,ij->i", normal, normals) > 0.99).all()
+
+
+def test_a_thin_cone_has_the_right_sign_everywhere():
+    """The normal of the closest face alone is wrong beside its tip (Bærentzen & Aanæs 2005)."""
+    turn = 2 * np.pi * np.arange(12) / 12
+    rim = np.stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), np.full(12, -1.0)], axis=1)
+    vertices = np.concatenate([rim, [[0, 0, 1.0]], [[0, 0, -1.0]]])
+    k = np.arange(12)
+    faces = np.concatenate(
+        [
+            np.stack([k, (k + 1) % 12, np.full(12, 12)], 1),
+            np.stack([(k + 1) % 12, k, np.full(12, 13)], 1),
+        ]
+    )
+    points = np.random.default_rng(0).uniform(-1, 1, (20_000, 3)) * [0.2, 0.2, 1.2]
+    engine = MeshDistance(vertices, faces)
+    distance, _ = engine.distance_and_normal(points, check=False)
+    assert np.array_equal(distance < 0, igl.winding_number(vertices, faces, points) > 0.5)
+    faces_alone = igl.per_face_normals(vertices, faces, np.zeros(3))
+    labels = engine.label(points)
+    offset = points - np.einsum("ij,ijk->ik", labels.barycentrics, vertices[faces[labels.face]])
+    naive_sign = np.einsum("ij,ij->i", offset, faces_alone[labels.face]) < 0
+    assert (naive_sign != (distance < 0)).any(), "the case is too easy to show anything"
+
+
+# --- what answers may not depend on --------------------------------------------------
+
+
+@pytest.mark.parametrize("threads", ["1", "2", "5"])
+def test_answers_do_not_depend_on_batch_order_or_threads(monkeypatch, threads):
+    vertices, faces = SHAPES["torus"].tessellation()
+    points = np.random.default_rng(1).uniform(-1.5, 1.5, (6000, 3))
+    whole = MeshDistance(vertices, faces).label(points)
+    monkeypatch.setenv("IGL_NUM_THREADS", threads)
+    engine = MeshDistance(vertices, faces)
+    again = engine.label(points[::-1])
+    assert all(np.array_equal(a, b[::-1]) for a, b in zip(whole, again, strict=True))
+    few = [engine.label(points[i : i + 7]) for i in range(0, 700, 7)]
+    parts = [np.concatenate(column) for column in zip(*few, strict=True)]
+    assert all(np.array_equal(a[:700], b) for a, b in zip(whole, parts, strict=True))
+    monkeypatch.setattr("pandis.distance.CHUNK", 501)
+    distance, normal = engine.distance_and_normal(points)
+    assert np.array_equal(distance, whole.distance)
+    assert np.array_equal(normal, whole.normal)
+
+
+@pytest.mark.parametrize(("scale", "move"), [(1e-6, 0.0), (1e6, 0.0), (1.0, 1e6)])
+def test_answers_follow_scale_and_place(scale, move):
+    """To the rounding of the coordinates: at 1e6 a float64 keeps 1e-10."""
+    vertices, faces = SHAPES["torus"].tessellation(48, 24)
+    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
+    moved = vertices * scale + move * np.array([1.0, -0.5, 0.25])
+    there = Frame.of_bounds(moved.min(0), moved.max(0))
+    points = np.random.default_rng(2).uniform(-1, 1, (3000, 3))
+    one = MeshDistance(frame.to_unit(vertices), faces).label(points)
+    other = MeshDistance(there.to_unit(moved), faces).label(points)
+    rounding = 1e-14 + 4 * np.spacing(move)
+    assert np.abs(one.distance - other.distance).max() < rounding
+    free = (one.flags | other.flags) & TIED == 0
+    angle = np.linalg.norm(one.normal - other.normal, axis=1) * np.abs(one.distance)
+    assert angle[free].max() < 4 * rounding / np.sin(TIE_ANGLE)
+
+
+# --- ties -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("engine", ["mesh", "closed form"])
+def test_points_between_two_walls_are_tied(engine):
+    points = np.array([[0.0, 0, 0], [0, 0, 0.01], [0.5, 0.2, 1e-7], [0.8, 0, 0.1], [1.5, 0, 0]])
+    engines = {"mesh": MeshDistance(*box_mesh()), "closed form": ShapeDistance(SHAPES["box"], UNIT)}
+    labels = engines[engine].label(points)
+    assert (labels.flags & TIED).astype(bool).tolist() == [True, False, True, False, False]
+
+
+def test_flat_and_gently_curved_walls_tie_nowhere_near_them():
+    vertices, faces = SHAPES["sphere"].tessellation()
+    surface = Surface(vertices, faces)
+    points, normals, _, _ = surface.draw(5000, np.random.default_rng(0))
+    flags = MeshDistance(vertices, faces).label(points - 0.05 * normals).flags
+    assert not (flags & TIED).any()
+
+
+# --- bad input, bad meshes ------------------------------------------------------------------
+
+BAD = np.array([[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf], [1e300, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    "engine", [MeshDistance(*octahedron()), ShapeDistance(SHAPES["torus"], UNIT)]
+)
+def test_points_that_are_no_numbers_are_flagged_and_harm_no_other(engine):
+    good = np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    mixed = np.insert(good, [0, 10, 20, 50], BAD, axis=0)
+    bad = ~(np.abs(mixed) < 1e150).all(axis=1)
+    labels, alone = engine.label(mixed), engine.label(good)
+    assert np.isnan(labels.distance[bad]).all()
+    assert np.isnan(labels.normal[bad]).all()
+    assert (labels.flags[bad] == INVALID).all()
+    assert (labels.face[bad] == -1).all()
+    assert np.array_equal(labels.distance[~bad], alone.distance)
+    assert np.array_equal(labels.normal[~bad], alone.normal)
+    assert not engine.inside(BAD).any()
+
+
+def test_far_points_are_answered():
+    engine = MeshDistance(*box_mesh())
+    points = np.array([[1e12, 0, 0], [0, -1e30, 0], [1e100, 1e100, 0]])
+    distance, normal = engine.distance_and_normal(points)
+    assert distance == pytest.approx([1e12, 1e30, 2**0.5 * 1e100])
+    wanted = [[1, 0, 0], [0, -1, 0], [0.5**0.5, 0.5**0.5, 0]]
+    assert np.abs(normal - wanted).max() < 1e-9
+
+
+def test_signs_that_contradict_the_winding_number_stop_the_stage():
+    """A box inside out has all signs wrong; an unclosed one some."""
+    vertices, faces = box_mesh()
+    points = np.random.default_rng(0).uniform(-1, 1, (5000, 3))
+    for broken in (faces[:, ::-1], faces[:-1]):
+        with pytest.raises(PandisError, match=r"signs of [\d,]+ of 5,000 points .* \[remesh\]"):
+            MeshDistance(vertices, broken).label(points)
+
+
+def test_the_exact_winding_number_overrules_a_wrong_sign():
+    """A flap that hangs inside turns signs around it; the solid is the same."""
+    vertices, faces = box_mesh()
+    flap = np.array([[0.2, 0.2, 0.2], [0.3, 0.2, 0.2], [0.2, 0.3, 0.2]])
+    count = len(vertices)
+    both = np.concatenate([faces, [[count, count + 1, count + 2]]])
+    tree = Bvh(np.concatenate([vertices, flap]), both)
+    points = np.array([[0.22, 0.22, 0.21], [0.22, 0.22, 0.19]])
+    labels = tree.label(points, SURFACE_DISTANCE)
+    assert (labels.distance < 0).all()
+    assert tree.overruled == 1
+
+
+def test_winding_numbers_agree_with_libigl():
+    vertices, faces = SHAPES["torus"].tessellation()
+    points = near_and_far(vertices, faces, 500)
+    rough, exact = Bvh(vertices, faces).winding(points)
+    assert np.abs(exact - igl.winding_number(vertices, faces, points)).max() < 1e-9
+    assert np.abs(rough - exact).max() < 0.3
+
+
+# --- degenerate trees ------------------------------------------------------------------------
+
+
+def test_many_triangles_at_one_place_and_slivers():
+    """The splits find nothing to separate; the depth stays bounded and the answers exact."""
+    rng = np.random.default_rng(0)
+    triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    sliver = np.array([[0.0, 0, 0], [1, 1e-13, 0], [0.5, 0, 0]])
+    point = np.zeros((3, 3))
+    vertices = np.concatenate([np.tile(triangle, (3000, 1)), sliver, point])
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    points = rng.uniform(-1, 2, (200, 3))
+    labels = Bvh(vertices, faces).label(points, SURFACE_DISTANCE, check=False)
+    distance, _ = naive(vertices, faces[:1], points)
+    assert np.abs(np.abs(labels.distance) - distance).max() < 1e-12
+    assert set(labels.face) <= {0, 3000, 3001}  # of equals the first
+
+
+def test_faces_must_name_vertices():
+    vertices, faces = box_mesh()
+    for bad in (faces + 1, faces[:0], -faces):
+        with pytest.raises(ValueError, match="name vertices"):
+            Bvh(vertices, bad)
+    with pytest.raises(ValueError, match="finite"):
+        Bvh(np.where(vertices > 0.9, np.nan, vertices), faces)
+
+
+# --- compiling --------------------------------------------------------------------------------
+
+
+def test_without_a_compiler_the_message_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    compiler.load.cache_clear()
+    with pytest.raises(PandisError, match="install one"):
+        compiler.load(tmp_path / "any.c")
+
+
+def test_a_library_is_compiled_once_and_kept(monkeypatch, tmp_path):
+    monkeypatch.setenv("PANDIS_CACHE", str(tmp_path / "cache"))
+    source = tmp_path / "seven.c"
+    source.write_text("int seven(void) { return 7; }\n")
+    for _ in range(2):
+        compiler.load.cache_clear()
+        assert compiler.load(source).seven() == 7
+    kept = list((tmp_path / "cache").iterdir())
+    assert [p.suffix for p in kept] == [".so"]
+    source.write_text("int seven(void) { return 7 }\n")
+    compiler.load.cache_clear()
+    with pytest.raises(PandisError, match="expected"):
+        compiler.load(source)
+    assert len(list((tmp_path / "cache").iterdir())) == 1
+
+
+def test_the_source_has_no_warnings():
+    source = compiler.__file__.replace("compiler.py", "bvh/bvh.c")
+    command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only"]
+    done = subprocess.run([*command, source], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

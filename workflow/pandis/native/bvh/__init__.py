@@ -1,0 +1,164 @@
+"""Closest points and winding numbers of a triangle mesh: the binding of ``bvh.c``."""
+
+import ctypes
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.errors import PandisError
+from pandis.native.compiler import load, thread_count
+
+INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
+#: Fewer points than this are not worth a second thread or an order.
+_SMALL = 2048
+
+
+class Labels(NamedTuple):
+    """Exact answers at points, in the frame of the mesh.
+
+    Attributes
+    ----------
+    distance : ndarray, shape (n,)
+        Negative inside; NaN at points that are no numbers.
+    normal : ndarray, shape (n, 3)
+        Direction of steepest increase, unit length.
+    face : ndarray, shape (n,), int32
+        On which the closest point lies; -1 at points that are no numbers.
+    barycentrics : ndarray, shape (n, 3)
+        Of the closest point.
+    flags : ndarray, shape (n,), uint8
+        Sum of INVALID, TIED (two closest points), OVERRULED (the pseudonormal's sign was wrong)
+        and ON_SURFACE (the normal is the pseudonormal).
+    """
+
+    distance: np.ndarray
+    normal: np.ndarray
+    face: np.ndarray
+    barycentrics: np.ndarray
+    flags: np.ndarray
+
+
+def library():
+    """Return the compiled library with its functions' types declared."""
+    lib = load(Path(__file__).with_name("bvh.c"))
+    pointer, i32, i64, f64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64, ctypes.c_double
+    lib.bvh_build.restype = pointer
+    lib.bvh_build.argtypes = [pointer, i32, pointer, i32]
+    lib.bvh_free.argtypes = [pointer]
+    lib.bvh_inside.argtypes = [pointer, pointer, i64, pointer]
+    lib.bvh_winding.argtypes = [pointer, pointer, i64, pointer, pointer]
+    lib.bvh_order.argtypes = [pointer, i64, pointer]
+    lib.bvh_label.argtypes = [pointer, pointer, pointer, i64, f64, i32, f64, f64, *[pointer] * 6]
+    return lib
+
+
+class Bvh:
+    """A tree over triangles.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), float64
+    faces : ndarray, shape (F, 3), integer
+    """
+
+    def __init__(self, vertices, faces):
+        vertices = np.ascontiguousarray(vertices, np.float64)
+        faces = np.ascontiguousarray(faces, np.int32)
+        if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
+            raise ValueError("faces must name vertices, and there must be one")
+        if not np.isfinite(vertices).all():
+            raise ValueError("vertices must be finite")
+        self._library = library()
+        self._tree = self._library.bvh_build(
+            vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces)
+        )
+        if not self._tree:
+            raise PandisError(f"not enough memory for a tree over {len(faces):,} faces")
+        self.checked = self.overruled = 0
+
+    def __del__(self):
+        if getattr(self, "_tree", None):
+            self._library.bvh_free(self._tree)
+            self._tree = None
+
+    def label(self, points, on_surface, check=True, tie=None):
+        """Answer exact distances and what belongs to them.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+        on_surface : float
+            Up to this distance the normal is the pseudonormal and no sign is checked.
+        check : bool
+            Compare every sign with the winding number.
+        tie : (float, float), optional
+            Flag points with a second closest point at most so much farther (relative), in a
+            direction that differs by more than this angle (radians).
+
+        Returns
+        -------
+        Labels
+        """
+        points = np.ascontiguousarray(points, np.float64)
+        count = len(points)
+        out = Labels(
+            np.empty(count),
+            np.empty((count, 3)),
+            np.empty(count, np.int32),
+            np.empty((count, 3)),
+            np.empty(count, np.uint8),
+        )
+        relative, cosine = (tie[0], np.cos(tie[1])) if tie else (0.0, 0.0)
+        order = None
+        if count >= _SMALL:
+            order = np.empty(count, np.int64)
+            if not self._library.bvh_order(points.ctypes.data, count, order.ctypes.data):
+                raise PandisError(f"not enough memory to sort {count:,} points")
+        columns = [column.ctypes.data for column in out]
+
+        def part(low, high):
+            counts = np.zeros(2, np.int64)
+            start = order[low:].ctypes.data if order is not None else None
+            self._library.bvh_label(
+                self._tree, points.ctypes.data, start, high - low, on_surface, check,
+                relative, cosine, *columns, counts.ctypes.data,
+            )  # fmt: skip
+            return counts
+
+        counts = sum(in_threads(part, count)) if count else (0, 0)
+        self.checked += int(counts[0])
+        self.overruled += int(counts[1])
+        return out
+
+    def inside(self, points):
+        """Tell which points (n, 3) lie inside, by the winding number alone."""
+        points = np.ascontiguousarray(points, np.float64)
+        found = np.empty(len(points), np.uint8)
+
+        def part(low, high):
+            start = points[low:].ctypes.data
+            self._library.bvh_inside(self._tree, start, high - low, found[low:].ctypes.data)
+
+        in_threads(part, len(points))
+        return found.astype(bool)
+
+    def winding(self, points):
+        """Return the approximate and the exact winding numbers (n,) at points (n, 3)."""
+        points = np.ascontiguousarray(points, np.float64)
+        rough, exact = np.empty(len(points)), np.empty(len(points))
+        self._library.bvh_winding(
+            self._tree, points.ctypes.data, len(points), rough.ctypes.data, exact.ctypes.data
+        )
+        return rough, exact
+
+
+def in_threads(part, count):
+    """Call ``part(low, high)`` for pieces of ``range(count)``, on threads if it is long."""
+    threads = thread_count() if count >= _SMALL else 1
+    edges = [count * k // threads for k in range(threads + 1)]
+    if threads == 1:
+        return [part(0, count)]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(part, edges[:-1], edges[1:]))

@@ -1,0 +1,803 @@
+/* A bounding volume hierarchy over triangles: exact closest points and winding numbers.
+ *
+ * Eight-wide nodes hold boxes in float, rounded outward; leaves hold four triangles in double.
+ * A box is skipped only if it is certainly farther than the best answer, and among equally near
+ * triangles the one with the least index wins, so the answer depends on nothing but the point
+ * and the triangles: neither on the order of the points, nor on threads, nor on vector width.
+ *
+ * Compile without reassociation (-ffp-contract=off, no -ffast-math): then every machine with
+ * IEEE arithmetic gives the same bits.
+ *
+ * Signs: Baerentzen and Aanaes 2005 (angle-weighted pseudonormals). Winding numbers: Barill et
+ * al. 2018 (dipoles of clusters), solid angles after Van Oosterom and Strackee 1983.
+ */
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define WIDTH 8
+#define LEAF 4
+#define BINS 16
+#define MEDIAN_DEPTH 40 /* from here on halves, so that the depth is bounded */
+#define STACK 1024
+#define KNOWN 8
+#define ROUGH_BETA 1.4f
+#define FINE_BETA 2.5f
+#define FAR_LIMIT 1e150 /* farther points overflow when squared */
+
+enum { FLAG_INVALID = 1, FLAG_TIED = 2, FLAG_OVERRULED = 4, FLAG_ON_SURFACE = 8 };
+
+typedef struct {
+    float low[3][WIDTH], high[3][WIDTH];
+    int32_t child[WIDTH]; /* a node if >= 0, else the complement of a leaf; unused boxes are empty */
+} Node;
+
+typedef struct {
+    float centre[3][WIDTH], dipole[3][WIDTH], reach[WIDTH]; /* reach: radius squared */
+} Cluster;
+
+typedef struct {
+    double a[3][LEAF], ab[3][LEAF], ac[3][LEAF];
+    double per_ab[LEAF], per_ac[LEAF], per_bc[LEAF];    /* 1 / squared length */
+    double gram_ab[LEAF], gram_mix[LEAF], gram_ac[LEAF]; /* Gram matrix over its determinant */
+    int32_t face[LEAF];                                  /* unused lanes repeat the first */
+    int32_t count, pad[3];
+} Leaf;
+
+typedef struct {
+    int32_t vertex_count, face_count, node_count, leaf_count;
+    double scale; /* largest coordinate */
+    double *vertices;
+    int32_t *faces;
+    int32_t *neighbours;    /* (F, 3): the face across the edge from corner k to k + 1, or -1 */
+    double *vertex_normals; /* (V, 3), angle-weighted, unit */
+    Node *nodes;
+    Cluster *clusters;
+    Leaf *leaves;
+} Bvh;
+
+static void cross(const double *u, const double *v, double *out) {
+    out[0] = u[1] * v[2] - u[2] * v[1];
+    out[1] = u[2] * v[0] - u[0] * v[2];
+    out[2] = u[0] * v[1] - u[1] * v[0];
+}
+
+static double dot(const double *u, const double *v) {
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
+}
+
+static int normalise(double *v) {
+    double length = sqrt(dot(v, v));
+    if (!(length > 0)) return 0;
+    for (int k = 0; k < 3; k++) v[k] /= length;
+    return 1;
+}
+
+static const double *corner(const Bvh *t, int32_t face, int k) {
+    return t->vertices + 3 * (size_t)t->faces[3 * (ptrdiff_t)face + k];
+}
+
+/* The unit normal of a face; from its two shortest edges, whose product is the most exact. */
+static int face_normal(const Bvh *t, int32_t face, double *n) {
+    double side[3][3], length[3];
+    for (int k = 0; k < 3; k++) {
+        const double *p = corner(t, face, k), *q = corner(t, face, (k + 1) % 3);
+        for (int i = 0; i < 3; i++) side[k][i] = q[i] - p[i];
+        length[k] = dot(side[k], side[k]);
+    }
+    int longest = length[0] >= length[1] ? (length[0] >= length[2] ? 0 : 2) : (length[1] >= length[2] ? 1 : 2);
+    cross(side[(longest + 1) % 3], side[(longest + 2) % 3], n);
+    return normalise(n);
+}
+
+/* ---------------------------------------------------------------- building */
+
+typedef struct {
+    Bvh *tree;
+    int32_t *order;
+    float *box;      /* (F, 6) */
+    float *centroid; /* (F, 3) */
+    int node_room, leaf_room, failed;
+} Builder;
+
+typedef struct {
+    int32_t start, count;
+    float low[3], high[3], area;
+} Range;
+
+static float half_area(const float *low, const float *high) {
+    float x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
+    return x * y + y * z + z * x;
+}
+
+static void bound(Builder *b, Range *r) {
+    for (int k = 0; k < 3; k++) r->low[k] = INFINITY, r->high[k] = -INFINITY;
+    for (int32_t i = r->start; i < r->start + r->count; i++) {
+        const float *box = b->box + 6 * (size_t)b->order[i];
+        for (int k = 0; k < 3; k++) {
+            if (box[k] < r->low[k]) r->low[k] = box[k];
+            if (box[3 + k] > r->high[k]) r->high[k] = box[3 + k];
+        }
+    }
+    r->area = half_area(r->low, r->high);
+}
+
+/* Split by the binned surface area heuristic; halve where that finds nothing. */
+static void split(Builder *b, const Range *r, int depth, Range *left, Range *right) {
+    float low[3], high[3], best = INFINITY;
+    int best_axis = -1, best_bin = 0;
+    for (int k = 0; k < 3; k++) low[k] = INFINITY, high[k] = -INFINITY;
+    for (int32_t i = r->start; i < r->start + r->count; i++) {
+        const float *c = b->centroid + 3 * (size_t)b->order[i];
+        for (int k = 0; k < 3; k++) {
+            if (c[k] < low[k]) low[k] = c[k];
+            if (c[k] > high[k]) high[k] = c[k];
+        }
+    }
+    for (int axis = 0; axis < 3 && depth < MEDIAN_DEPTH; axis++) {
+        if (!(high[axis] > low[axis])) continue;
+        float bin_low[BINS][3], bin_high[BINS][3], area[BINS];
+        int32_t count[BINS] = {0};
+        float factor = BINS * 0.9999f / (high[axis] - low[axis]);
+        for (int i = 0; i < BINS; i++)
+            for (int k = 0; k < 3; k++) bin_low[i][k] = INFINITY, bin_high[i][k] = -INFINITY;
+        for (int32_t i = r->start; i < r->start + r->count; i++) {
+            int32_t f = b->order[i];
+            int bin = (int)((b->centroid[3 * (ptrdiff_t)f + axis] - low[axis]) * factor);
+            const float *box = b->box + 6 * (size_t)f;
+            count[bin]++;
+            for (int k = 0; k < 3; k++) {
+                if (box[k] < bin_low[bin][k]) bin_low[bin][k] = box[k];
+                if (box[3 + k] > bin_high[bin][k]) bin_high[bin][k] = box[3 + k];
+            }
+        }
+        float l[3] = {INFINITY, INFINITY, INFINITY}, h[3] = {-INFINITY, -INFINITY, -INFINITY};
+        for (int i = BINS - 1; i > 0; i--) { /* area of all bins from i on */
+            for (int k = 0; k < 3; k++) {
+                if (bin_low[i][k] < l[k]) l[k] = bin_low[i][k];
+                if (bin_high[i][k] > h[k]) h[k] = bin_high[i][k];
+            }
+            area[i] = h[0] >= l[0] ? half_area(l, h) : 0;
+        }
+        int32_t before = 0;
+        for (int k = 0; k < 3; k++) l[k] = INFINITY, h[k] = -INFINITY;
+        for (int i = 0; i < BINS - 1; i++) {
+            before += count[i];
+            for (int k = 0; k < 3; k++) {
+                if (bin_low[i][k] < l[k]) l[k] = bin_low[i][k];
+                if (bin_high[i][k] > h[k]) h[k] = bin_high[i][k];
+            }
+            if (!before || before == r->count) continue;
+            float cost = half_area(l, h) * (float)before + area[i + 1] * (float)(r->count - before);
+            if (cost < best) best = cost, best_axis = axis, best_bin = i;
+        }
+    }
+    int32_t middle = r->start + r->count / 2;
+    if (best_axis >= 0) {
+        float factor = BINS * 0.9999f / (high[best_axis] - low[best_axis]);
+        int32_t i = r->start, j = r->start + r->count;
+        while (i < j) {
+            float c = b->centroid[3 * (ptrdiff_t)b->order[i] + best_axis];
+            if ((int)((c - low[best_axis]) * factor) <= best_bin) {
+                i++;
+            } else {
+                int32_t swap = b->order[--j];
+                b->order[j] = b->order[i];
+                b->order[i] = swap;
+            }
+        }
+        middle = i;
+    }
+    *left = (Range){.start = r->start, .count = middle - r->start};
+    *right = (Range){.start = middle, .count = r->start + r->count - middle};
+    bound(b, left);
+    bound(b, right);
+}
+
+static int32_t add_leaf(Builder *b, const Range *r) {
+    Bvh *t = b->tree;
+    if (t->leaf_count == b->leaf_room) {
+        int room = b->leaf_room * 2;
+        Leaf *grown = realloc(t->leaves, (size_t)room * sizeof(Leaf));
+        if (!grown) return b->failed = 1, 0;
+        t->leaves = grown, b->leaf_room = room;
+    }
+    Leaf *leaf = t->leaves + t->leaf_count;
+    memset(leaf, 0, sizeof *leaf);
+    leaf->count = r->count;
+    for (int lane = 0; lane < LEAF; lane++) {
+        int32_t face = b->order[r->start + (lane < r->count ? lane : 0)];
+        const double *p = corner(t, face, 0), *q = corner(t, face, 1), *s = corner(t, face, 2);
+        double ab[3], ac[3], bc[3];
+        for (int k = 0; k < 3; k++) {
+            ab[k] = q[k] - p[k], ac[k] = s[k] - p[k], bc[k] = s[k] - q[k];
+            leaf->a[k][lane] = p[k], leaf->ab[k][lane] = ab[k], leaf->ac[k][lane] = ac[k];
+        }
+        double aa = dot(ab, ab), cc = dot(ac, ac), bb = dot(bc, bc), mix = dot(ab, ac), n[3];
+        cross(ab, ac, n);
+        double det = dot(n, n);
+        leaf->per_ab[lane] = aa > 0 ? 1 / aa : 0;
+        leaf->per_ac[lane] = cc > 0 ? 1 / cc : 0;
+        leaf->per_bc[lane] = bb > 0 ? 1 / bb : 0;
+        /* without an area no point projects into it: NaN fails every comparison */
+        leaf->gram_ab[lane] = det > 0 ? aa / det : NAN;
+        leaf->gram_mix[lane] = det > 0 ? mix / det : NAN;
+        leaf->gram_ac[lane] = det > 0 ? cc / det : NAN;
+        leaf->face[lane] = face;
+    }
+    return t->leaf_count++;
+}
+
+static int32_t add_node(Builder *b, Range root, int depth) {
+    Bvh *t = b->tree;
+    if (t->node_count == b->node_room) {
+        int room = b->node_room * 2;
+        Node *nodes = realloc(t->nodes, (size_t)room * sizeof(Node));
+        if (nodes) t->nodes = nodes;
+        Cluster *clusters = realloc(t->clusters, (size_t)room * sizeof(Cluster));
+        if (clusters) t->clusters = clusters;
+        if (!nodes || !clusters) return b->failed = 1, 0;
+        b->node_room = room;
+    }
+    int32_t index = t->node_count++;
+    Range part[WIDTH];
+    int count = 1;
+    part[0] = root;
+    while (count < WIDTH) {
+        int widest = -1;
+        for (int i = 0; i < count; i++)
+            if (part[i].count > LEAF && (widest < 0 || part[i].area > part[widest].area)) widest = i;
+        if (widest < 0) break;
+        Range left, right;
+        split(b, &part[widest], depth, &left, &right);
+        part[widest] = left, part[count++] = right;
+    }
+    Node node;
+    Cluster cluster;
+    memset(&node, 0, sizeof node), memset(&cluster, 0, sizeof cluster);
+    /* the float box of a point may be off by half a unit in the last place of the coordinates */
+    float pad = (float)(t->scale * 4e-7);
+    for (int i = 0; i < WIDTH; i++) {
+        for (int k = 0; k < 3; k++) {
+            node.low[k][i] = i < count ? part[i].low[k] - pad : INFINITY;
+            node.high[k][i] = i < count ? part[i].high[k] + pad : -INFINITY;
+        }
+        if (i >= count) continue;
+        double area = 0, centre[3] = {0}, dipole[3] = {0};
+        for (int32_t j = part[i].start; j < part[i].start + part[i].count; j++) {
+            const double *p = corner(t, b->order[j], 0), *q = corner(t, b->order[j], 1), *s = corner(t, b->order[j], 2);
+            double ab[3], ac[3], n[3];
+            for (int k = 0; k < 3; k++) ab[k] = q[k] - p[k], ac[k] = s[k] - p[k];
+            cross(ab, ac, n);
+            double twice = sqrt(dot(n, n));
+            area += twice;
+            for (int k = 0; k < 3; k++) {
+                dipole[k] += n[k] / 2;
+                centre[k] += twice * (p[k] + q[k] + s[k]) / 3;
+            }
+        }
+        double reach = 0;
+        for (int k = 0; k < 3; k++)
+            centre[k] = area > 0 ? centre[k] / area : (part[i].low[k] + part[i].high[k]) / 2;
+        for (int32_t j = part[i].start; j < part[i].start + part[i].count; j++)
+            for (int c = 0; c < 3; c++) {
+                const double *p = corner(t, b->order[j], c);
+                double d = 0;
+                for (int k = 0; k < 3; k++) d += (p[k] - centre[k]) * (p[k] - centre[k]);
+                if (d > reach) reach = d;
+            }
+        for (int k = 0; k < 3; k++) {
+            cluster.centre[k][i] = (float)centre[k];
+            cluster.dipole[k][i] = (float)dipole[k];
+        }
+        cluster.reach[i] = (float)(reach * 1.0001 + 1e-30);
+    }
+    for (int i = 0; i < count && !b->failed; i++)
+        node.child[i] = part[i].count <= LEAF ? ~add_leaf(b, &part[i]) : add_node(b, part[i], depth + 1);
+    t->nodes[index] = node, t->clusters[index] = cluster;
+    return index;
+}
+
+/* The face across each edge: half-edges bucketed by their lower vertex. */
+static int find_neighbours(Bvh *t) {
+    size_t halves = 3 * (size_t)t->face_count;
+    int64_t *start = calloc((size_t)t->vertex_count + 2, sizeof *start);
+    int32_t *bucket = malloc(halves * sizeof *bucket);
+    if (!start || !bucket) return free(start), free(bucket), 0;
+    for (size_t h = 0; h < halves; h++) {
+        int32_t u = t->faces[h], v = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+        start[(u < v ? u : v) + 2]++;
+    }
+    for (int32_t v = 0; v < t->vertex_count; v++) start[v + 2] += start[v + 1];
+    for (size_t h = 0; h < halves; h++) {
+        int32_t u = t->faces[h], v = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+        bucket[start[(u < v ? u : v) + 1]++] = (int32_t)h;
+        t->neighbours[h] = -1;
+    }
+    for (int32_t v = 0; v < t->vertex_count; v++)
+        for (int64_t i = start[v]; i < start[v + 1]; i++)
+            for (int64_t j = i + 1; j < start[v + 1]; j++) {
+                size_t g = (size_t)bucket[i], h = (size_t)bucket[j];
+                int32_t g1 = t->faces[g % 3 == 2 ? g - 2 : g + 1], h1 = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+                if (t->faces[g] == h1 && t->faces[h] == g1 && t->neighbours[g] < 0 && t->neighbours[h] < 0) {
+                    t->neighbours[g] = (int32_t)(h / 3);
+                    t->neighbours[h] = (int32_t)(g / 3);
+                }
+            }
+    free(start), free(bucket);
+    return 1;
+}
+
+static void find_vertex_normals(Bvh *t) {
+    memset(t->vertex_normals, 0, 3 * (size_t)t->vertex_count * sizeof(double));
+    for (int32_t f = 0; f < t->face_count; f++) {
+        double n[3];
+        if (!face_normal(t, f, n)) continue;
+        for (int k = 0; k < 3; k++) {
+            const double *p = corner(t, f, k), *q = corner(t, f, (k + 1) % 3), *s = corner(t, f, (k + 2) % 3);
+            double u[3], v[3], c[3];
+            for (int i = 0; i < 3; i++) u[i] = q[i] - p[i], v[i] = s[i] - p[i];
+            cross(u, v, c);
+            double angle = atan2(sqrt(dot(c, c)), dot(u, v));
+            double *sum = t->vertex_normals + 3 * (size_t)t->faces[3 * (ptrdiff_t)f + k];
+            for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
+        }
+    }
+    for (int32_t v = 0; v < t->vertex_count; v++) normalise(t->vertex_normals + 3 * (size_t)v);
+}
+
+void bvh_free(Bvh *t) {
+    if (!t) return;
+    free(t->vertices), free(t->faces), free(t->neighbours), free(t->vertex_normals);
+    free(t->nodes), free(t->clusters), free(t->leaves);
+    free(t);
+}
+
+/* Build; NULL if memory is short. Indices and coordinates must have been checked. */
+Bvh *bvh_build(const double *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count) {
+    Bvh *t = calloc(1, sizeof *t);
+    if (!t) return NULL;
+    size_t v = (size_t)vertex_count, f = (size_t)face_count;
+    Builder b = {.tree = t, .node_room = 64, .leaf_room = face_count / 2 + 64};
+    t->vertex_count = vertex_count, t->face_count = face_count;
+    t->vertices = malloc(3 * v * sizeof(double)), t->faces = malloc(3 * f * sizeof(int32_t));
+    t->neighbours = malloc(3 * f * sizeof(int32_t)), t->vertex_normals = malloc(3 * v * sizeof(double));
+    t->nodes = malloc((size_t)b.node_room * sizeof(Node));
+    t->clusters = malloc((size_t)b.node_room * sizeof(Cluster));
+    t->leaves = malloc((size_t)b.leaf_room * sizeof(Leaf));
+    b.order = malloc(f * sizeof(int32_t));
+    b.box = malloc(6 * f * sizeof(float)), b.centroid = malloc(3 * f * sizeof(float));
+    if (!t->vertices || !t->faces || !t->neighbours || !t->vertex_normals || !t->nodes || !t->clusters ||
+        !t->leaves || !b.order || !b.box || !b.centroid) {
+        b.failed = 1;
+    } else {
+        memcpy(t->vertices, vertices, 3 * v * sizeof(double));
+        memcpy(t->faces, faces, 3 * f * sizeof(int32_t));
+        for (size_t i = 0; i < 3 * v; i++)
+            if (fabs(vertices[i]) > t->scale) t->scale = fabs(vertices[i]);
+        for (size_t i = 0; i < f; i++) {
+            b.order[i] = (int32_t)i;
+            for (int k = 0; k < 3; k++) {
+                float p = (float)corner(t, (int32_t)i, 0)[k], q = (float)corner(t, (int32_t)i, 1)[k],
+                      s = (float)corner(t, (int32_t)i, 2)[k];
+                float low = p < q ? p : q, high = p < q ? q : p;
+                b.box[6 * i + (size_t)k] = s < low ? s : low;
+                b.box[6 * i + 3 + (size_t)k] = s > high ? s : high;
+                b.centroid[3 * i + (size_t)k] = (p + q + s) / 3;
+            }
+        }
+        Range all = {.start = 0, .count = face_count};
+        bound(&b, &all);
+        add_node(&b, all, 0);
+        if (!b.failed && !find_neighbours(t)) b.failed = 1;
+        if (!b.failed) find_vertex_normals(t);
+    }
+    free(b.order), free(b.box), free(b.centroid);
+    if (b.failed) return bvh_free(t), NULL;
+    return t;
+}
+
+/* ---------------------------------------------------------------- closest point */
+
+typedef struct {
+    float bound;
+    int32_t child;
+} Entry;
+
+/* Lower bounds of the squared distances to the boxes of a node's children. */
+static void box_bounds(const Node *restrict n, const float *restrict p, float *restrict out) {
+    for (int i = 0; i < WIDTH; i++) {
+        float sum = 0;
+        for (int k = 0; k < 3; k++) {
+            float below = n->low[k][i] - p[k], above = p[k] - n->high[k][i];
+            float d = below > above ? below : above;
+            d = d > 0 ? d : 0;
+            sum += d * d;
+        }
+        out[i] = sum * 0.99999f; /* more than the rounding of all of the above */
+    }
+}
+
+static double clamp01(double t) {
+    t = t > 0 ? t : 0;
+    return t < 1 ? t : 1;
+}
+
+/* Squared distances to the triangles of a leaf. */
+static void leaf_distances(const Leaf *restrict f, const double *restrict p, double *restrict out) {
+    for (int i = 0; i < LEAF; i++) {
+        double x = p[0] - f->a[0][i], y = p[1] - f->a[1][i], z = p[2] - f->a[2][i];
+        double ux = f->ab[0][i], uy = f->ab[1][i], uz = f->ab[2][i];
+        double vx = f->ac[0][i], vy = f->ac[1][i], vz = f->ac[2][i];
+        double wx = vx - ux, wy = vy - uy, wz = vz - uz;
+        double du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
+        double s = clamp01(du * f->per_ab[i]), t = clamp01(dv * f->per_ac[i]);
+        double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
+        double best = rx * rx + ry * ry + rz * rz;
+        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
+        double d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        double bx = x - ux, by = y - uy, bz = z - uz;
+        double r = clamp01((wx * bx + wy * by + wz * bz) * f->per_bc[i]);
+        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
+        d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        s = f->gram_ac[i] * du - f->gram_mix[i] * dv;
+        t = f->gram_ab[i] * dv - f->gram_mix[i] * du;
+        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
+        d = rx * rx + ry * ry + rz * rz;
+        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
+        out[i] = inside && d < best ? d : best;
+    }
+}
+
+/* Push the children nearer than `limit`, the nearest on top. */
+static int push_children(const Node *node, const float *bounds, double limit, Entry *stack, int top) {
+    int first = top;
+    for (int i = 0; i < WIDTH; i++) {
+        if (!((double)bounds[i] <= limit) || node->low[0][i] > node->high[0][i]) continue;
+        int at = top++;
+        for (; at > first && stack[at - 1].bound < bounds[i]; at--) stack[at] = stack[at - 1];
+        stack[at] = (Entry){bounds[i], node->child[i]};
+    }
+    return top;
+}
+
+/* The nearest triangle no farther than `best` (squared), INT32_MAX if there is none. */
+static int32_t nearest_face(const Bvh *t, const double *p, double best) {
+    Entry stack[STACK];
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]}, bounds[WIDTH];
+    double d[LEAF];
+    int32_t face = INT32_MAX;
+    int top = 0;
+    stack[top++] = (Entry){0, 0};
+    while (top) {
+        Entry e = stack[--top];
+        if ((double)e.bound > best) continue;
+        if (e.child >= 0) {
+            box_bounds(t->nodes + e.child, q, bounds);
+            top = push_children(t->nodes + e.child, bounds, best, stack, top);
+        } else {
+            const Leaf *leaf = t->leaves + ~e.child;
+            leaf_distances(leaf, p, d);
+            for (int i = 0; i < leaf->count; i++)
+                if (d[i] < best || (d[i] == best && leaf->face[i] < face)) best = d[i], face = leaf->face[i];
+        }
+    }
+    return face;
+}
+
+typedef struct {
+    double weights[3], offset[3], distance; /* offset: from the closest point to the query */
+    int corner, edge;                       /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
+} Foot;
+
+static void edge_foot(const double *p, const double *a, const double *b, double *s, double *offset, double *squared) {
+    double u[3], x[3];
+    for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], x[k] = p[k] - a[k];
+    double length = dot(u, u), t = length > 0 ? clamp01(dot(u, x) / length) : 0;
+    /* from the nearer end, where less is cancelled */
+    for (int k = 0; k < 3; k++) offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
+    *s = t, *squared = dot(offset, offset);
+}
+
+/* The closest point of one triangle, with what it lies on. */
+static void find_foot(const Bvh *t, int32_t face, const double *p, Foot *foot) {
+    const double *c[3] = {corner(t, face, 0), corner(t, face, 1), corner(t, face, 2)};
+    double best = INFINITY;
+    foot->corner = foot->edge = -1;
+    for (int k = 0; k < 3; k++) {
+        double s, offset[3], squared;
+        edge_foot(p, c[k], c[(k + 1) % 3], &s, offset, &squared);
+        if (!(squared < best)) continue;
+        best = squared;
+        memcpy(foot->offset, offset, sizeof offset);
+        foot->weights[k] = 1 - s, foot->weights[(k + 1) % 3] = s, foot->weights[(k + 2) % 3] = 0;
+        foot->corner = s == 0 ? k : s == 1 ? (k + 1) % 3 : -1;
+        foot->edge = foot->corner < 0 ? k : -1;
+    }
+    double u[3], v[3], x[3], n[3];
+    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+    cross(u, v, n);
+    double det = dot(n, n);
+    if (det > 0) {
+        double uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), s = 0, r = 0, rest[3];
+        memcpy(rest, x, sizeof rest);
+        for (int round = 0; round < 2; round++) { /* the second round mends needles */
+            double du = dot(u, rest), dv = dot(v, rest);
+            s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
+            for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
+        }
+        if (s > 0 && r > 0 && s + r < 1) {
+            /* a point of the plane: its offset is along the normal, and exact as such */
+            double height = dot(n, x) / det, offset[3];
+            for (int k = 0; k < 3; k++) offset[k] = height * n[k];
+            if (dot(offset, offset) <= best) {
+                memcpy(foot->offset, offset, sizeof offset);
+                foot->weights[0] = 1 - s - r, foot->weights[1] = s, foot->weights[2] = r;
+                foot->corner = foot->edge = -1;
+            }
+        }
+    }
+    foot->distance = sqrt(dot(foot->offset, foot->offset));
+}
+
+/* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
+static void pseudonormal(const Bvh *t, int32_t face, const Foot *foot, double *n) {
+    if (foot->corner >= 0) {
+        memcpy(n, t->vertex_normals + 3 * (size_t)t->faces[3 * (ptrdiff_t)face + foot->corner], 3 * sizeof *n);
+        if (dot(n, n) > 0) return;
+    }
+    int known = face_normal(t, face, n);
+    int32_t other = foot->edge >= 0 ? t->neighbours[3 * (ptrdiff_t)face + foot->edge] : -1;
+    double m[3];
+    if (other >= 0 && face_normal(t, other, m)) {
+        for (int k = 0; k < 3; k++) n[k] = known ? n[k] + m[k] : m[k];
+        known = normalise(n);
+    }
+    if (!known) n[0] = n[1] = 0, n[2] = 1;
+}
+
+/* Whether another closest point, in a direction that differs by the angle, is as near. */
+static int has_tie(const Bvh *t, const double *p, const Foot *foot, double relative, double cosine) {
+    Entry stack[STACK];
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]}, bounds[WIDTH];
+    double reach = foot->distance * (1 + relative), limit = reach * reach, d[LEAF];
+    int top = 0;
+    stack[top++] = (Entry){0, 0};
+    while (top) {
+        Entry e = stack[--top];
+        if (e.child >= 0) {
+            box_bounds(t->nodes + e.child, q, bounds);
+            top = push_children(t->nodes + e.child, bounds, limit, stack, top);
+            continue;
+        }
+        const Leaf *leaf = t->leaves + ~e.child;
+        leaf_distances(leaf, p, d);
+        for (int i = 0; i < leaf->count; i++) {
+            if (!(d[i] <= limit)) continue;
+            Foot second;
+            find_foot(t, leaf->face[i], p, &second);
+            if (dot(second.offset, foot->offset) < cosine * second.distance * foot->distance) return 1;
+        }
+    }
+    return 0;
+}
+
+/* ---------------------------------------------------------------- winding number */
+
+/* Half the solid angle of a triangle seen from the origin. */
+static double half_angle(const double *a, const double *b, const double *c) {
+    double n[3];
+    cross(b, c, n);
+    double la = sqrt(dot(a, a)), lb = sqrt(dot(b, b)), lc = sqrt(dot(c, c));
+    return atan2(dot(a, n), la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb);
+}
+
+static double exact_winding(const Bvh *t, const double *p) {
+    double sum = 0;
+    for (int32_t f = 0; f < t->face_count; f++) {
+        double c[3][3];
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) c[i][k] = corner(t, f, i)[k] - p[k];
+        sum += half_angle(c[0], c[1], c[2]);
+    }
+    return sum / 6.283185307179586;
+}
+
+/* atan2 to 2e-6, without branches, so that four go at once. */
+static double rough_atan2(double y, double x) {
+    double ax = fabs(x), ay = fabs(y);
+    double high = ax > ay ? ax : ay, low = ax > ay ? ay : ax;
+    double z = low / (high > 0 ? high : 1), q = z * z;
+    double r = z * (0.99997726 + q * (-0.33262347 + q * (0.19354346 + q * (-0.11643287 + q * (0.05265332 - q * 0.01172120)))));
+    r = ay > ax ? 1.5707963267948966 - r : r;
+    r = x < 0 ? 3.141592653589793 - r : r;
+    return y < 0 ? -r : r;
+}
+
+static double leaf_winding(const Leaf *restrict f, const double *restrict p) {
+    double sum[LEAF];
+    for (int i = 0; i < LEAF; i++) {
+        double ax = f->a[0][i] - p[0], ay = f->a[1][i] - p[1], az = f->a[2][i] - p[2];
+        double bx = ax + f->ab[0][i], by = ay + f->ab[1][i], bz = az + f->ab[2][i];
+        double cx = ax + f->ac[0][i], cy = ay + f->ac[1][i], cz = az + f->ac[2][i];
+        double la = sqrt(ax * ax + ay * ay + az * az), lb = sqrt(bx * bx + by * by + bz * bz);
+        double lc = sqrt(cx * cx + cy * cy + cz * cz);
+        double det = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
+        double down = la * lb * lc + (ax * bx + ay * by + az * bz) * lc + (bx * cx + by * cy + bz * cz) * la +
+                      (cx * ax + cy * ay + cz * az) * lb;
+        sum[i] = i < f->count ? rough_atan2(det, down) : 0;
+    }
+    return (sum[0] + sum[1] + sum[2] + sum[3]) / 6.283185307179586;
+}
+
+/* Clusters farther than `beta` radii count as dipoles. */
+static double rough_winding(const Bvh *t, const double *p, float beta) {
+    int32_t stack[STACK];
+    int top = 0;
+    double sum = 0;
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
+    stack[top++] = 0;
+    while (top) {
+        int32_t index = stack[--top];
+        if (index < 0) {
+            sum += leaf_winding(t->leaves + ~index, p);
+            continue;
+        }
+        const Cluster *restrict c = t->clusters + index;
+        const Node *node = t->nodes + index;
+        float part[WIDTH], distance[WIDTH];
+        for (int i = 0; i < WIDTH; i++) {
+            float x = c->centre[0][i] - q[0], y = c->centre[1][i] - q[1], z = c->centre[2][i] - q[2];
+            float d = x * x + y * y + z * z;
+            distance[i] = d;
+            float safe = d > 1e-20f ? d : 1e-20f;
+            part[i] = (c->dipole[0][i] * x + c->dipole[1][i] * y + c->dipole[2][i] * z) / (safe * sqrtf(safe));
+        }
+        for (int i = 0; i < WIDTH; i++) {
+            if (node->low[0][i] > node->high[0][i]) continue;
+            if (distance[i] > beta * beta * c->reach[i]) {
+                sum += (double)part[i] / 12.566370614359172;
+            } else {
+                stack[top++] = node->child[i];
+            }
+        }
+    }
+    return sum;
+}
+
+/* -1 inside, 1 outside: as roughly as it may be, as exactly as it must. */
+static double find_side(const Bvh *t, const double *p) {
+    double w = rough_winding(t, p, ROUGH_BETA);
+    if (fabs(w - 0.5) < 0.3) {
+        w = rough_winding(t, p, FINE_BETA);
+        if (fabs(w - 0.5) < 0.3) w = exact_winding(t, p);
+    }
+    return w > 0.5 ? -1 : 1;
+}
+
+/* ---------------------------------------------------------------- answers */
+
+/* Whether the points lie inside, by the winding number alone; 0 where they are no numbers. */
+void bvh_inside(const Bvh *t, const double *points, int64_t count, uint8_t *inside) {
+    for (int64_t i = 0; i < count; i++) {
+        const double *p = points + 3 * i;
+        int number = fabs(p[0]) < FAR_LIMIT && fabs(p[1]) < FAR_LIMIT && fabs(p[2]) < FAR_LIMIT;
+        inside[i] = number && find_side(t, p) < 0;
+    }
+}
+
+void bvh_winding(const Bvh *t, const double *points, int64_t count, double *rough, double *exact) {
+    for (int64_t i = 0; i < count; i++) {
+        if (rough) rough[i] = rough_winding(t, points + 3 * i, ROUGH_BETA);
+        if (exact) exact[i] = exact_winding(t, points + 3 * i);
+    }
+}
+
+typedef struct {
+    double point[3], distance, side;
+} Known;
+
+/* Answer the points order[0 .. count - 1]. Outputs are indexed as the points are; any but
+ * distance and normal may be NULL. `counts` gets: signs compared with a winding number, signs
+ * that the exact winding number overruled. */
+void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t count, double on_surface, int check,
+               double tie_relative, double tie_cosine, double *distance, double *normal, int32_t *face,
+               double *weights, uint8_t *flags, int64_t *counts) {
+    int32_t last = 0;
+    Known known[KNOWN] = {{{0}, -1, 0}}; /* the last points whose sides are certain */
+    int newest = 0;
+    for (int64_t at = 0; at < count; at++) {
+        int64_t i = order ? order[at] : at;
+        const double *p = points + 3 * i;
+        if (!(fabs(p[0]) < FAR_LIMIT && fabs(p[1]) < FAR_LIMIT && fabs(p[2]) < FAR_LIMIT)) {
+            distance[i] = normal[3 * i] = normal[3 * i + 1] = normal[3 * i + 2] = NAN;
+            if (face) face[i] = -1;
+            if (weights) weights[3 * i] = weights[3 * i + 1] = weights[3 * i + 2] = NAN;
+            if (flags) flags[i] = FLAG_INVALID;
+            continue;
+        }
+        Foot foot;
+        double n[3];
+        uint8_t flag = 0;
+        /* the face before is a bound, with room for rounding so that it is judged as any other */
+        find_foot(t, last, p, &foot);
+        double limit = foot.distance * (1 + 1e-9) + 1e-12 * t->scale;
+        last = nearest_face(t, p, limit * limit);
+        if (last == INT32_MAX) last = nearest_face(t, p, INFINITY);
+        find_foot(t, last, p, &foot);
+        pseudonormal(t, last, &foot, n);
+        double sign = dot(foot.offset, n) < 0 ? -1 : 1;
+        if (check && foot.distance > on_surface) {
+            double side = 0;
+            for (int j = 0; j < KNOWN && !side; j++) {
+                const Known *k = known + (newest + j) % KNOWN;
+                double x[3] = {p[0] - k->point[0], p[1] - k->point[1], p[2] - k->point[2]};
+                /* no surface inside a ball whose radius is a distance: all of it is on one side */
+                double ball = foot.distance > k->distance ? foot.distance : k->distance;
+                if (dot(x, x) * (1 + 1e-12) < ball * ball) side = k->side;
+            }
+            if (!side) side = find_side(t, p), counts[0]++;
+            if (side != sign) {
+                side = exact_winding(t, p) > 0.5 ? -1 : 1;
+                if (side != sign) counts[1]++, flag |= FLAG_OVERRULED, sign = side;
+            }
+            newest = (newest + KNOWN - 1) % KNOWN;
+            known[newest] = (Known){{p[0], p[1], p[2]}, foot.distance, side};
+        }
+        if (foot.distance > on_surface) {
+            for (int k = 0; k < 3; k++) normal[3 * i + k] = sign * (foot.offset[k] / foot.distance);
+            if (tie_relative > 0 && has_tie(t, p, &foot, tie_relative, tie_cosine)) flag |= FLAG_TIED;
+        } else {
+            memcpy(normal + 3 * i, n, sizeof n);
+            flag |= FLAG_ON_SURFACE;
+        }
+        distance[i] = sign * foot.distance;
+        if (face) face[i] = last;
+        if (weights) memcpy(weights + 3 * i, foot.weights, sizeof foot.weights);
+        if (flags) flags[i] = flag;
+    }
+}
+
+/* ---------------------------------------------------------------- order */
+
+static uint32_t spread(uint32_t x) {
+    x = (x | (x << 16)) & 0x030000FF, x = (x | (x << 8)) & 0x0300F00F;
+    x = (x | (x << 4)) & 0x030C30C3, x = (x | (x << 2)) & 0x09249249;
+    return x;
+}
+
+/* Sort points along a Morton curve through [-1, 1]^3, so that neighbours follow each other. */
+int bvh_order(const double *points, int64_t count, int64_t *order) {
+    uint32_t *key = malloc((size_t)count * 2 * sizeof *key);
+    int64_t *spare = malloc((size_t)count * sizeof *spare);
+    if (!key || !spare) return free(key), free(spare), 0;
+    uint32_t *other = key + count, *a = key, *b = other;
+    int64_t *from = order, *to = spare;
+    for (int64_t i = 0; i < count; i++) {
+        uint32_t code = 0;
+        for (int k = 0; k < 3; k++) {
+            double x = (points[3 * i + k] + 1) * 511.5;
+            code |= spread(x > 0 ? x < 1023 ? (uint32_t)x : 1023 : 0) << k; /* NaN: 0 */
+        }
+        a[i] = code, from[i] = i;
+    }
+    for (int shift = 0; shift < 30; shift += 10) {
+        int64_t start[1025] = {0};
+        for (int64_t i = 0; i < count; i++) start[((a[i] >> shift) & 1023) + 1]++;
+        for (int k = 0; k < 1024; k++) start[k + 1] += start[k];
+        for (int64_t i = 0; i < count; i++) {
+            int64_t j = start[(a[i] >> shift) & 1023]++;
+            b[j] = a[i], to[j] = from[i];
+        }
+        uint32_t *swap = a;
+        int64_t *exchange = from;
+        a = b, b = swap, from = to, to = exchange;
+    }
+    if (from != order) memcpy(order, from, (size_t)count * sizeof *order);
+    free(key), free(spare);
+    return 1;
+}

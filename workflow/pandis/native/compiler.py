@@ -1,0 +1,90 @@
+"""Compiles a C source once per machine and loads it."""
+
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from pandis.errors import PandisError
+
+#: No reassociation, no fused multiply-add: IEEE results that do not depend on the machine.
+FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=off", "-fPIC", "-shared")
+
+
+def cache_folder():
+    """Return where compiled libraries are kept (``PANDIS_CACHE``, else the user's cache)."""
+    if os.environ.get("PANDIS_CACHE"):
+        return Path(os.environ["PANDIS_CACHE"])
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(home) / "pandis"
+
+
+@cache
+def load(source):
+    """Compile a C file, unless that was done before, and load it.
+
+    Parameters
+    ----------
+    source : Path
+
+    Returns
+    -------
+    ctypes.CDLL
+
+    Raises
+    ------
+    PandisError
+        There is no compiler, or it fails.
+    """
+    compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
+    if compiler is None or not shutil.which(compiler):
+        raise PandisError(
+            f"no C compiler found for {source.name}: install one (Debian: apt-get install gcc; "
+            "conda: conda install gcc) or name it in the environment variable CC"
+        )
+    command = [compiler, *FLAGS, str(source), "-lm"]
+    # -march=native: what is compiled for one processor may not run on another
+    key = "\0".join([*command[:-2], platform.machine(), _processor(), source.read_text()])
+    name = f"{source.stem}-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
+    library = cache_folder() / name
+    if not library.is_file():
+        library = _compile(command, library)
+    return ctypes.CDLL(str(library))
+
+
+def _compile(command, library):
+    """Compile to ``library``; into a temporary folder if the cache cannot be written."""
+    try:
+        library.parent.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.mkdtemp(dir=library.parent)
+    except OSError:
+        folder = tempfile.mkdtemp(prefix="pandis-")
+        library = Path(folder) / library.name
+    part = Path(folder) / "part.so"
+    done = subprocess.run([*command, "-o", str(part)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise PandisError(f"{' '.join(command)} failed:\n{done.stderr.strip()}")
+    part.replace(library)  # whole or not at all, whoever else compiles the same
+    if Path(folder) != library.parent:
+        shutil.rmtree(folder, ignore_errors=True)
+    return library
+
+
+def _processor():
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+def thread_count():
+    """Return how many threads native code may use: what the stage was given, else all cores."""
+    given = os.environ.get("IGL_NUM_THREADS", "")
+    return int(given) if given.isdigit() and int(given) > 0 else len(os.sched_getaffinity(0))
