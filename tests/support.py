@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from pandis.artifact import Artifact
+from pandis.strata import COLUMNS, Strata
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("workflow", "rules", "scripts", "config")
@@ -151,3 +152,14 @@ def write_obj(path, vertices, faces):
     lines += ["f " + " ".join(str(i + 1) for i in face) for face in faces.tolist()]
     Path(path).write_text("\n".join(lines) + "\n")
     return Path(path)
+
+
+def sample(surface, engine, options, progress):
+    """Return the arrays and attributes of a samples artifact."""
+    strata = Strata(surface, engine, options)
+    shards = list(strata.shards(progress))
+    arrays = {
+        name: np.concatenate([shard[name] for shard in shards]).astype(kind)
+        for name, (_, kind) in COLUMNS.items()
+    }
+    return arrays, strata.attributes()

@@ -8,7 +8,7 @@ import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pandis.artifact import read_artifact, write_artifact, write_atomically
+from pandis.artifact import ArtifactWriter, read_artifact, write_artifact, write_atomically
 from pandis.errors import ArtifactError, PandisError
 
 ARRAYS = {
@@ -110,6 +110,59 @@ def test_valid_checksum_over_swapped_array_is_noticed(tmp_path):
     path.write_bytes(data + b"sha256:" + hashlib.sha256(data).hexdigest().encode())
     with pytest.raises(ArtifactError, match="array points differs"):
         read_artifact(path)
+
+
+@pytest.mark.parametrize("piece", [1, 7, 1000])
+def test_pieces_give_the_bytes_of_the_whole(tmp_path, piece):
+    """However the rows come: chunk by chunk, in crumbs, or interleaved with another array's."""
+    rng = np.random.default_rng(0)
+    arrays = {"a": rng.random((50, 3)), "b": rng.integers(0, 9, (50, 4, 2)).astype(np.uint8)}
+    chunks = {"a": (8, 3), "b": (16, 2, 2)}
+    whole = tmp_path / "whole.zarr.zip"
+    digest = write_artifact(whole, "samples", arrays, {"n": 1}, {}, chunks)
+    with ArtifactWriter(tmp_path / "parts.zarr.zip", "samples") as writer:
+        for name in "ab":
+            writer.declare(name, arrays[name].shape, arrays[name].dtype, chunks[name])
+            for start in range(0, 50, piece):
+                writer.append(name, arrays[name][start : start + piece])
+        assert writer.finish({"n": 1}, {}) == digest
+    assert (tmp_path / "parts.zarr.zip").read_bytes() == whole.read_bytes()
+    with ArtifactWriter(tmp_path / "woven.zarr.zip", "samples") as writer:
+        for name in "ab":
+            writer.declare(name, arrays[name].shape, arrays[name].dtype, chunks[name])
+        for start in range(0, 50, piece):
+            for name in "ab":
+                writer.append(name, arrays[name][start : start + piece])
+        assert writer.finish({"n": 1}, {}) == digest
+    read = read_artifact(tmp_path / "woven.zarr.zip").arrays
+    assert all(np.array_equal(read[name], arrays[name]) for name in "ab")
+
+
+def test_an_unfinished_artifact_leaves_the_old_one(tmp_path):
+    path = write(tmp_path / "a.zarr.zip")
+    before = path.read_bytes()
+    with ArtifactWriter(path, "samples") as writer:
+        writer.declare("a", (10,), np.float32)
+        writer.append("a", np.zeros(4))
+        with pytest.raises(ValueError, match="a: 0 of 10 rows"):
+            writer.finish({}, {})
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["a.zarr.zip"]
+
+
+@pytest.mark.parametrize("fill", [0.0, np.nan])
+def test_chunks_of_fill_are_not_stored(tmp_path, fill):
+    values = np.full((64, 64, 64), fill, np.float32)
+    values[40:50, 3, 60] = 1.5
+    path = tmp_path / "grid.zarr.zip"
+    with ArtifactWriter(path, "grid") as writer:
+        writer.declare("values", values.shape, values.dtype, (16, 16, 16), fill)
+        writer.append("values", values)
+        writer.finish({}, {})
+    with zipfile.ZipFile(path) as archive:
+        stored = [n for n in archive.namelist() if n.startswith("values/c/")]
+    assert stored == ["values/c/2/0/3", "values/c/3/0/3"]
+    assert np.array_equal(read_artifact(path).arrays["values"], values, equal_nan=True)
 
 
 def test_wrong_kind_and_missing(tmp_path):

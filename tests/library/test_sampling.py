@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from pandis.config import SampleOptions, TrajectoryOptions
 from pandis.distance import MeshDistance, ShapeDistance
@@ -7,12 +8,16 @@ from pandis.errors import PandisError
 from pandis.forces import penalty_force
 from pandis.frame import Frame
 from pandis.mesh.shapes import SHAPES
-from pandis.sampling import PROBE_DEPTHS, STRATA, Surface, probes, sample
+from pandis.native.bvh import TIED
+from pandis.sampling import PROBE_DEPTHS, Surface, bending, blue_noise, probes
 from pandis.stage import silent_progress
+from pandis.strata import STRATA
 from pandis.trajectories import trace
-from support import box_mesh
+from support import box_mesh, sample
 
-SMALL = SampleOptions(surface=3000, offsets=3000, penetration=3000, box=2000, held_out=1000)
+SMALL = SampleOptions(
+    surface=3000, offsets=3000, penetration=2000, bent=1000, box=2000, held_out=1000
+)
 
 
 def test_frame():
@@ -76,6 +81,78 @@ def test_same_seed_same_samples(torus):
 
     assert np.array_equal(draw(5), draw(5))
     assert not np.array_equal(draw(5), draw(6))
+
+
+def test_shards_do_not_show(torus, monkeypatch):
+    """Fewer points at once: other random numbers, but strata of the same law, in one order."""
+    monkeypatch.setattr("pandis.strata.SHARD", 256)
+    arrays, attributes = sample(*torus, SMALL.model_dump() | {"seed": 5}, silent_progress)
+    assert all(len(a) == 12_000 for a in arrays.values())
+    start, stop = attributes["strata"]["surface"]
+    rank = np.empty(len(torus[0].order), int)
+    rank[torus[0].order] = np.arange(len(rank))
+    assert (np.diff(rank[arrays["face"][start:stop]]) >= 0).all()
+
+
+def test_threads_do_not_show(torus, monkeypatch):
+    def draw(threads):
+        monkeypatch.setenv("IGL_NUM_THREADS", threads)
+        return sample(*torus, SMALL.model_dump() | {"seed": 5}, silent_progress)[0]
+
+    one, three = draw("1"), draw("3")
+    assert all(np.array_equal(one[name], three[name]) for name in one)
+
+
+def test_points_with_two_closest_points_are_marked():
+    vertices, faces = box_mesh()
+    engine = MeshDistance(vertices * [0.9, 0.9, 0.06], faces)
+    surface = Surface(engine.vertices, engine.faces)
+    arrays, _ = sample(surface, engine, SMALL.model_dump() | {"seed": 5}, silent_progress)
+    flags = engine.label(arrays["points"].astype(float)).flags
+    assert np.array_equal(arrays["tied"], (flags & TIED) > 0)
+    assert 0 < arrays["tied"].mean() < 0.2
+
+
+def test_bent_places_get_more_points():
+    """A box of fine squares: all bends are at its edges."""
+    vertices, faces = SHAPES["box"].tessellation()
+    surface = Surface(vertices, faces)
+    weight = bending(surface)
+    assert weight.min() == 1
+    assert weight.max() > 2
+    middle = np.sort(np.abs(surface.corners.mean(axis=1)) / SHAPES["box"].half, axis=1)[:, 1]
+    assert (weight[middle < 0.9] == 1).all()
+    points, _, face, _ = surface.draw(20_000, np.random.default_rng(0), bent=True)
+    share = (surface.areas * weight)[weight > 1].sum() / (surface.areas * weight).sum()
+    assert (weight[face] > 1).mean() == pytest.approx(share, abs=0.01)
+    assert len(points) == 20_000
+
+
+def test_blue_noise_keeps_its_distance_and_stays_uniform(torus):
+    surface, _ = torus
+    count = 3000
+    points, _, face, _ = blue_noise(surface, count, np.random.default_rng(0))
+    again = blue_noise(surface, count, np.random.default_rng(0))[0]
+    assert np.array_equal(points, again)
+    assert len(points) == count
+    largest = np.sqrt(2 * surface.areas.sum() / (np.sqrt(3) * count))  # of a hexagonal packing
+    apart = cKDTree(points).query(points, 2)[0][:, 1]
+    assert apart.min() > 0.5 * largest
+    random = surface.draw(count, np.random.default_rng(0))[0]
+    assert cKDTree(random).query(random, 2)[0][:, 1].min() < 0.1 * largest
+    centre = surface.corners.mean(axis=1)
+    for direction in np.random.default_rng(1).normal(size=(10, 3)):
+        share = surface.areas[centre @ direction > 0.1].sum() / surface.areas.sum()
+        assert (centre[face] @ direction > 0.1).mean() == pytest.approx(share, abs=9e-3)
+
+
+def test_blue_noise_on_a_wall_has_points_on_both_sides():
+    vertices, faces = box_mesh()
+    surface = Surface(vertices * [0.9, 0.9, 0.002], faces)
+    _, normals, _, _ = blue_noise(surface, 2000, np.random.default_rng(0))
+    top, bottom = (normals[:, 2] > 0.5).sum(), (normals[:, 2] < -0.5).sum()
+    assert top == pytest.approx(bottom, rel=0.02)
+    assert top + bottom > 1900
 
 
 def test_surface_points_are_uniform_by_area(torus):

@@ -9,13 +9,13 @@ from pandis.distance import ShapeDistance
 from pandis.errors import PandisError
 from pandis.frame import Frame
 from pandis.mesh.shapes import SHAPES
-from pandis.sampling import Surface, sample
+from pandis.sampling import Surface
 from pandis.stage import silent_progress
 from pandis.training import exact_loss, vectors
 from pandis.training import paper_loss as losses
 from pandis.training.network import Siren
 from pandis.training.trainer import Trainer
-from support import artifact
+from support import artifact, sample
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def samples():
     engine = ShapeDistance(SHAPES["sphere"], frame)
     vertices, faces = SHAPES["sphere"].tessellation()
     options = {"surface": 4000, "offsets": 4000, "scales": [0.01, 0.05], "penetration": 4000}
-    options |= {"depth": 0.05, "box": 2000, "held_out": 2000, "seed": 1}
+    options |= {"depth": 0.05, "bent": 0, "box": 2000, "held_out": 2000, "seed": 1}
     surface = Surface(frame.to_unit(vertices), faces, engine)
     return artifact("samples", *sample(surface, engine, options, silent_progress))
 

@@ -105,7 +105,7 @@ def test_floors_import_downwards_only():
          "machine", "reference", "native"},
         {"mesh"},
         {"distance"},
-        {"sampling", "forces", "baking"},
+        {"sampling", "strata", "forces", "baking"},
         {"fields", "trajectories"},
         {"training"},
         {"export"},

@@ -4,7 +4,7 @@ The file is a zarr 3 group packed as an uncompressed zip (each chunk is
 compressed and checksummed by zarr's zstd codec), so any zarr reader opens it
 with ``zarr.open_group(zarr.storage.ZipStore(path, mode="r"))``. On top of zarr:
 
-- entries are sorted, with fixed stamps and modes: same content, same bytes;
+- entries have a fixed order, stamps and modes: same content, same bytes;
 - the zip comment is the SHA-256 of everything before it, so that no flipped
   bit, not even in an unused header field, goes unnoticed;
 - the group's attributes name the kind of artifact, the digest of every array
@@ -13,11 +13,11 @@ with ``zarr.open_group(zarr.storage.ZipStore(path, mode="r"))``. On top of zarr:
 
 import errno
 import hashlib
-import io
 import json
 import os
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,9 +60,10 @@ class Artifact:
 
 def array_digest(name, array):
     """Return the SHA-256 of an array: name, dtype, shape and little-endian C-order bytes."""
+    shape = np.shape(array)
     array = np.ascontiguousarray(array)
     array = array.astype(array.dtype.newbyteorder("<"), copy=False)
-    head = f"{name}\0{array.dtype.str}\0{array.shape}\0".encode()
+    head = f"{name}\0{array.dtype.str}\0{shape}\0".encode()
     digest = hashlib.sha256(head)
     digest.update(array.reshape(-1).view(np.uint8).data)
     return digest.hexdigest()
@@ -100,20 +101,185 @@ def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
     PandisError
         The disk is full or the folder cannot be written. No partial file is left.
     """
-    arrays = {name: np.asarray(array) for name, array in arrays.items()}
-    attributes = _jsonable(attributes)
-    digests = {name: array_digest(name, arrays[name]) for name in sorted(arrays)}
-    digest = content_digest(kind, digests, attributes)
-    root = {
-        "kind": kind,
-        "schema": SCHEMA,
-        "content": {"digest": digest, "arrays": digests},
-        "attributes": attributes,
-        "provenance": _jsonable(provenance),
-    }
-    data = _pack(_encode(arrays, root, chunks or {}))
-    write_atomically(path, data)
-    return digest
+    with ArtifactWriter(path, kind) as writer:
+        for name in sorted(arrays):
+            array = np.asarray(arrays[name])
+            writer.declare(name, array.shape, array.dtype, (chunks or {}).get(name))
+            writer.append(name, array)
+        return writer.finish(attributes, provenance)
+
+
+class ArtifactWriter:
+    """Writes an artifact piece by piece, so that no array has to be whole in memory.
+
+    ``with ArtifactWriter(path, kind) as writer:`` and in it `declare` and `append` for every
+    array, at last `finish`. What was not finished leaves no file. Raises as `write_artifact`.
+    """
+
+    def __init__(self, path, kind):
+        self.path, self.kind = Path(path), kind
+        self._arrays = {}
+
+    def __enter__(self):
+        import zarr
+        from zarr.storage import MemoryStore
+
+        self._store = MemoryStore()
+        self._group = zarr.create_group(self._store, zarr_format=3)
+        self._file = _AtomicFile(self.path)
+        self._zip = zipfile.ZipFile(self._file.open(), "w", zipfile.ZIP_STORED)
+        return self
+
+    def __exit__(self, kind, error, traceback):
+        self._zip.close = lambda: None  # what is unfinished needs no directory
+        self._file.discard()
+        if isinstance(error, OSError):
+            raise self._file.explain(error) from error
+
+    def declare(self, name, shape, dtype, chunks=None, fill=0):
+        """Announce an array. Chunks that hold ``fill`` only are not stored."""
+        from zarr.codecs import ZstdCodec
+
+        shape, dtype = tuple(shape), np.dtype(dtype).newbyteorder("<")
+        row = dtype.itemsize * int(np.prod(shape[1:]))
+        rows = max(1, _CHUNK_BYTES // max(1, row))
+        chunks = chunks or (min(rows, shape[0]) if shape else 1, *shape[1:])
+        stored = self._group.create_array(
+            name,
+            shape=shape,
+            dtype=dtype,
+            chunks=tuple(max(1, n) for n in chunks[: len(shape)]),
+            compressors=[ZstdCodec(level=3, checksum=True)],
+            fill_value=fill,
+        )
+        digest = hashlib.sha256(f"{name}\0{dtype.str}\0{shape}\0".encode())
+        self._arrays[name] = _Growing(stored, digest)
+
+    def append(self, name, rows):
+        """Add the next rows (along the first axis) of an array."""
+        growing = self._arrays[name]
+        rows = np.ascontiguousarray(rows, growing.stored.dtype)
+        growing.digest.update(rows.reshape(-1).view(np.uint8).data)
+        if not growing.stored.shape:
+            growing.stored[...] = rows.reshape(())
+            growing.done = growing.total
+            return self._drain()
+        growing.waiting.append(rows)
+        step = growing.stored.chunks[0]
+        waiting = sum(map(len, growing.waiting))
+        last = growing.done + waiting == growing.total
+        if waiting < step and not last:
+            return None
+        rows = growing.waiting[0] if len(growing.waiting) == 1 else np.concatenate(growing.waiting)
+        whole = len(rows) if last else len(rows) // step * step
+        for start in range(0, whole, step):
+            stop = min(start + step, whole)
+            growing.stored[growing.done + start : growing.done + stop] = rows[start:stop]
+            self._drain()
+        growing.waiting = [rows[whole:].copy()] if whole < len(rows) else []
+        growing.done += whole
+        return None
+
+    def finish(self, attributes, provenance):
+        """Put the artifact in its place; return its content digest."""
+        for name, growing in self._arrays.items():
+            if growing.done != growing.total:
+                raise ValueError(f"{name}: {growing.done} of {growing.total} rows were written")
+        attributes = _jsonable(attributes)
+        digests = {name: self._arrays[name].digest.hexdigest() for name in sorted(self._arrays)}
+        digest = content_digest(self.kind, digests, attributes)
+        self._group.update_attributes(
+            {
+                "kind": self.kind,
+                "schema": SCHEMA,
+                "content": {"digest": digest, "arrays": digests},
+                "attributes": attributes,
+                "provenance": _jsonable(provenance),
+            }
+        )
+        self._drain(metadata=True)
+        self._zip.comment = b" " * _COMMENT
+        self._zip.close()
+        self._file.seal()
+        self._file.keep()
+        return digest
+
+    def _drain(self, metadata=False):
+        """Move what zarr has encoded from its store into the zip."""
+        entries = self._store._store_dict
+        for key in sorted(k for k in entries if metadata or not k.endswith("zarr.json")):
+            info = zipfile.ZipInfo(key, _STAMP)
+            info.create_system = 3
+            info.external_attr = 0o644 << 16
+            self._zip.writestr(info, entries.pop(key).to_bytes())
+
+
+class _Growing:
+    """An array of which rows are still to come."""
+
+    def __init__(self, stored, digest):
+        self.stored, self.digest = stored, digest
+        self.waiting, self.done = [], 0
+        self.total = stored.shape[0] if stored.shape else 1
+
+
+class _AtomicFile:
+    """A file that appears under its name in one step: all of it, or nothing."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self.part = self.path.with_name(f".{self.path.name}.part")
+        self.stream = None
+
+    def open(self):
+        """Return the stream to write to."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.stream = self.part.open("w+b")
+        except OSError as error:
+            raise self.explain(error) from error
+        return self.stream
+
+    def seal(self):
+        """Replace the comment at the end by the checksum of all before it."""
+        self.stream.flush()
+        left = self.stream.seek(0, os.SEEK_END) - _COMMENT
+        self.stream.seek(0)
+        digest = hashlib.sha256()
+        while left:
+            block = self.stream.read(min(left, 1 << 20))
+            digest.update(block)
+            left -= len(block)
+        self.stream.seek(-_COMMENT, os.SEEK_END)
+        self.stream.write(_MARK + digest.hexdigest().encode())
+
+    def keep(self):
+        """Put the file in its place once it is on disk."""
+        self.stream.flush()
+        os.fsync(self.stream.fileno())
+        self.stream.close()
+        self.part.replace(self.path)
+        folder = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    def discard(self):
+        """Remove what is not kept."""
+        if self.stream and not self.stream.closed:
+            with suppress(OSError):  # closing flushes: a full disk is full once more
+                self.stream.close()
+        self.part.unlink(missing_ok=True)
+
+    def explain(self, error):
+        """Return the error in words that say what to do."""
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        return PandisError(
+            f"{self.path}: cannot write: {error.strerror or error}; "
+            + ("free some space" if full else "check the folder's permissions")
+            + " and run the same command again"
+        )
 
 
 def write_atomically(path, data):
@@ -124,30 +290,14 @@ def write_atomically(path, data):
     PandisError
         The disk is full or the folder cannot be written.
     """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.part")
+    file = _AtomicFile(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        if part.stat().st_size != len(data):
-            raise OSError(errno.EIO, "short write")
-        part.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        file.open().write(data)
+        file.keep()
     except OSError as error:
-        part.unlink(missing_ok=True)
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        raise PandisError(
-            f"{path}: cannot write: {error.strerror or error}; "
-            + ("free some space" if full else "check the folder's permissions")
-            + " and run the same command again"
-        ) from error
+        raise file.explain(error) from error
+    finally:
+        file.discard()
 
 
 def read_artifact(path, kind=None):
@@ -207,42 +357,6 @@ def _check_file(path):
             left -= len(block)
         if stream.read() != _MARK + digest.hexdigest().encode():
             raise _damaged(path, "truncated or damaged (its checksum does not match)")
-
-
-def _encode(arrays, root, chunks):
-    """Return the zarr group as a dict of key to bytes."""
-    import zarr
-    from zarr.codecs import ZstdCodec
-    from zarr.storage import MemoryStore
-
-    store = MemoryStore()
-    group = zarr.create_group(store, attributes=root, zarr_format=3)
-    for name, array in arrays.items():
-        rows = max(1, _CHUNK_BYTES // max(1, array[:1].nbytes)) if array.ndim else 1
-        default = (min(rows, max(1, len(array))), *array.shape[1:]) if array.ndim else ()
-        stored = group.create_array(
-            name,
-            shape=array.shape,
-            dtype=array.dtype,
-            chunks=chunks.get(name, tuple(max(1, n) for n in default)),
-            compressors=[ZstdCodec(level=3, checksum=True)],
-        )
-        stored[...] = array
-    return {key: value.to_bytes() for key, value in store._store_dict.items()}
-
-
-def _pack(entries):
-    """Zip the entries: root metadata first, then sorted; stored, with fixed stamps."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
-        for key in sorted(entries, key=lambda key: (key != "zarr.json", key)):
-            info = zipfile.ZipInfo(key, _STAMP)
-            info.create_system = 3
-            info.external_attr = 0o644 << 16
-            archive.writestr(info, entries[key])
-        archive.comment = b" " * _COMMENT
-    data = buffer.getvalue()[:-_COMMENT]
-    return data + _MARK + hashlib.sha256(data).hexdigest().encode()
 
 
 def _decode(path):

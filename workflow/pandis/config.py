@@ -101,7 +101,13 @@ class SampleOptions(Options):
     scales: Annotated[list[Positive], Field(min_length=1)] = Field(
         [0.002, 0.01, 0.05], description="standard deviations of the offsets"
     )
-    penetration: int = Field(300_000, ge=0, description="points below the surface")
+    penetration: int = Field(200_000, ge=0, description="points below the surface")
+    bent: int = Field(
+        100_000,
+        ge=0,
+        description="points below the surface, up to eight times denser where it bends: the "
+        "angles between neighbouring faces, per 0.05 of length",
+    )
     depth: Positive = Field(0.05, description="largest penetration depth")
     box: int = Field(100_000, ge=0, description="points uniform in the box [-1, 1]³")
     held_out: Annotated[int, Field(ge=100)] = Field(

@@ -183,6 +183,8 @@ class Plan:
         for mesh in self.entries:
             stems = ["mesh", "trajectory", "evaluation", "timing", "hardware"]
             stems += [spec.artifact for spec in self.specs(mesh) if spec.kind != "exact"]
+            if any(spec.kind == "network" for spec in self.specs(mesh)):
+                stems.append("samples")
             found += [f"results/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
         return found
 

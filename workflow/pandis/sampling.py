@@ -1,15 +1,23 @@
-"""Training and probe points, with exact labels.
+"""Points on a surface, and the probe sets that errors are measured on.
 
-Points on the surface are stratified by area along a space-filling order of
-the faces. All other strata start from such points. Every point can be made
-again from the seed, its face, its barycentrics and its offset.
+Points are stratified by area along a space-filling order of the faces; probe
+sets are blue noise besides: no two closer than they must be. Every point can
+be made again from the seed, its face and its barycentrics.
 """
 
-import numpy as np
+from functools import cached_property
 
-STRATA = ("surface", "offset", "penetration", "box", "held-out")
+import numpy as np
+from scipy.spatial import cKDTree
+
 #: Depths below the surface of the two probe sets (unit frame).
 PROBE_DEPTHS = {"shallow": 0.01, "deep": 0.04}
+#: Faces count as bent by the angles between them and their neighbours, per this length.
+BEND_LENGTH = 0.05
+#: A face where the surface bends gets at most so many times the points of a flat one.
+BEND_FACTOR = 8.0
+#: Candidates per point of a blue-noise set.
+_CANDIDATES = 4
 
 
 class Surface:
@@ -27,16 +35,25 @@ class Surface:
     def __init__(self, vertices, faces, engine=None):
         corners = vertices[faces]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        area = np.linalg.norm(cross, axis=1)
-        self.corners = corners
-        self.normals = cross / np.maximum(area, 1e-300)[:, None]
+        length = np.linalg.norm(cross, axis=1)
+        self.faces, self.corners = faces, corners
+        self.normals = cross / np.maximum(length, 1e-300)[:, None]
+        self.areas = length / 2
         self.order = np.argsort(_morton(corners.mean(axis=1)), kind="stable")
-        cumulative = np.cumsum(area[self.order])
-        self.share = cumulative / cumulative[-1]
+        self.share = self._cumulative(self.areas)
         self.engine = engine
 
-    def draw(self, count, rng):
+    def draw(self, count, rng, start=0, total=None, bent=False):
         """Draw points stratified by area.
+
+        Parameters
+        ----------
+        count : int
+        rng : numpy.random.Generator
+        start, total : int, optional
+            Draw the points from ``start`` on of a set of ``total`` points.
+        bent : bool
+            Draw more of them where the surface bends.
 
         Returns
         -------
@@ -45,8 +62,9 @@ class Surface:
         barycentrics : ndarray, shape (count, 2), float32
             Weights of the face's second and third corner.
         """
-        position = (np.arange(count) + rng.random(count)) / count
-        rank = np.minimum(np.searchsorted(self.share, position, side="right"), len(self.order) - 1)
+        share = self.bent_share if bent else self.share
+        position = (start + np.arange(count) + rng.random(count)) / (total or count)
+        rank = np.minimum(np.searchsorted(share, position, side="right"), len(self.order) - 1)
         face = self.order[rank]
         root, turn = np.sqrt(rng.random(count)), rng.random(count)
         weights = np.stack([root * (1 - turn), root * turn], axis=1).astype(np.float32)
@@ -65,6 +83,35 @@ class Surface:
             points = points - distance[:, None] * normal
         return points, normal
 
+    @cached_property
+    def bent_share(self):
+        """Cumulative share of points by area and bending, along the order of the faces."""
+        return self._cumulative(self.areas * bending(self))
+
+    def _cumulative(self, weight):
+        cumulative = np.cumsum(weight[self.order])
+        return cumulative / cumulative[-1]
+
+
+def bending(surface):
+    """Return how much more points each face (F,) deserves for the bends at its edges.
+
+    A face's bend is the angle to its neighbours, by edge length, over its area: the
+    discrete mean curvature. Between 1 and `BEND_FACTOR`.
+    """
+    faces = surface.faces
+    halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort(halves.T)
+    same = (np.diff(halves[order], axis=0) == 0).all(axis=1)
+    one, other = order[:-1][same], order[1:][same]
+    length = np.linalg.norm(
+        surface.corners[one // 3, one % 3] - surface.corners[one // 3, (one + 1) % 3], axis=1
+    )
+    chord = np.linalg.norm(surface.normals[one // 3] - surface.normals[other // 3], axis=1)
+    bend = 2 * np.arcsin(np.minimum(chord / 2, 1)) * length / 2
+    total = np.bincount(one // 3, bend, len(faces)) + np.bincount(other // 3, bend, len(faces))
+    return np.clip(total / np.maximum(surface.areas, 1e-300) * BEND_LENGTH, 1.0, BEND_FACTOR)
+
 
 def open_surface(mesh, engine):
     """Return the `Surface` of a mesh artifact; closed forms are sampled exactly."""
@@ -74,11 +121,54 @@ def open_surface(mesh, engine):
     return Surface(engine.vertices, engine.faces)
 
 
+def blue_noise(surface, count, rng):
+    """Draw points that keep their distance: sample elimination (Yuksel 2015).
+
+    From four times as many candidates those go that have too many too close
+    neighbours on their own side of a wall, the worst first, until ``count`` are left.
+    Where Yuksel takes them one by one from a heap, all of the worst tenth that are
+    worst among their own neighbours go at once.
+
+    Returns
+    -------
+    points, normals, face, barycentrics
+        As `Surface.draw`.
+    """
+    drawn = surface.draw(_CANDIDATES * count, rng)
+    points, normals = drawn[:2]
+    radius = np.sqrt(surface.areas.sum() / (2 * np.sqrt(3) * count))
+    pairs = cKDTree(points).query_pairs(2 * radius, output_type="ndarray")
+    pairs = pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0]
+    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    closeness = (1 - apart / (2 * radius)) ** 8
+    alive, left = np.ones(len(points), bool), len(points) - count
+    crowding = _sums(pairs, closeness, len(points))
+    while left:
+        worst = np.zeros(len(points))
+        np.maximum.at(worst, pairs[:, 0], crowding[pairs[:, 1]])
+        np.maximum.at(worst, pairs[:, 1], crowding[pairs[:, 0]])
+        tenth = np.partition(crowding[alive], -(alive.sum() // 10 + 1))[-(alive.sum() // 10 + 1)]
+        go = np.flatnonzero(alive & (crowding >= worst) & (crowding >= tenth))
+        go = go[np.argsort(-crowding[go], kind="stable")][:left]
+        alive[go] = False
+        left -= len(go)
+        gone = ~alive[pairs]
+        crowding -= _sums(pairs, np.where(gone.any(axis=1), closeness, 0.0), len(points))
+        crowding[~alive] = 0
+        kept = ~gone.any(axis=1)
+        pairs, closeness = pairs[kept], closeness[kept]
+    return tuple(column[alive] for column in drawn)
+
+
+def _sums(pairs, values, count):
+    return np.bincount(pairs[:, 0], values, count) + np.bincount(pairs[:, 1], values, count)
+
+
 def probes(surface, engine, count, seed):
     """Return the probe sets of the paper notes' accuracy bars.
 
-    Area-uniform surface points moved inward along the normal by a depth
-    uniform in [0, 0.01] (``shallow``) or [0, 0.04] (``deep``).
+    Area-uniform surface points, blue noise, moved inward along the normal by a
+    depth uniform in [0, 0.01] (``shallow``) or [0, 0.04] (``deep``).
 
     Returns
     -------
@@ -88,82 +178,11 @@ def probes(surface, engine, count, seed):
     sets = {}
     for index, (name, deepest) in enumerate(PROBE_DEPTHS.items()):
         rng = np.random.default_rng([seed, index])
-        points, normals, _, _ = surface.draw(count, rng)
-        points = points - rng.uniform(0, deepest, count)[:, None] * normals
+        points, normals, _, _ = blue_noise(surface, count, rng)
+        depth = rng.permutation((np.arange(count) + rng.random(count)) / count) * deepest
+        points = points - depth[:, None] * normals
         sets[name] = (points, *engine.distance_and_normal(points))
     return sets
-
-
-def sample(surface, engine, options, progress):
-    """Draw and label all strata.
-
-    Parameters
-    ----------
-    surface : Surface
-    engine : object
-        From `pandis.distance.open_distance`.
-    options : dict
-        See `pandis.config.SampleOptions`; and ``seed``.
-    progress : callable
-        Makes a `pandis.stage.Progress`.
-
-    Returns
-    -------
-    arrays, attributes : dict
-        As stored in ``samples.zarr.zip``: points, distance and normal are
-        float32 in the unit frame; labels belong to the points as rounded.
-    """
-    parts, ranges, start = [], {}, 0
-    for index, stratum in enumerate(STRATA):
-        part = _stratum(stratum, surface, options, np.random.default_rng([options["seed"], index]))
-        parts.append(part)
-        ranges[stratum] = [start, start + len(part[0])]
-        start = ranges[stratum][1]
-    points, offset, face, barycentrics = (
-        np.concatenate(column) for column in zip(*parts, strict=True)
-    )
-    points = points.astype(np.float32)
-    distance, normal = engine.distance_and_normal(points, progress("labels", len(points)))
-    # points drawn on the surface are on it by construction, but for their rounding
-    low, high = ranges["surface"]
-    distance[low:high] = 0.0
-    normal[low:high] = surface.at(face[low:high], barycentrics[low:high])[1]
-    stratum = np.repeat(np.arange(len(STRATA), dtype=np.uint8), [len(part[0]) for part in parts])
-    arrays = {
-        "points": points,
-        "distance": distance.astype(np.float32),
-        "normal": normal.astype(np.float32),
-        "stratum": stratum,
-        "face": face,
-        "barycentrics": barycentrics,
-        "offset": offset.astype(np.float32),
-    }
-    return arrays, {"strata": ranges, "seed": options["seed"]}
-
-
-def _stratum(stratum, surface, options, rng):
-    """Return points, offsets along the normal, faces and barycentrics of one stratum."""
-    if stratum == "box":
-        count = options["box"]
-        points = rng.uniform(-1, 1, (count, 3))
-        nowhere = np.full(count, -1, np.int32), np.zeros((count, 2), np.float32)
-        return points, np.zeros(count), *nowhere
-    if stratum == "surface":
-        count = options["surface"]
-        offset = np.zeros(count)
-    elif stratum == "offset":
-        count = options["offsets"]
-        scales = np.array(options["scales"])
-        offset = rng.normal(0, scales[np.arange(count) % len(scales)])
-    elif stratum == "penetration":
-        count = options["penetration"]
-        offset = -rng.uniform(0, options["depth"], count)
-    else:
-        count = options["held_out"]
-        deepest = np.array(list(PROBE_DEPTHS.values()))[np.arange(count) % len(PROBE_DEPTHS)]
-        offset = -rng.uniform(0, deepest)
-    points, normals, face, barycentrics = surface.draw(count, rng)
-    return points + offset[:, None] * normals, offset, face, barycentrics
 
 
 def _morton(points):

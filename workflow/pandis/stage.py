@@ -15,7 +15,13 @@ import warnings
 from contextlib import contextmanager
 from pathlib import Path
 
-from pandis.artifact import file_digest, read_artifact, write_artifact, write_atomically
+from pandis.artifact import (
+    ArtifactWriter,
+    file_digest,
+    read_artifact,
+    write_artifact,
+    write_atomically,
+)
 from pandis.errors import PandisError
 from pandis.provenance import CodeDigests, combine, provenance, unused_modules
 
@@ -151,6 +157,29 @@ class Job:
         """Write the rule's first output as an artifact."""
         path = self.output[0]
         write_artifact(path, kind, arrays, attributes, self.provenance(), chunks)
+        self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
+
+    def write_pieces(self, kind, columns, pieces, attributes, rows):
+        """Write the rule's first output from pieces that are never all in memory.
+
+        Parameters
+        ----------
+        kind : str
+        columns : dict of str to (shape, dtype)
+        pieces : iterable of dict of str to ndarray
+            The next rows of every array.
+        attributes : dict
+        rows : int
+            Rows of a chunk.
+        """
+        path = self.output[0]
+        with ArtifactWriter(path, kind) as writer:
+            for name, (shape, dtype) in columns.items():
+                writer.declare(name, shape, dtype, (min(rows, max(1, shape[0])), *shape[1:]))
+            for piece in pieces:
+                for name in columns:
+                    writer.append(name, piece[name])
+            writer.finish(attributes, self.provenance())
         self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
 
     def write_file(self, data, index=0):

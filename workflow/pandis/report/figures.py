@@ -122,6 +122,40 @@ def quiver(fields, size=46, half=1.0):
     return save(figure, "png")
 
 
+def samples(artifact, limit=6000):
+    """Draw the training points on a plane, and how far they are from the surface.
+
+    Parameters
+    ----------
+    artifact : pandis.artifact.Artifact
+        Of kind ``samples``.
+    limit : int
+        Points shown on the plane.
+    """
+    points, distance, tied = (artifact.arrays[k] for k in ("points", "distance", "tied"))
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    plane, bars = figure.subplots(1, 2)
+    near = np.flatnonzero(np.abs(points[:, 2]) < 0.01)
+    near = near[:: max(1, len(near) // limit)]
+    style = {"s": 3, "linewidths": 0, "rasterized": True}
+    shown = plane.scatter(
+        *points[near, :2].T, c=distance[near], cmap="coolwarm", vmin=-0.05, vmax=0.05, **style
+    )
+    ties = near[tied[near] > 0]
+    plane.scatter(*points[ties, :2].T, color="black", **style)
+    plane.set(aspect="equal", xlim=(-1, 1), ylim=(-1, 1), xlabel="x (unit frame)", ylabel="y")
+    figure.colorbar(shown, ax=plane, label="signed distance", shrink=0.8, extend="both")
+    edges = np.linspace(-0.15, 0.15, 121)
+    for name, (start, stop) in artifact.attributes["strata"].items():
+        if stop > start and name != "surface":
+            part = np.clip(distance[start:stop], edges[0], edges[-1])
+            bars.hist(part, edges, histtype="step", label=f"{name} ({stop - start:,})")
+    bars.set(yscale="log", xlabel="signed distance (unit frame; the ends gather the rest)")
+    bars.set_ylabel("points")
+    bars.legend(frameon=False, fontsize=7, title="stratum")
+    return save(figure, "png")
+
+
 def force_along_path(forces, exact, specs, networks, window=300):
     """Draw the force over part of the path in spherical coordinates: the paper's Fig. 4."""
     part = slice(0, min(window, len(exact)))

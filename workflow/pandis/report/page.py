@@ -21,7 +21,8 @@ def mesh_section(name, artifacts, field_names):
     ----------
     name : str
     artifacts : list of pandis.artifact.Artifact
-        Mesh, trajectory, evaluation, timing, hardware, and the artifact of every field.
+        Mesh, trajectory, evaluation, timing, hardware, the artifact of every field, and the
+        samples where there are networks.
     field_names : list of str
 
     Returns
@@ -60,6 +61,7 @@ def mesh_section(name, artifacts, field_names):
         "quiver": figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
         "path": figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
         "front": figures.error_against_time(rows, specs, networks),
+        "samples": figures.samples(artifacts["samples"]) if "samples" in artifacts else None,
         "curves": figures.training_curves({n: m.arrays["curve"] for n, m in models.items()})
         if models
         else None,

@@ -1,0 +1,125 @@
+"""Training and held-out points, with exact labels, shard by shard.
+
+A stratum is a share of the points with a law of its own. What shard k of a
+stratum holds depends on the seed, the stratum and k alone, so that nothing
+has to be in memory twice and no count of threads shows in the result.
+"""
+
+import numpy as np
+
+from pandis.native.bvh import TIED
+from pandis.sampling import PROBE_DEPTHS
+
+STRATA = ("surface", "offset", "penetration", "bent", "box", "held-out")
+#: Points drawn, labelled and stored at once.
+SHARD = 1 << 16
+
+COLUMNS = {
+    "points": ((3,), np.float32),
+    "distance": ((), np.float32),
+    "normal": ((3,), np.float32),
+    "tied": ((), np.uint8),
+    "stratum": ((), np.uint8),
+    "face": ((), np.int32),
+    "barycentrics": ((2,), np.float32),
+    "offset": ((), np.float32),
+}
+
+
+class Strata:
+    """The points that a mesh is learnt from.
+
+    Parameters
+    ----------
+    surface : pandis.sampling.Surface
+    engine : object
+        From `pandis.distance.open_distance`.
+    options : dict
+        See `pandis.config.SampleOptions`; and ``seed``.
+
+    Attributes
+    ----------
+    ranges : dict of str to [int, int]
+        Where each stratum lies among the points.
+    count : int
+    """
+
+    def __init__(self, surface, engine, options):
+        self.surface, self.engine, self.options = surface, engine, options
+        counts = {
+            "surface": options["surface"],
+            "offset": options["offsets"],
+            "penetration": options["penetration"],
+            "bent": options["bent"],
+            "box": options["box"],
+            "held-out": options["held_out"],
+        }
+        ends = np.cumsum([0, *(counts[name] for name in STRATA)]).tolist()
+        self.ranges = {name: [ends[k], ends[k + 1]] for k, name in enumerate(STRATA)}
+        self.count = ends[-1]
+
+    def columns(self):
+        """Return the shape and the type of every stored array."""
+        return {name: ((self.count, *shape), kind) for name, (shape, kind) in COLUMNS.items()}
+
+    def attributes(self):
+        """Return what is stored beside the arrays."""
+        return {"strata": self.ranges, "seed": self.options["seed"]}
+
+    def shards(self, progress):
+        """Yield the arrays of one shard after the other.
+
+        Points, distances and normals are float32 in the unit frame, the labels are those
+        of the points as rounded; ``tied`` marks points with two closest points, whose
+        direction is a matter of chance.
+
+        Parameters
+        ----------
+        progress : callable
+            Makes a `pandis.stage.Progress`.
+        """
+        report, done = progress("points", self.count), 0
+        for index, (name, (low, high)) in enumerate(self.ranges.items()):
+            for shard, start in enumerate(range(0, high - low, SHARD)):
+                rng = np.random.default_rng([self.options["seed"], index, shard])
+                size = min(SHARD, high - low - start)
+                yield self._label(index, *self._draw(name, rng, start, size, high - low))
+                done += size
+                report.update(done)
+
+    def _draw(self, stratum, rng, start, size, total):
+        """Return points, offsets along the normal, faces and barycentrics."""
+        options, index = self.options, start + np.arange(size)
+        if stratum == "box":
+            nowhere = np.full(size, -1, np.int32), np.zeros((size, 2), np.float32)
+            return rng.uniform(-1, 1, (size, 3)), np.zeros(size), *nowhere
+        if stratum == "surface":
+            offset = np.zeros(size)
+        elif stratum == "offset":
+            offset = rng.normal(0, np.array(options["scales"])[index % len(options["scales"])])
+        elif stratum == "held-out":
+            offset = -rng.uniform(0, np.array(list(PROBE_DEPTHS.values()))[index % 2])
+        else:
+            offset = -rng.uniform(0, options["depth"], size)
+        drawn = self.surface.draw(size, rng, start, total, bent=stratum == "bent")
+        points, normals, face, barycentrics = drawn
+        return points + offset[:, None] * normals, offset, face, barycentrics
+
+    def _label(self, index, points, offset, face, barycentrics):
+        points = points.astype(np.float32)
+        labels = self.engine.label(points.astype(np.float64))
+        distance, normal = labels.distance, labels.normal
+        if STRATA[index] == "surface":
+            # on the surface by construction, but for the rounding of their coordinates
+            distance = np.zeros(len(points))
+            normal = self.surface.at(face, barycentrics)[1]
+        return {
+            "points": points,
+            "distance": distance,
+            "normal": normal,
+            "tied": (labels.flags & TIED) > 0,
+            "stratum": np.full(len(points), index),
+            "face": face,
+            "barycentrics": barycentrics,
+            "offset": offset,
+        }
