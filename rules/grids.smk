@@ -22,6 +22,54 @@ rule bake:
         "../scripts/bake.py"
 
 
+rule bake_spline:
+    input:
+        mesh="results/{mesh}/mesh.zarr.zip",
+    output:
+        "results/{mesh}/grid-spline-{size}.zarr.zip",
+    log:
+        "results/logs/{mesh}/bake-spline-{size}.log",
+    benchmark:
+        "results/benchmarks/{mesh}/bake-spline-{size}.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+        runtime=120,
+    params:
+        options=plan.options("bake_spline"),
+        code=plan.code("bake_spline"),
+    message:
+        "{wildcards.mesh}: fit a spline of {wildcards.size}³ nodes"
+    script:
+        "../scripts/bake_spline.py"
+
+
+rule bake_auto:
+    input:
+        mesh="results/{mesh}/mesh.zarr.zip",
+    output:
+        "results/{mesh}/grid-{kind}-auto.zarr.zip",
+    log:
+        "results/logs/{mesh}/bake-{kind}-auto.log",
+    benchmark:
+        "results/benchmarks/{mesh}/bake-{kind}-auto.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+        runtime=120,
+    params:
+        options=plan.options("bake_auto"),
+        code=plan.code("bake_auto"),
+    message:
+        "{wildcards.mesh}: find the size of {wildcards.kind}-auto"
+    script:
+        "../scripts/bake_auto.py"
+
+
 rule export_grid:
     input:
         grid=plan.grid_artifact,
@@ -43,3 +91,26 @@ rule export_grid:
         "{wildcards.mesh}: export {wildcards.field} and compare it with the library"
     script:
         "../scripts/export_grid.py"
+
+
+rule export_vti:
+    input:
+        grid=plan.grid_artifact,
+    output:
+        "results/{mesh}/export/{field}.vti",
+    log:
+        "results/logs/{mesh}/export-{field}-vti.log",
+    benchmark:
+        "results/benchmarks/{mesh}/export-{field}-vti.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=4000,
+        runtime=15,
+    params:
+        options=plan.options("export_vti"),
+        code=plan.code("export_vti"),
+    message:
+        "{wildcards.mesh}: write {wildcards.field} as VTK image data"
+    script:
+        "../scripts/export_vti.py"

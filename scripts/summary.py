@@ -6,4 +6,4 @@ from pandis.stage import stage
 with stage(snakemake) as job:
     columns = (job.input.evaluations, job.input.timings, job.input.hardware)
     read = ([job.read_path(path) for path in column] for column in columns)
-    job.write_file(to_csv(summarise(job.options["fields"], *read)).encode())
+    job.write_file(to_csv(summarise(*read)).encode())

@@ -1,12 +1,14 @@
-"""Time all fields of a mesh. Reads mesh, trajectory and exports, writes timing.zarr.zip."""
+"""Time all fields of a mesh. Writes timing.zarr.zip."""
 
 from pandis.evaluation.timing import time_fields
 from pandis.fields.exact import ExactField
+from pandis.fields.grids import open_grids
 from pandis.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     points = job.read("trajectory", "trajectory").arrays["points"]
     exports = [job.note_file(path) for path in job.input.exports]
-    field = ExactField("exact", mesh) if "exact" in job.options["fields"] else None
-    job.write("timing", *time_fields(field, exports, mesh, points, job.options, job.progress))
+    fields = [ExactField("exact", mesh)] if "exact" in job.options["fields"] else []
+    fields += open_grids(job.options["fields"], map(job.read_path, job.input.fields))
+    job.write("timing", *time_fields(fields, exports, mesh, points, job.options, job.progress))

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pandis.artifact import read_artifact
-from pandis.baking import bake, grid_attributes, node_axis
+from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.distance import ShapeDistance
 from pandis.errors import ArtifactError, PandisError
 from pandis.export.check import DISTANCE, FORCE, check, check_points
@@ -15,10 +15,12 @@ from pandis.export.networks import export_network, torch_network
 from pandis.export.session import Session, read_export
 from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.fields.grid import GridField
+from pandis.fields.grids import open_field
 from pandis.fields.registry import open_fields
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
 from pandis.frame import Frame
+from pandis.grids.dense import DenseGrid
 from pandis.mesh.shapes import SHAPES
 from pandis.stage import silent_progress
 from pandis.training.network import Siren
@@ -29,9 +31,9 @@ ENGINE = ShapeDistance(SHAPES["sphere"], Frame((0.0, 0.0, 0.0), 0.9))
 
 
 def grid(content, size):
-    values = bake(ENGINE, content, size, silent_progress)
-    attributes = grid_attributes(content, size) | {"frame": FRAME.attributes()}
-    return artifact("grid", {"values": values}, attributes)
+    made = DenseGrid(ENGINE, content, size, (0.045, 0.02), silent_progress)
+    values = np.concatenate(list(made.slabs(5)))
+    return artifact("grid", {"values": values}, made.attributes() | {"frame": FRAME.attributes()})
 
 
 def model(width=16, depth=2, omega=15.0, seed=0):
@@ -46,82 +48,12 @@ def model(width=16, depth=2, omega=15.0, seed=0):
     return artifact("model", arrays, attributes), network
 
 
-# --- grids ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("content", ["force", "normal"])
-def test_nodes_hold_the_exact_answer(content):
-    values = grid(content, 9).arrays["values"]
-    axis = node_axis(9)
-    for i, j, k in ((0, 0, 0), (4, 4, 5), (8, 1, 3), (2, 6, 4)):
-        distance, normal = ENGINE.distance_and_normal(np.array([[axis[i], axis[j], axis[k]]]))
-        if content == "force":
-            wanted = penalty_force(distance, normal)[0]
-        else:
-            wanted = [distance[0], *normal[0]]
-        assert np.abs(values[i, j, k] - wanted).max() < 1e-7
-
-
-def test_baking_in_slabs_changes_nothing(monkeypatch):
-    whole = grid("force", 12).arrays["values"]
-    monkeypatch.setattr("pandis.baking.SLAB", 100)
-    assert np.array_equal(grid("force", 12).arrays["values"], whole)
-
-
-def naive_trilinear(values, point):
-    size = len(values)
-    position = (point + 1) / 2 * (size - 1)
-    base = np.clip(np.floor(position).astype(int), 0, size - 2)
-    t = position - base
-    total = 0.0
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.prod(np.where(corner, t, 1 - t))
-        total = total + weight * values[tuple(base + corner)]
-    return total
-
-
-def test_trilinear_against_the_definition():
-    held = grid("normal", 10)
-    field = GridField("trilinear-normal-10", held, nearest=False)
-    points = np.random.default_rng(0).uniform(-1, 1, (200, 3))
-    points[:3] = [[1, 1, 1], [-1, -1, -1], [1, -1, 0.3]]  # the box's own corners and faces
-    distance, normal = field.answer(points)
-    wanted = np.array([naive_trilinear(held.arrays["values"].astype(float), p) for p in points])
-    assert np.abs(distance - wanted[:, 0]).max() < 1e-12
-    assert np.abs(normal - normalise(wanted[:, 1:])).max() < 1e-12
-
-
-def test_nearest_against_the_definition():
-    held = grid("force", 10)
-    field = GridField("nearest-10", held, nearest=True)
-    points = np.random.default_rng(0).uniform(-1, 1, (300, 3))
-    force = penalty_force(*field.answer(points))
-    axis = node_axis(10)
-    index = np.abs(points[:, :, None] - axis).argmin(axis=2)
-    assert np.abs(force - held.arrays["values"][tuple(index.T)]).max() < 1e-7
-
-
-def test_orders_on_the_sphere():
-    """Halving the spacing halves the error of nearest and quarters that of trilinear."""
-    points = np.random.default_rng(0).normal(size=(4000, 3))
-    points *= np.random.default_rng(1).uniform(0.6, 0.85, 4000)[:, None] / np.linalg.norm(
-        points, axis=1, keepdims=True
-    )
-    exact = penalty_force(*ENGINE.distance_and_normal(points))
-    errors = {}
-    for size in (17, 33):
-        held = grid("force", size)
-        for nearest in (True, False):
-            field = GridField("f", held, nearest)
-            force = penalty_force(*field.answer(points))
-            errors[nearest, size] = np.linalg.norm(force - exact, axis=1).mean()
-    assert errors[True, 17] / errors[True, 33] == pytest.approx(2, rel=0.1)
-    assert errors[False, 17] / errors[False, 33] > 3
+# --- any field --------------------------------------------------------------------------
 
 
 def test_mesh_units_in_and_out():
     held = grid("normal", 24)
-    field = GridField("g", held, nearest=False)
+    field = GridField("g", held)
     unit = np.array([[0.0, 0.0, 0.7]])
     distance, normal = field.distance_and_normal(FRAME.to_mesh(unit))
     assert distance[0] * FRAME.scale == pytest.approx(field.answer(unit)[0][0])
@@ -130,13 +62,13 @@ def test_mesh_units_in_and_out():
 
 def test_far_away_there_is_no_ghost_contact():
     held, _ = model()
-    fields = [GridField("g", grid("normal", 8), nearest=False), SirenField("s", held)]
+    fields = [GridField("g", grid("normal", 8)), SirenField("s", held)]
     far = np.array([[1e6, 0, 0], [0, -3e3, 2.0]])
     for field in fields:
         distance, normal = field.answer(far)
         assert (distance > 0.99 * np.linalg.norm(far, axis=1) - 2).all()
         assert np.linalg.norm(normal, axis=1) == pytest.approx(1)
-    force = penalty_force(*GridField("f", grid("force", 8), nearest=False).answer(far))
+    force = penalty_force(*GridField("f", grid("force", 8)).answer(far))
     assert (force == 0).all()
 
 
@@ -186,13 +118,12 @@ def exported(kind):
     if kind == "network":
         held, _ = model(32, 3)
         return export_network("s", held, {"stage": "x"}, print), SirenField("s", held)
-    content = "normal" if kind.startswith("trilinear-normal") else "force"
-    held = grid(content, 12)
-    field = GridField(kind, held, nearest=kind.startswith("nearest-"))
+    held = grid(GRID_FIELDS[kind.removesuffix("-12")], 12)
+    field = open_field(parse_field(kind, ()), held)
     return export_grid(kind, held, {"stage": "x"}, print), field
 
 
-KINDS = ["nearest-12", "trilinear-12", "trilinear-normal-12", "network"]
+KINDS = ["nearest-12", "trilinear-12", "trilinear-normal-12", "tricubic-12", "network"]
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -95,7 +95,7 @@ def test_field_module_edited_restales_no_other_field(rerun):
 
 
 def test_baking_module_edited_trains_nothing(rerun):
-    edit(rerun / "workflow/pandis/baking.py", "SLAB = 1 << 14", "SLAB = 1 << 13")
+    edit(rerun / "workflow/pandis/grids/dense.py", "(1 << 18)", "(1 << 17)")
     grids = {("bake", m, "force", "24") for m in BOTH}
     grids |= {("export_grid", m, "trilinear-24") for m in BOTH}
     assert plan(rerun) == grids | all_of(*DOWNSTREAM) | LAST
@@ -104,8 +104,8 @@ def test_baking_module_edited_trains_nothing(rerun):
 def test_grid_module_edited_bakes_and_trains_nothing(rerun):
     edit(
         rerun / "workflow/pandis/fields/grid.py",
-        "position = (points + 1.0)",
-        "position = +(points + 1.0)",
+        "size = len(self.values)",
+        "size = +len(self.values)",
     )
     grids = {("export_grid", m, "trilinear-24") for m in BOTH}
     assert plan(rerun) == grids | all_of(*DOWNSTREAM) | LAST

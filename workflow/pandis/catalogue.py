@@ -11,7 +11,16 @@ MESH_NAME = "[a-z][a-z0-9_-]*"
 RESERVED_NAMES = ("logs", "benchmarks", "scenes", "native")
 
 #: Fields stored on a grid, and what their grid's nodes hold.
-GRID_FIELDS = {"nearest": "force", "trilinear": "force", "trilinear-normal": "normal"}
+GRID_FIELDS = {
+    "nearest": "force",
+    "trilinear": "force",
+    "trilinear-normal": "normal",
+    "tricubic": "distance",
+    "spline": "spline",
+}
+#: Most nodes per axis.
+LARGEST = {"spline": 320}
+LARGEST_DENSE = 512
 
 
 class FieldSpec(NamedTuple):
@@ -25,7 +34,7 @@ class FieldSpec(NamedTuple):
         ``exact``, a key of GRID_FIELDS, or ``network``.
     artifact : str
         Stem of the artifact that holds it: ``results/{mesh}/{artifact}.zarr.zip``.
-    size : int or None
+    size : int, "auto" or None
         Nodes per axis of a grid.
     exports : tuple of str
         Endings of its files under ``results/{mesh}/export/``.
@@ -34,13 +43,18 @@ class FieldSpec(NamedTuple):
     name: str
     kind: str
     artifact: str
-    size: int | None
+    size: int | str | None
     exports: tuple[str, ...]
+
+
+def is_grid_field(name):
+    """Tell whether ``name`` is that of a grid."""
+    return re.fullmatch(rf"({'|'.join(GRID_FIELDS)})-(\d+|auto)", name) is not None
 
 
 def is_builtin_field(name):
     """Tell whether ``name`` is taken by a field that is not a recipe."""
-    return name == "exact" or re.fullmatch(rf"({'|'.join(GRID_FIELDS)})-\d+", name) is not None
+    return name == "exact" or is_grid_field(name)
 
 
 def parse_field(name, recipes):
@@ -60,11 +74,16 @@ def parse_field(name, recipes):
     """
     if name == "exact":
         return FieldSpec(name, "exact", "mesh", None, ())
-    if match := re.fullmatch(f"({'|'.join(GRID_FIELDS)})-([1-9][0-9]*)", name):
-        kind, size = match[1], int(match[2])
-        if not 2 <= size <= 512:
-            raise ValueError(f"{name}: a grid has 2 to 512 nodes per axis")
-        return FieldSpec(name, kind, f"grid-{GRID_FIELDS[kind]}-{size}", size, ("onnx",))
+    if match := re.fullmatch(f"({'|'.join(GRID_FIELDS)})-([1-9][0-9]*|auto)", name):
+        kind = match[1]
+        exports = () if kind == "spline" else ("onnx",)
+        if match[2] == "auto":
+            return FieldSpec(name, kind, f"grid-{kind}-auto", "auto", exports)
+        size, smallest = int(match[2]), 32 if kind == "spline" else 4
+        largest = LARGEST.get(kind, LARGEST_DENSE)
+        if not smallest <= size <= largest:
+            raise ValueError(f"{name}: it has {smallest} to {largest} nodes per axis")
+        return FieldSpec(name, kind, f"grid-{GRID_FIELDS[kind]}-{size}", size, exports)
     if name in recipes:
         return FieldSpec(name, "network", f"model-{name}", None, ("onnx",))
     known = ["exact", *(f"{kind}-64" for kind in GRID_FIELDS), *recipes]

@@ -174,10 +174,48 @@ class ExactRecipe(Recipe):
     average: float = Field(0.998, ge=0, lt=1, description="decay of the averaged weights; 0: none")
 
 
-class BakeOptions(Options):
-    """Grids, at ``linspace(-1, 1, n)`` of the unit frame on every axis."""
+class GridTarget(Options):
+    """What a grid named `…-auto` should achieve."""
 
-    chunk: Count = Field(32, description="nodes per axis of a stored chunk")
+    force_error: Positive | None = Field(
+        None, description="mean force error (unit frame, k = 1) on held-out points 0 to 0.04 deep"
+    )
+    bytes: Count | None = Field(None, description="bytes that a program holds in memory")
+
+    @model_validator(mode="after")
+    def _one_target(self):
+        if (self.force_error is None) == (self.bytes is None):
+            raise ValueError("name one of force_error and bytes")
+        return self
+
+
+#: Targets that hold where the user names none.
+TARGETS = {"spline": {"bytes": 800_000}}
+
+
+class BakeOptions(Options):
+    """Grids. Lengths are in the unit frame (longest side 1.8)."""
+
+    inside: Positive = Field(
+        0.045, le=1, description="depth below the surface down to which grids are right"
+    )
+    outside: Positive = Field(0.02, le=1, description="height above it up to which they are")
+    chunk: Annotated[int, Field(ge=4)] = Field(32, description="nodes per axis of a stored chunk")
+    auto: dict[Literal[tuple(GRID_FIELDS)], GridTarget] = Field(
+        default_factory=dict,
+        description="what `nearest-auto`, `trilinear-auto`, … should achieve, by kind: "
+        "`force_error` (the coarsest grid that meets it) or `bytes` (the finest that fits); "
+        "without a word `spline-auto` gets 800,000 bytes",
+    )
+    vti: bool = Field(
+        False, description="also write every grid field as `.vti`, for ParaView and 3D Slicer"
+    )
+
+    @model_validator(mode="after")
+    def _usual_targets(self):
+        for kind, target in TARGETS.items():
+            self.auto.setdefault(kind, GridTarget(**target))
+        return self
 
 
 class TrajectoryOptions(Options):
@@ -231,12 +269,14 @@ class StageOptions(Options):
             "trilinear-32",
             "trilinear-64",
             "trilinear-normal-64",
+            "tricubic-64",
+            "spline-auto",
             "pandis",
             "pandis-exact",
         ],
         description="what to build and compare: `exact`, "
         + ", ".join(f"`{kind}-N`" for kind in GRID_FIELDS)
-        + " (N nodes per axis), or any recipe under `train`",
+        + " (N nodes per axis, or `auto`: see `bake.auto`), or any recipe under `train`",
     )
     mesh: MeshOptions = Field(default_factory=MeshOptions, description="loading and repair")
     samples: SampleOptions = Field(default_factory=SampleOptions, description="training points")
@@ -450,9 +490,23 @@ def _name_faults(values):
         if name in names[:index]:
             yield f"fields.{index}", f"{name} is listed twice: remove one"
         try:
-            parse_field(str(name), known)
+            spec = parse_field(str(name), known)
         except ValueError as error:
             yield f"fields.{index}", str(error)
+            continue
+        if spec.size == "auto" and spec.kind not in _targets(values):
+            yield (
+                f"fields.{index}",
+                f"{name} needs to know what to achieve: add bake.auto.{spec.kind}, with "
+                "force_error or bytes",
+            )
+
+
+def _targets(values):
+    """Return the kinds of grids that have a target."""
+    bake = values.get("bake") or {}
+    given = bake.get("auto") or {} if isinstance(bake, dict) else {}
+    return {*TARGETS, *(given if isinstance(given, dict) else ())}
 
 
 def _describe(fault, model):

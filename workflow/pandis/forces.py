@@ -18,5 +18,6 @@ def penalty_force(distance, normal, stiffness=1.0):
     ndarray, shape (n, 3)
         Zero outside: a contact pushes, it never pulls. Zero too where the distance is no number.
     """
-    inside = np.less(distance, 0.0)[:, None]  # not so for NaN
-    return np.where(inside, (-stiffness * np.asarray(distance))[:, None] * normal, 0.0)
+    inside = np.less(distance, 0.0)  # not so for NaN
+    depth = np.where(inside, -stiffness * np.asarray(distance), 0.0)
+    return np.where(inside[:, None], depth[:, None] * normal, 0.0)

@@ -24,8 +24,8 @@ TARGETS = {
     "meshes": ("mesh",),
     "samples": ("sample",),
     "models": ("train",),
-    "exports": ("export_grid", "export_network"),
-    "grids": ("bake",),
+    "exports": ("export_grid", "export_network", "export_vti"),
+    "grids": ("bake", "bake_spline", "bake_auto"),
     "evaluations": ("trajectory", "evaluate", "timing"),
     "hardware": ("validate",),
 }
@@ -120,11 +120,19 @@ class Plan:
             add(f"{spec.artifact}.zarr.zip", "train", recipe=spec.name)
             add(f"export/{spec.name}.onnx", "export_network", recipe=spec.name)
         grids = [spec for spec in specs if spec.kind in GRID_FIELDS]
-        for artifact in dict.fromkeys(spec.artifact for spec in grids):
-            _, content, size = artifact.split("-")
-            add(f"{artifact}.zarr.zip", "bake", content=content, size=size)
+        for spec in {spec.artifact: spec for spec in grids}.values():
+            path, content = f"{spec.artifact}.zarr.zip", GRID_FIELDS[spec.kind]
+            if spec.size == "auto":
+                add(path, "bake_auto", kind=spec.kind)
+            elif content == "spline":
+                add(path, "bake_spline", size=str(spec.size))
+            else:
+                add(path, "bake", content=content, size=str(spec.size))
         for spec in grids:
-            add(f"export/{spec.name}.onnx", "export_grid", field=spec.name)
+            if "onnx" in spec.exports:
+                add(f"export/{spec.name}.onnx", "export_grid", field=spec.name)
+            if self.entries[mesh].bake.vti:
+                add(f"export/{spec.name}.vti", "export_vti", field=spec.name)
         add("trajectory.zarr.zip", "trajectory")
         add("evaluation.zarr.zip", "evaluate")
         add("timing.zarr.zip", "timing")
@@ -168,6 +176,11 @@ class Plan:
         """Return the grid that a grid field is exported from."""
         spec = parse_field(wildcards.field, ())
         return f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip"
+
+    def unexported(self, wildcards):
+        """Return the artifacts of the fields that are timed from the library itself."""
+        specs = [s for s in self.specs(wildcards.mesh) if s.kind != "exact" and not s.exports]
+        return [f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip" for spec in specs]
 
     def exports(self, wildcards):
         """Return the exported files of a mesh."""
@@ -227,6 +240,7 @@ class Plan:
         entry = self.entries[mesh]
         seed = stage_seed(entry.seed, mesh, stage)
         size, stiffness = entry.device.size, entry.device.stiffness
+        band = [entry.bake.inside, entry.bake.outside]
         match stage:
             case "fetch":
                 return {"url": entry.source, "sha256": entry.sha256}
@@ -241,10 +255,16 @@ class Plan:
                 return recipe_options(entry, recipe) | {"recipe": recipe, "seed": seed}
             case "bake":
                 grid = {"content": wildcards["content"], "size": int(wildcards["size"])}
-                return entry.bake.model_dump() | grid
+                return grid | {"band": band, "chunk": entry.bake.chunk}
+            case "bake_spline":
+                return {"size": int(wildcards["size"]), "band": band, "seed": seed}
+            case "bake_auto":
+                kind = wildcards["kind"]
+                target = entry.bake.auto[kind].model_dump()
+                return target | {"kind": kind, "band": band, "seed": seed}
             case "export_network":
                 return {"field": wildcards["recipe"]}
-            case "export_grid":
+            case "export_grid" | "export_vti":
                 return {"field": wildcards["field"]}
             case "trajectory":
                 return entry.trajectory.model_dump() | {"seed": seed}

@@ -74,7 +74,8 @@ def _default(model, key, field):
     if key == "steps":
         kind = "paper" if model is config.PaperRecipe else "exact"
         return f"`{config.DEFAULT_STEPS[kind]}` if neither budget is given"
-    return f"`{json.dumps(field.default)}`"
+    default = field.get_default(call_default_factory=True)
+    return f"`{json.dumps(default)}`"
 
 
 def bunny_table():

@@ -159,23 +159,22 @@ class Job:
         write_artifact(path, kind, arrays, attributes, self.provenance(), chunks)
         self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
 
-    def write_pieces(self, kind, columns, pieces, attributes, rows):
+    def write_pieces(self, kind, columns, pieces, attributes):
         """Write the rule's first output from pieces that are never all in memory.
 
         Parameters
         ----------
         kind : str
-        columns : dict of str to (shape, dtype)
+        columns : dict of str to dict
+            What `pandis.artifact.ArtifactWriter.declare` is told of every array.
         pieces : iterable of dict of str to ndarray
             The next rows of every array.
         attributes : dict
-        rows : int
-            Rows of a chunk.
         """
         path = self.output[0]
         with ArtifactWriter(path, kind) as writer:
-            for name, (shape, dtype) in columns.items():
-                writer.declare(name, shape, dtype, (min(rows, max(1, shape[0])), *shape[1:]))
+            for name, column in columns.items():
+                writer.declare(name, **column)
             for piece in pieces:
                 for name in columns:
                     writer.append(name, piece[name])

@@ -59,8 +59,15 @@ class Strata:
         self.count = ends[-1]
 
     def columns(self):
-        """Return the shape and the type of every stored array."""
-        return {name: ((self.count, *shape), kind) for name, (shape, kind) in COLUMNS.items()}
+        """Return how every array is declared to `pandis.artifact.ArtifactWriter`."""
+        return {
+            name: {
+                "shape": (self.count, *shape),
+                "dtype": kind,
+                "chunks": (min(SHARD, self.count), *shape),
+            }
+            for name, (shape, kind) in COLUMNS.items()
+        }
 
     def attributes(self):
         """Return what is stored beside the arrays."""

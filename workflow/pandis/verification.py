@@ -10,6 +10,7 @@ from pathlib import Path
 from pandis.artifact import file_digest, read_artifact
 from pandis.errors import PandisError
 from pandis.export.session import read_export
+from pandis.export.vti import read_note
 from pandis.plan import DEFAULT_CONFIG, FINAL
 from pandis.provenance import unused_modules
 from pandis.report.seal import read_seal
@@ -98,13 +99,12 @@ class _Checker:
 
     def _summary(self, path):
         """Return what is wrong with summary.csv: it must be what the artifacts give now."""
-        fields = self.plan.stage_options("summary")["fields"]
         try:
             read = (
                 [read_artifact(name) for name in self.plan.results(f"{stem}.zarr.zip")]
                 for stem in ("evaluation", "timing", "hardware")
             )
-            text = to_csv(summarise(fields, *read))
+            text = to_csv(summarise(*read))
         except PandisError:
             return "stale: an artifact it sums up is missing or damaged"
         same = path.read_text(encoding="utf-8") == text
@@ -128,6 +128,8 @@ class _Checker:
             return artifact.provenance
         if path.suffix == ".onnx":
             return json.loads(read_export(path).metadata["provenance"])
+        if path.suffix == ".vti":
+            return read_note(path)["provenance"]
         if path.suffix == ".html":
             return read_seal(path)
         return None

@@ -9,12 +9,13 @@ from pandis.frame import Frame
 from pandis.machine import describe
 
 
-def time_fields(exact, exports, mesh, points, options, progress):
+def time_fields(fields, exports, mesh, points, options, progress):
     """Time every field of a mesh along its trajectory.
 
     Parameters
     ----------
-    exact : pandis.fields.base.Field or None
+    fields : list of pandis.fields.base.Field
+        What is timed as the library answers it, in C but called from Python.
     exports : list of Path
         ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
     mesh : pandis.artifact.Artifact
@@ -31,18 +32,18 @@ def time_fields(exact, exports, mesh, points, options, progress):
         point), by field.
     """
     points = Frame.from_attributes(mesh.attributes["frame"]).to_mesh(points)
-    answers = {"exact": (exact.distance_and_normal, "tree in C, from Python")} if exact else {}
+    answers = {f.name: (f.distance_and_normal, "C, called from Python") for f in fields}
     for path in exports:
         answers[path.stem] = (Session(path).distance_and_normal, "ONNX Runtime, 1 thread")
-    arrays, fields = {}, {}
+    arrays, found = {}, {}
     report = progress("fields", len(answers), "fields")
     counts = (options["queries"], options["batch"], options["repeats"])
     for index, (name, (answer, engine)) in enumerate(answers.items()):
         single, batched = time_queries(answer, points, *counts)
         arrays |= {f"single_{name}": single, f"batch_{name}": batched}
-        fields[name] = summarise(single, batched) | {"engine": engine}
+        found[name] = summarise(single, batched) | {"engine": engine}
         report.update(index + 1)
-    return arrays, {"fields": fields, "machine": describe(), "reproducible": False}
+    return arrays, {"fields": found, "machine": describe(), "reproducible": False}
 
 
 def time_queries(answer, points, queries, batch, repeats):

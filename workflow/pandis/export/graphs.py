@@ -94,9 +94,9 @@ def leave(graph, frame, distance, vector):
     graph.apply("Where", zero, up, graph.apply("Div", vector, safe), name="normal")
 
 
-def split(graph, value, sizes):
-    """Split (n, k) along its columns; return the names of the parts."""
-    names = [f"part{index}" for index in range(len(sizes))]
-    split = graph.constant("sizes", np.array(sizes, np.int64))
+def split(graph, value, sizes, prefix="part"):
+    """Split (n, k) or (n, k, m) along its second axis; return the names of the parts."""
+    names = [f"{prefix}{index}" for index in range(len(sizes))]
+    split = graph.constant(f"{prefix}_sizes", np.array(sizes, np.int64))
     graph.nodes.append(helper.make_node("Split", [value, split], names, axis=1))
     return names

@@ -3,33 +3,100 @@
 import numpy as np
 from onnx import TensorProto
 
+from pandis.catalogue import parse_field
 from pandis.export.check import check
 from pandis.export.graphs import Graph, enter, leave, split
-from pandis.fields.grid import GridField
-from pandis.frame import Frame
+from pandis.fields.grids import open_field
 
 
-def grid_graph(artifact, nearest):
+def grid_graph(field, kind):
     """Return the graph of a grid field.
 
     Parameters
     ----------
-    artifact : pandis.artifact.Artifact
-        Of kind ``grid``.
-    nearest : bool
-        Take the nearest node instead of interpolating trilinearly.
+    field : pandis.fields.grid.GridField
+    kind : str
+        As in the field's name.
 
     Returns
     -------
     Graph
     """
-    frame = Frame.from_attributes(artifact.attributes["frame"])
-    values = artifact.arrays["values"]
-    size = len(values)
     graph = Graph()
+    clamped, outside = enter(graph, field.frame)
+    if kind == "tricubic":
+        distance, gradient = _tricubic(graph, field, clamped)
+        leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
+        return graph
+    value = _interpolate(graph, field.values, kind == "nearest", clamped)
+    if field.content == "force":
+        # the vector is the penetration: its length is the depth
+        depth = graph.apply("ReduceL2", value, axes=[1], keepdims=0)
+        leave(graph, field.frame, graph.apply("Neg", depth), value)
+    else:
+        distance = graph.apply("Slice", value, *_columns(graph, 0, 1))
+        flat = graph.apply("Squeeze", distance, graph.constant("one", np.array([1], np.int64)))
+        vector = graph.apply("Slice", value, *_columns(graph, 1, 4))
+        leave(graph, field.frame, graph.apply("Add", flat, outside), vector)
+    return graph
+
+
+def _tricubic(graph, field, clamped):
+    """Add a tricubic B-spline; return the names of value (n,) and gradient (n, 3)."""
+    lattice, double = field.lattice, np.float64
+    size = lattice.size
+    table = graph.constant("coefficients", field.coefficients.reshape(-1))
+    edge = 1 - 1e-12
+    within = graph.apply("Clip", clamped, graph.scalar(-edge, double), graph.scalar(edge, double))
+    shifted = graph.apply("Sub", within, graph.scalar(lattice.low, double))
+    position = graph.apply("Mul", shifted, graph.scalar(lattice.per_step, double))
+    cell = graph.apply("Floor", position)
+    t = graph.apply("Cast", graph.apply("Sub", position, cell), to=TensorProto.FLOAT)
+    # the 64 nodes around the cell
+    strides = graph.constant("strides", np.array([size * size, size, 1], np.int64))
+    index = graph.apply("Mul", graph.apply("Cast", cell, to=TensorProto.INT64), strides)
+    first = graph.apply("ReduceSum", index, graph.constant("last", [1]), keepdims=1)
+    around = np.stack(np.meshgrid(*[np.arange(-1, 3)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    steps = graph.constant("around", (around @ [size * size, size, 1])[None])
+    nodes = graph.apply("Gather", table, graph.apply("Add", first, steps))
+    cube = graph.apply("Reshape", nodes, graph.constant("cube", np.array([-1, 4, 4, 4])))
+    # weights (n, 3, 4) of the four nodes per axis, and their derivatives
+    column = graph.apply("Unsqueeze", t, graph.constant("two", np.array([2])))
+    one = graph.apply("Add", graph.apply("Mul", column, graph.scalar(0.0)), graph.scalar(1.0))
+    square = graph.apply("Mul", column, column)
+    third = graph.apply("Mul", square, column)
+    powers = graph.apply("Concat", one, column, square, third, axis=2)
+    basis = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
+    slope = np.vstack([basis[1:] * [[1], [2], [3]], np.zeros(4)]) * lattice.per_step
+    axes = []
+    for name, matrix in (("basis", basis), ("slope", slope)):
+        weights = graph.apply("MatMul", powers, graph.constant(name, matrix.astype(np.float32)))
+        axes.append(split(graph, weights, [1, 1, 1], prefix=name))
+
+    def contract(value, weights, shape):
+        """Sum the last axis of (n, …, 4) with weights (n, 1, 4)."""
+        name = f"shape{len(graph.constants)}"
+        spread = graph.apply("Reshape", weights, graph.constant(name, np.array(shape)))
+        product = graph.apply("Mul", value, spread)
+        last = graph.constant(f"axis{len(graph.constants)}", [len(shape) - 1])
+        return graph.apply("ReduceSum", product, last, keepdims=0)
+
+    (wx, wy, wz), (dx, dy, dz) = axes
+    flat, rise = (contract(cube, w, [-1, 1, 1, 4]) for w in (wz, dz))
+    line, turn, lift = (contract(v, w, [-1, 1, 4]) for v, w in ((flat, wy), (flat, dy), (rise, wy)))
+    value, gx, gy, gz = (
+        contract(v, w, [-1, 4]) for v, w in ((line, wx), (line, dx), (turn, wx), (lift, wx))
+    )
+    last = graph.constant("gradient_axis", np.array([1]))
+    gradient = [graph.apply("Unsqueeze", g, last) for g in (gx, gy, gz)]
+    return value, graph.apply("Concat", *gradient, axis=1)
+
+
+def _interpolate(graph, values, nearest, clamped):
+    """Add the nearest node or the trilinear interpolation; return the value's name."""
+    size = len(values)
     table = graph.constant("values", values.reshape(size**3, -1))
     strides = graph.constant("strides", np.array([size * size, size, 1], np.int64))
-    clamped, outside = enter(graph, frame)
     shifted = graph.apply("Add", clamped, graph.scalar(1.0, np.float64))
     position = graph.apply("Mul", shifted, graph.scalar((size - 1) / 2, np.float64))
 
@@ -43,35 +110,24 @@ def grid_graph(artifact, nearest):
 
     if nearest:
         half = graph.apply("Add", position, graph.scalar(0.5, np.float64))
-        value = node(graph.apply("Floor", half))
-    else:
-        last = graph.scalar(float(size - 2), np.float64)
-        base = graph.apply("Min", graph.apply("Floor", position), last)
-        part = graph.apply("Cast", graph.apply("Sub", position, base), to=TensorProto.FLOAT)
-        tx, ty, tz = split(graph, part, [1, 1, 1])
+        return node(graph.apply("Floor", half))
+    last = graph.scalar(float(size - 2), np.float64)
+    base = graph.apply("Min", graph.apply("Floor", position), last)
+    part = graph.apply("Cast", graph.apply("Sub", position, base), to=TensorProto.FLOAT)
+    tx, ty, tz = split(graph, part, [1, 1, 1])
 
-        def corner(*offset):
-            step = graph.constant("step" + "".join(map(str, offset)), np.array(offset, float))
-            return node(graph.apply("Add", base, step))
+    def corner(*offset):
+        step = graph.constant("step" + "".join(map(str, offset)), np.array(offset, float))
+        return node(graph.apply("Add", base, step))
 
-        def mix(a, b, t):
-            return graph.apply("Add", a, graph.apply("Mul", graph.apply("Sub", b, a), t))
+    def mix(a, b, t):
+        return graph.apply("Add", a, graph.apply("Mul", graph.apply("Sub", b, a), t))
 
-        planes = []
-        for c in (0, 1):
-            lines = [mix(corner(0, b, c), corner(1, b, c), tx) for b in (0, 1)]
-            planes.append(mix(*lines, ty))
-        value = mix(*planes, tz)
-    if artifact.attributes["grid"]["content"] == "force":
-        # the vector is the penetration: its length is the depth
-        depth = graph.apply("ReduceL2", value, axes=[1], keepdims=0)
-        leave(graph, frame, graph.apply("Neg", depth), value)
-    else:
-        distance = graph.apply("Slice", value, *_columns(graph, 0, 1))
-        flat = graph.apply("Squeeze", distance, graph.constant("one", np.array([1], np.int64)))
-        vector = graph.apply("Slice", value, *_columns(graph, 1, 4))
-        leave(graph, frame, graph.apply("Add", flat, outside), vector)
-    return graph
+    planes = []
+    for c in (0, 1):
+        lines = [mix(corner(0, b, c), corner(1, b, c), tx) for b in (0, 1)]
+        planes.append(mix(*lines, ty))
+    return mix(*planes, tz)
 
 
 def _columns(graph, start, stop):
@@ -88,7 +144,7 @@ def export_grid(name, artifact, provenance, log):
     Parameters
     ----------
     name : str
-        ``nearest-…``, ``trilinear-…`` or ``trilinear-normal-…``.
+        ``nearest-…``, ``trilinear-…``, ``trilinear-normal-…`` or ``tricubic-…``.
     artifact : pandis.artifact.Artifact
         Of kind ``grid``.
     provenance : dict
@@ -99,15 +155,14 @@ def export_grid(name, artifact, provenance, log):
     PandisError
         The model does not answer as the field does.
     """
-    nearest = name.startswith("nearest-")
-    frame = Frame.from_attributes(artifact.attributes["frame"])
-    metadata = {"field": name, "frame": frame.attributes(), "provenance": provenance}
-    model = grid_graph(artifact, nearest).model(name, metadata)
-    field = GridField(name, artifact, nearest)
+    spec = parse_field(name, ())
+    field = open_field(spec, artifact)
+    metadata = {"field": name, "frame": field.frame.attributes(), "provenance": provenance}
+    model = grid_graph(field, spec.kind).model(name, metadata)
 
     def reference(points):
         return *field.answer(points), np.ones(len(points))
 
-    differences = check(model, reference, frame)
+    differences = check(model, reference, field.frame)
     log(f"agrees with the field: {differences}")
     return model

@@ -1,6 +1,29 @@
 """What every field promises."""
 
+from typing import NamedTuple
+
 import numpy as np
+
+#: Flags of an answer: as good as the field is; outside of what the field covers, so that the
+#: distance is at least as large as `Field.bound` says and no more is known; no answer, because
+#: the point is no finite number.
+OK, BOUND, INVALID = 0, 1, 2
+
+
+class Answer(NamedTuple):
+    """What a field answers at points (n, 3).
+
+    Attributes
+    ----------
+    distance : ndarray, shape (n,)
+    normal : ndarray, shape (n, 3)
+    flag : ndarray, shape (n,), uint8
+        OK, BOUND or INVALID.
+    """
+
+    distance: np.ndarray
+    normal: np.ndarray
+    flag: np.ndarray
 
 
 class Field:
@@ -35,8 +58,24 @@ class Field:
         distance, normal = self.answer(self.frame.to_unit(points))
         return distance / self.frame.scale, normal
 
+    def query(self, points):
+        """Answer with flags (unit frame); a field that covers its box flags what is outside.
+
+        Returns
+        -------
+        Answer
+        """
+        distance, normal = self.answer(points)
+        outside = (np.abs(points) > 1).any(axis=1)
+        flag = np.where(outside, BOUND, OK).astype(np.uint8)
+        flag[np.isnan(distance)] = INVALID
+        return Answer(distance, normal, flag)
+
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
+
+        NaN where a point is no finite number.
+        """
         raise TypeError(f"{type(self).__name__} must implement answer()")
 
 
@@ -57,6 +96,7 @@ def clamp_to_box(points):
 
 def normalise(vectors):
     """Scale vectors (n, 3) to unit length; a zero vector becomes +z."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):  # NaN stays NaN
+        length = np.linalg.norm(vectors, axis=1, keepdims=True)
     zero = length == 0
     return np.where(zero, [0.0, 0.0, 1.0], vectors / np.where(zero, 1.0, length))

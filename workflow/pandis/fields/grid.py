@@ -1,19 +1,16 @@
-"""Fields sampled on a regular grid: the paper's baselines NN-i and Tri-i, and a better one.
+"""Fields sampled on a regular grid: the paper's baselines NN-i and Tri-i, and better ones.
 
-A grid has n nodes per axis at ``linspace(-1, 1, n)`` of the unit frame. What
-a node holds (``content``):
-
-``force``
-    the penetration vector -min(d, 0)·n, three floats: the force at k = 1, as
-    the paper's 12 bytes per node say. Outside of the shape it is zero.
-``normal``
-    distance and normal, four floats, interpolated apart.
+What the nodes hold and which of them are exact: `pandis.grids.dense`.
 """
 
 import numpy as np
+from scipy.ndimage import spline_filter
 
-from pandis.fields.base import Field, clamp_to_box, normalise
+from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, clamp_to_box, normalise
 from pandis.frame import Frame
+from pandis.grids.band import Band
+from pandis.grids.dense import REACH, complete, covered_cells
+from pandis.native.spline import Lattice
 
 
 class GridField(Field):
@@ -24,16 +21,15 @@ class GridField(Field):
     name : str
     artifact : pandis.artifact.Artifact
         Of kind ``grid``.
-    nearest : bool
-        Take the nearest node instead of interpolating trilinearly.
     """
 
-    def __init__(self, name, artifact, nearest):
-        self.values = artifact.arrays["values"]
-        self.content = artifact.attributes["grid"]["content"]
-        self.nearest = nearest
-        frame = Frame.from_attributes(artifact.attributes["frame"])
-        super().__init__(name, frame, self.values.nbytes)
+    def __init__(self, name, artifact):
+        grid = artifact.attributes["grid"]
+        self.content, self.band = grid["content"], Band(**grid["band"])
+        stored = artifact.arrays["values"]
+        self.values, exact = complete(stored.copy(), self.content)
+        self._covered = covered_cells(exact, REACH[self.content])
+        super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), stored.nbytes)
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
@@ -41,17 +37,42 @@ class GridField(Field):
         A force grid knows no distance outside: it answers 0 there, and +z for a normal.
         """
         clamped, outside = clamp_to_box(points)
-        value = self._interpolate(clamped)
-        if self.content == "force":
-            return -np.linalg.norm(value, axis=1), normalise(value)
-        return value[:, 0] + outside, normalise(value[:, 1:])
+        bad = np.isnan(clamped).any(axis=1)
+        distance, normal = self._interpolate(np.where(bad[:, None], 0.0, clamped))
+        if self.content != "force":
+            distance = distance + outside
+        return np.where(bad, np.nan, distance), np.where(bad[:, None], np.nan, normal)
+
+    def query(self, points):
+        """Answer with flags."""
+        distance, normal = self.answer(points)
+        clamped, outside = clamp_to_box(points)
+        count = len(self._covered)
+        position = np.nan_to_num((clamped + 1.0) * (count / 2))
+        cell = np.minimum(position.astype(np.int64), count - 1)
+        flag = np.where(self._covered[tuple(cell.T)] & (outside == 0), OK, BOUND).astype(np.uint8)
+        flag[np.isnan(distance)] = INVALID
+        return Answer(distance, normal, flag)
+
+    def bound(self, points):
+        """Return a lower bound of the unsigned distance (n,) where the flag is BOUND.
+
+        A force grid bounds nothing outside: it knows that the force is zero, exactly.
+        """
+        distance = self.answer(points)[0]
+        edge = 0.0 if self.content == "force" else self.band.outside
+        return np.where(distance < 0, self.band.inside, edge)
 
     def _interpolate(self, points):
+        """Return distance and normal at points in the box."""
+        value = self._trilinear(points)
+        if self.content == "force":
+            return -np.linalg.norm(value, axis=1), normalise(value)
+        return value[:, 0], normalise(value[:, 1:])
+
+    def _trilinear(self, points):
         size = len(self.values)
         position = (points + 1.0) * ((size - 1) / 2)
-        if self.nearest:
-            i, j, k = np.floor(position + 0.5).astype(np.int64).T
-            return self.values[i, j, k].astype(np.float64)
         base = np.minimum(np.floor(position), size - 2).astype(np.int64)
         t = (position - base)[:, :, None]
         i, j, k = base.T
@@ -65,3 +86,33 @@ class GridField(Field):
         ]
         plane = [line[c][0] * (1 - t[:, 1]) + line[c][1] * t[:, 1] for c in (0, 1)]
         return plane[0] * (1 - t[:, 2]) + plane[1] * t[:, 2]
+
+
+class NearestField(GridField):
+    """The nearest node's force: the paper's NN-i."""
+
+    def _interpolate(self, points):
+        i, j, k = np.floor((points + 1.0) * ((len(self.values) - 1) / 2) + 0.5).astype(np.int64).T
+        value = self.values[i, j, k].astype(np.float64)
+        return -np.linalg.norm(value, axis=1), normalise(value)
+
+
+class TricubicField(GridField):
+    """A tricubic B-spline through the distances: one float a node, twice differentiable.
+
+    The normal is its own gradient, so the force is continuously differentiable.
+    """
+
+    def __init__(self, name, artifact):
+        super().__init__(name, artifact)
+        size = len(self.values)
+        coefficients = spline_filter(self.values, order=3, output=np.float32, mode="mirror")
+        # one node more on every side, so that the cells at the border have theirs
+        self.coefficients = np.pad(coefficients, 1, mode="reflect")
+        self.lattice = Lattice(size + 2, -1 - 2 / (size - 1))
+
+    def _interpolate(self, points):
+        # the outermost faces belong to the last cells
+        within = np.clip(points, -1 + 1e-12, 1 - 1e-12)
+        value, gradient = self.lattice.evaluate(self.coefficients, within)
+        return value, normalise(gradient)

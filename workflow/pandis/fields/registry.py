@@ -6,16 +6,10 @@ name in `pandis.catalogue`, and one line here.
 
 from pandis.catalogue import parse_field
 from pandis.fields.exact import ExactField
-from pandis.fields.grid import GridField
+from pandis.fields.grids import GRID_OPENERS
 from pandis.fields.siren import SirenField
 
-_OPENERS = {
-    "exact": ExactField,
-    "nearest": lambda name, artifact: GridField(name, artifact, nearest=True),
-    "trilinear": lambda name, artifact: GridField(name, artifact, nearest=False),
-    "trilinear-normal": lambda name, artifact: GridField(name, artifact, nearest=False),
-    "network": SirenField,
-}
+_OPENERS = GRID_OPENERS | {"exact": ExactField, "network": SirenField}
 
 
 class Fields(list):

@@ -82,9 +82,3 @@ def _processor():
     except OSError:
         return platform.processor()
     return next((line for line in lines if line.startswith(("flags", "Features"))), "")
-
-
-def thread_count():
-    """Return how many threads native code may use: what the stage was given, else all cores."""
-    given = os.environ.get("IGL_NUM_THREADS", "")
-    return int(given) if given.isdigit() and int(given) > 0 else len(os.sched_getaffinity(0))

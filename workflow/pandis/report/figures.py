@@ -20,6 +20,8 @@ _COLOURS = {
     "nearest": "#c9a227",
     "trilinear": "#2a9d5c",
     "trilinear-normal": "#1f6f8b",
+    "tricubic": "#3a56c5",
+    "spline": "#111111",
 }
 _KEPT, _CAP = (176, 190, 214), (60, 160, 90)
 _NETWORKS = ("#b5179e", "#d62828", "#7209b7", "#f3722c")

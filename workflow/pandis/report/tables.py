@@ -25,18 +25,17 @@ COLUMNS = {
 }
 
 
-def summarise(fields, evaluations, timings, hardware):
+def summarise(evaluations, timings, hardware):
     """Return the rows of all meshes.
 
     Parameters
     ----------
-    fields : dict of str to list of str
-        The fields of each mesh, in the order of the other arguments.
     evaluations, timings, hardware : list of pandis.artifact.Artifact
-        One of each per mesh.
+        One of each per mesh, in the same order. The folder is the mesh's name.
     """
     rows = []
-    for mesh, *found in zip(fields, evaluations, timings, hardware, strict=True):
+    for found in zip(evaluations, timings, hardware, strict=True):
+        (mesh,) = {artifact.path.parent.name for artifact in found}
         rows += summary_rows(mesh, *(artifact.attributes for artifact in found))
     return rows
 

@@ -1,18 +1,16 @@
 """Closest points and winding numbers of a triangle mesh: the binding of ``bvh.c``."""
 
 import ctypes
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.native.compiler import load, thread_count
+from pandis.native.compiler import load
+from pandis.native.threads import SMALL, in_threads
 
 INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
-#: Fewer points than this are not worth a second thread or an order.
-_SMALL = 2048
 
 
 class Labels(NamedTuple):
@@ -112,7 +110,7 @@ class Bvh:
         )
         relative, cosine = (tie[0], np.cos(tie[1])) if tie else (0.0, 0.0)
         order = None
-        if count >= _SMALL:
+        if count >= SMALL:
             order = np.empty(count, np.int64)
             if not self._library.bvh_order(points.ctypes.data, count, order.ctypes.data):
                 raise PandisError(f"not enough memory to sort {count:,} points")
@@ -152,13 +150,3 @@ class Bvh:
             self._tree, points.ctypes.data, len(points), rough.ctypes.data, exact.ctypes.data
         )
         return rough, exact
-
-
-def in_threads(part, count):
-    """Call ``part(low, high)`` for pieces of ``range(count)``, on threads if it is long."""
-    threads = thread_count() if count >= _SMALL else 1
-    edges = [count * k // threads for k in range(threads + 1)]
-    if threads == 1:
-        return [part(0, count)]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(part, edges[:-1], edges[1:]))

@@ -1,0 +1,14 @@
+"""Fit one spline. Reads mesh.zarr.zip, writes grid-spline-{size}.zarr.zip."""
+
+from pandis.distance import open_distance
+from pandis.grids.spline import SplineFit, samples_for
+from pandis.sampling import open_surface
+from pandis.stage import stage
+
+with stage(snakemake) as job:
+    mesh = job.read("mesh", "mesh")
+    engine = open_distance(mesh)
+    size, band, seed = (job.options[k] for k in ("size", "band", "seed"))
+    spline = SplineFit(engine, open_surface(mesh, engine), band, seed, samples_for(size))
+    arrays, attributes = spline.build(size, None, job.progress)
+    job.write("grid", arrays, attributes | {"frame": mesh.attributes["frame"]})

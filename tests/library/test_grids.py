@@ -1,0 +1,465 @@
+"""Grids: which nodes are computed, what is said of the others, orders, smoothness, sizes."""
+
+import numpy as np
+import pytest
+
+from pandis.artifact import Artifact, ArtifactWriter, read_artifact
+from pandis.distance import MeshDistance, ShapeDistance
+from pandis.errors import PandisError
+from pandis.export.vti import export_vti, read_note, read_vti
+from pandis.fields.base import BOUND, INVALID, OK, normalise
+from pandis.fields.grids import GRID_OPENERS
+from pandis.fields.sizing import Sizing
+from pandis.forces import penalty_force
+from pandis.frame import Frame
+from pandis.grids import spline as splines
+from pandis.grids.band import Band, find_cells, needed_nodes
+from pandis.grids.dense import CHANNELS, DenseGrid
+from pandis.grids.search import coarsest
+from pandis.mesh.shapes import SHAPES
+from pandis.sampling import Surface
+from pandis.stage import silent_progress
+from support import box_mesh
+
+FRAME = Frame((100.0, -2.0, 0.5), 0.9)
+UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+BAND = Band(0.045, 0.02)
+ALL = Band(4.0, 4.0)
+SPHERE = ShapeDistance(SHAPES["sphere"], Frame((0.0, 0.0, 0.0), 0.9))
+
+
+def mesh_engine(name):
+    vertices, faces = SHAPES[name].tessellation()
+    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
+    return MeshDistance(frame.to_unit(vertices), faces)
+
+
+TORUS = mesh_engine("torus")
+CONTENT = {
+    "nearest": "force",
+    "trilinear": "force",
+    "trilinear-normal": "normal",
+    "tricubic": "distance",
+}
+
+
+def field(kind, engine, size, band=BAND):
+    grid = DenseGrid(engine, CONTENT[kind], size, band, silent_progress)
+    attributes = grid.attributes() | {"frame": FRAME.attributes()}
+    values = np.concatenate(list(grid.slabs(7)))
+    return GRID_OPENERS[kind](kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
+
+
+def in_band(engine, surface, count, seed=0, band=BAND):
+    """Return points of the band with their exact answers."""
+    rng = np.random.default_rng(seed)
+    points, normals, _, _ = surface.draw(count, rng)
+    points = points + rng.uniform(-band.inside, band.outside, (count, 1)) * normals
+    distance, normal = engine.distance_and_normal(points)
+    kept = (distance > -band.inside) & (distance < band.outside)
+    return points[kept], distance[kept], normal[kept]
+
+
+@pytest.fixture(scope="module")
+def torus():
+    return TORUS, Surface(TORUS.vertices, TORUS.faces)
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    """A torus without facets."""
+    vertices, faces = SHAPES["torus"].tessellation()
+    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
+    engine = ShapeDistance(SHAPES["torus"], frame)
+    return engine, Surface(frame.to_unit(vertices), faces, engine)
+
+
+# --- the band ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [9, 33, 70])
+def test_every_point_of_the_band_is_in_a_cell_and_all_else_has_a_side(torus, size):
+    engine, surface = torus
+    cells, signs = find_cells(engine, size, BAND)
+    assert (signs[tuple(cells.T)] == 0).all()
+    assert (signs == 0).sum() == len(cells)
+    points, _, _ = in_band(engine, surface, 20_000)
+    where = np.floor((points + 1) * (size - 1) / 2).astype(int)
+    assert (signs[tuple(where.T)] == 0).all()
+    points = np.random.default_rng(1).uniform(-1, 1, (20_000, 3))
+    side = signs[tuple(np.floor((points + 1) * (size - 1) / 2).astype(int).T)]
+    distance, _ = engine.distance_and_normal(points)
+    assert (np.sign(distance[side != 0]) == side[side != 0]).all()
+    if size == 70:
+        assert len(cells) < 0.1 * 69**3, "hardly anything was spared"
+
+
+@pytest.mark.parametrize("reach", [0, 1])
+def test_needed_nodes_are_those_of_the_cells(reach):
+    cells = np.array([[0, 3, 5], [4, 4, 4], [6, 7, 0]])
+    mask = needed_nodes(cells, 9, reach)
+    wanted = np.zeros((9, 9, 9), bool)
+    for cell in cells:
+        low, high = np.maximum(cell - reach, 0), cell + 2 + reach
+        wanted[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] = True
+    assert np.array_equal(mask, wanted)
+
+
+@pytest.mark.parametrize("content", CHANNELS)
+def test_nodes_hold_the_exact_answer_or_the_side(torus, content):
+    engine, _ = torus
+    size = 40
+    grid = DenseGrid(engine, content, size, BAND, silent_progress)
+    values = np.concatenate(list(grid.slabs(11))).reshape(size**3, -1)
+    index = np.stack(np.unravel_index(np.arange(size**3), (size,) * 3), axis=1)
+    distance, normal = engine.distance_and_normal(-1 + 2 / (size - 1) * index)
+    exact = np.zeros(size**3, bool)
+    exact[grid.nodes] = True
+    wanted = {
+        "force": penalty_force(distance, normal),
+        "normal": np.column_stack([distance, normal]),
+        "distance": distance[:, None],
+    }[content]
+    assert np.array_equal(values[exact], wanted[exact].astype(np.float32))
+    if content == "force":
+        assert (values[~exact & (distance > 0)] == 0).all()
+        assert np.isnan(values[~exact & (distance < 0)]).all()
+    else:
+        assert np.array_equal(values[~exact, 0], np.copysign(np.inf, distance[~exact]))
+
+
+def test_slabs_change_nothing(torus):
+    grid = DenseGrid(torus[0], "force", 25, BAND, silent_progress)
+    whole = np.concatenate(list(grid.slabs(25)))
+    for thickness in (1, 8):
+        again = np.concatenate(list(grid.slabs(thickness)))
+        assert np.array_equal(again, whole, equal_nan=True)
+
+
+def test_chunks_outside_are_not_stored(torus, tmp_path):
+    import zipfile
+
+    grid = DenseGrid(torus[0], "distance", 64, BAND, silent_progress)
+    path = tmp_path / "grid.zarr.zip"
+    with ArtifactWriter(path, "grid") as writer:
+        writer.declare("values", **grid.column(8))
+        for slab in grid.slabs(8):
+            writer.append("values", slab)
+        writer.finish(grid.attributes(), {})
+    with zipfile.ZipFile(path) as archive:
+        stored = sum(name.startswith("values/c/") for name in archive.namelist())
+    assert stored < 0.6 * 8**3
+    assert np.array_equal(
+        read_artifact(path).arrays["values"], np.concatenate(list(grid.slabs(64)))
+    )
+
+
+# --- what banded grids answer -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["nearest", "trilinear", "trilinear-normal"])
+def test_in_the_band_the_answer_is_that_of_the_full_grid(torus, kind):
+    points, _, _ = in_band(*torus, 5000)
+    found = field(kind, torus[0], 32).query(points)
+    wanted = field(kind, torus[0], 32, ALL).query(points)
+    assert (found.flag == OK).all()
+    assert np.array_equal(found.distance, wanted.distance)
+    assert np.array_equal(found.normal, wanted.normal)
+
+
+def test_in_the_band_the_tricubic_is_that_of_the_full_grid_but_for_its_edge(torus):
+    points, distance, _ = in_band(*torus, 5000)
+    found, wanted = (field("tricubic", torus[0], 48, band).query(points) for band in (BAND, ALL))
+    assert (found.flag == OK).all()
+    assert np.abs(found.distance - wanted.distance).max() < 5e-4
+    middle = np.abs(distance) < 0.01
+    assert np.abs(found.distance - wanted.distance)[middle].mean() < 3e-5
+
+
+@pytest.mark.parametrize("kind", [*CONTENT, "spline"])
+def test_beyond_the_band_the_side_is_right_and_the_bound_holds(torus, kind):
+    engine, surface = torus
+    made = spline_field(engine, surface, 60_000) if kind == "spline" else field(kind, engine, 48)
+    points = np.random.default_rng(2).uniform(-1.3, 1.3, (20_000, 3))
+    distance, normal = engine.distance_and_normal(points)
+    found = made.query(points)
+    beyond = found.flag == BOUND
+    assert beyond.mean() > 0.5
+    assert (np.abs(distance)[beyond] >= made.bound(points)[beyond]).all()
+    assert ((found.distance < 0) == (distance < 0))[beyond].all()
+    within = (distance > -BAND.inside) & (distance < BAND.outside) & (np.abs(points) < 1).all(1)
+    assert (found.flag[within] == OK).all()
+    deep = beyond & (distance < -0.06) & (distance > -0.15)  # well off the core of the ring
+    if kind == "spline" and not deep.any():
+        return  # its cells are so large that the band's reach to the core
+    assert deep.sum() > 100
+    assert np.einsum("ij,ij->i", found.normal, normal)[deep].min() > 0.8
+    assert np.abs(found.distance - distance)[deep].max() < 0.08
+
+
+@pytest.mark.parametrize("kind", [*CONTENT, "spline"])
+def test_bad_points_are_flagged_and_harm_no_other(torus, kind):
+    engine, surface = torus
+    made = spline_field(engine, surface, 60_000) if kind == "spline" else field(kind, engine, 24)
+    good = np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    bad = np.array([[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]])
+    mixed = made.query(np.concatenate([bad, good]))
+    alone = made.query(good)
+    assert mixed.flag[0] == INVALID
+    assert np.isnan(mixed.distance[0])
+    assert (mixed.flag[1:3] > OK).all()
+    assert (penalty_force(mixed.distance[:3], mixed.normal[:3]) == 0).all()
+    assert np.array_equal(mixed.distance[3:], alone.distance)
+    assert np.array_equal(mixed.normal[3:], alone.normal)
+    far = made.query(np.array([[1e12, 0, 0], [0, -1e12, 5.0]]))
+    assert (far.flag == BOUND).all()
+    assert (penalty_force(far.distance, far.normal) == 0).all()
+
+
+def naive_trilinear(values, point):
+    size = len(values)
+    position = (point + 1) / 2 * (size - 1)
+    base = np.clip(np.floor(position).astype(int), 0, size - 2)
+    t = position - base
+    total = 0.0
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.prod(np.where(corner, t, 1 - t))
+        total = total + weight * values[tuple(base + corner)]
+    return total
+
+
+def test_trilinear_against_the_definition():
+    made = field("trilinear-normal", SPHERE, 10, ALL)
+    points = np.random.default_rng(0).uniform(-1, 1, (200, 3))
+    points[:3] = [[1, 1, 1], [-1, -1, -1], [1, -1, 0.3]]  # the box's own corners and faces
+    distance, normal = made.answer(points)
+    wanted = np.array([naive_trilinear(made.values.astype(float), p) for p in points])
+    assert np.abs(distance - wanted[:, 0]).max() < 1e-12
+    assert np.abs(normal - normalise(wanted[:, 1:])).max() < 1e-12
+
+
+def test_nearest_against_the_definition():
+    made = field("nearest", SPHERE, 10, ALL)
+    points = np.random.default_rng(0).uniform(-1, 1, (300, 3))
+    force = penalty_force(*made.answer(points))
+    index = np.abs(points[:, :, None] - np.linspace(-1, 1, 10)).argmin(axis=2)
+    assert np.abs(force - made.values[tuple(index.T)]).max() < 1e-7
+
+
+@pytest.mark.parametrize("size", [9, 24])
+def test_tricubic_passes_through_its_nodes(size):
+    made = field("tricubic", SPHERE, size, ALL)
+    index = np.stack(np.unravel_index(np.arange(size**3), (size,) * 3), axis=1)
+    value, _ = made.answer(-1 + 2 / (size - 1) * index)
+    assert np.abs(value - made.values.reshape(-1)).max() < 2e-6
+
+
+# --- orders and smoothness -----------------------------------------------------------------------
+
+
+def test_orders_on_the_sphere():
+    """Of the distance: nearest 1, trilinear 2, tricubic 4, and its gradient 3."""
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(4000, 3))
+    points *= rng.uniform(0.7, 0.85, 4000)[:, None] / np.linalg.norm(points, axis=1, keepdims=True)
+    distance, normal = SPHERE.distance_and_normal(points)
+    exact = penalty_force(distance, normal)
+    errors = {}
+    for size in (33, 65):
+        for kind in CONTENT:
+            found = field(kind, SPHERE, size, ALL).answer(points)
+            force = penalty_force(*found)
+            errors[kind, "force", size] = np.linalg.norm(force - exact, axis=1).mean()
+            errors[kind, "value", size] = np.abs(found[0] - distance).mean()
+            errors[kind, "normal", size] = np.linalg.norm(found[1] - normal, axis=1).mean()
+
+    def order(kind, what):
+        return np.log2(errors[kind, what, 33] / errors[kind, what, 65])
+
+    assert order("nearest", "force") == pytest.approx(1, abs=0.15)
+    assert order("trilinear-normal", "value") == pytest.approx(2, abs=0.15)
+    assert order("tricubic", "value") >= 3.5
+    assert order("tricubic", "normal") >= 2.5
+
+
+@pytest.mark.parametrize("kind", ["tricubic", "spline"])
+def test_force_is_smooth_across_cells(torus, kind):
+    """No jump of the force, none of its derivative: both sides of walls between cells."""
+    engine, surface = torus
+    if kind == "spline":
+        made, size = spline_field(engine, surface, 60_000), 0
+        step = made._levels[1].lattice.step
+    else:
+        made, size = field(kind, engine, 32), 32
+        step = 2 / (size - 1)
+    points, _, _ = in_band(engine, surface, 400, band=Band(0.03, -0.01))
+    small = 1e-5
+    for axis in range(3):
+        wall = np.round((points[:, axis] + 1) / step) * step - 1
+        slopes, sides = [], []
+        for side in (-1, 1):
+            at = points.copy()
+            at[:, axis] = wall + side * 1e-9
+            near = penalty_force(*made.answer(at))
+            at[:, axis] += side * small
+            slopes.append(side * (penalty_force(*made.answer(at)) - near) / small)
+            sides.append(near)
+        there = (np.linalg.norm(sides[0], axis=1) > 0.005) & (np.linalg.norm(sides[1], axis=1) > 0)
+        assert there.sum() > 100
+        assert np.abs(sides[0] - sides[1])[there].max() < 1e-6
+        assert np.abs(slopes[0] - slopes[1])[there].max() < 0.05
+    trilinear = field("trilinear-normal", engine, 32)
+    assert trilinear.answer(points)[0].shape == (len(points),)
+
+
+# --- splines -----------------------------------------------------------------------------
+
+_MADE = {}
+
+
+def made_spline(engine, surface, budget):
+    key = type(engine), budget
+    if key not in _MADE:
+        fit = splines.SplineFit(engine, surface, BAND, seed=0, count=60_000)
+        _MADE[key] = fit.build(fit.choose_size(budget), budget, silent_progress)
+    return _MADE[key]
+
+
+def open_spline(arrays, attributes):
+    attributes = attributes | {"frame": FRAME.attributes()}
+    return GRID_OPENERS["spline"]("s", Artifact(None, "grid", arrays, attributes, {}, ""))
+
+
+def spline_field(engine, surface, budget):
+    return open_spline(*made_spline(engine, surface, budget))
+
+
+def error_of(made, engine, surface):
+    points, distance, normal = in_band(engine, surface, 10_000, seed=5, band=Band(0.04, 0.0))
+    force = penalty_force(*made.answer(points))
+    return np.linalg.norm(force - penalty_force(distance, normal), axis=1).mean()
+
+
+def test_splines_fit_their_bytes_and_get_better_with_them(smooth):
+    errors = []
+    for budget in (60_000, 120_000, 240_000):
+        made = spline_field(*smooth, budget)
+        assert 0.8 * budget < made.bytes <= budget
+        errors.append(error_of(made, *smooth))
+    assert errors[0] > 1.2 * errors[1] > 1.44 * errors[2]
+
+
+def test_a_spline_beats_the_dense_grid_of_its_bytes(smooth):
+    dense = field("tricubic", smooth[0], 24)  # 55 KB
+    assert error_of(spline_field(*smooth, 60_000), *smooth) < 0.7 * error_of(dense, *smooth)
+
+
+def test_integers_cost_next_to_nothing(smooth, monkeypatch):
+    rounded = error_of(spline_field(*smooth, 120_000), *smooth)
+    monkeypatch.setattr(splines, "quantise", lambda values, kind: (values, [0.0, 1.0]))
+    fit = splines.SplineFit(*smooth, BAND, seed=0, count=60_000)
+    plain = open_spline(*fit.build(fit.choose_size(120_000), 120_000, silent_progress))
+    assert rounded < 1.01 * error_of(plain, *smooth)
+
+
+def test_splines_do_not_depend_on_threads(smooth, monkeypatch):
+    wanted, _ = made_spline(*smooth, 60_000)
+    monkeypatch.setenv("IGL_NUM_THREADS", "1")
+    fit = splines.SplineFit(*smooth, BAND, seed=0, count=60_000)
+    again, _ = fit.build(fit.choose_size(60_000), 60_000, silent_progress)
+    assert all(np.array_equal(wanted[name], again[name]) for name in wanted)
+
+
+def test_refinement_goes_where_the_error_is():
+    """On a box: to the edges, where the direction turns; the flat sides need none."""
+    vertices, faces = box_mesh()
+    engine = MeshDistance(vertices * 0.9, faces)
+    surface = Surface(engine.vertices, engine.faces)
+    fit = splines.SplineFit(engine, surface, BAND, seed=0, count=60_000)
+    arrays, attributes = fit.build(96, 100_000, silent_progress)
+    nodes = splines.kept_nodes(arrays["fine_masks"])[:, 0]
+    places = -1 + 2 / (attributes["grid"]["size"] - 1) * nodes
+    near = np.sort(np.abs(np.abs(places) - np.array([1, 0.7, 0.5]) * 0.9), axis=1)
+    assert np.median(near[:, 1]) < 0.1
+
+
+# --- sizes by what they achieve -------------------------------------------------------------------
+
+
+def test_the_coarsest_that_meets_an_error_is_found():
+    asked = []
+
+    def measure(size):
+        asked.append(size)
+        return 1.0 / size
+
+    sizes = (8, 16, 24, 32, 64, 128)
+    found, errors = coarsest(sizes, measure, 1 / 30, "x")
+    assert found == 32
+    assert errors[24] > 1 / 30 >= errors[32]
+    assert len(asked) <= 4
+    assert coarsest(sizes, measure, 1.0, "x")[0] == 8
+    with pytest.raises(PandisError, match=r"x: no size meets .* 0\.001 .* 128, has 0\.00781"):
+        coarsest(sizes, measure, 1e-3, "x")
+
+
+@pytest.mark.parametrize(
+    ("kind", "target"),
+    [("trilinear", {"force_error": 5e-3}), ("tricubic", {"bytes": 40_000})],
+)
+def test_sizing(torus, kind, target, monkeypatch):
+    monkeypatch.setattr("pandis.fields.sizing.SIZES", (16, 24, 32, 48))
+    engine, surface = torus
+    options = {"force_error": None, "bytes": None, "band": BAND, "seed": 1} | target
+    progress, frame = silent_progress, FRAME.attributes()
+    arrays, attributes = Sizing(
+        kind, engine, surface, frame, options, progress, lambda text: None
+    ).find()
+    sizing = attributes["sizing"]
+    if "bytes" in target:
+        assert arrays["values"].nbytes <= 40_000 < 4 * (len(arrays["values"]) + 1) ** 3
+    else:
+        tried = {t["size"]: t["force_error"] for t in sizing["tried"]}
+        size = attributes["grid"]["size"]
+        assert tried[size] == sizing["held_out_error"] <= 5e-3
+        coarser = [s for s in tried if s < size]
+        assert coarser
+        assert all(tried[s] > 5e-3 for s in coarser)
+
+
+# --- VTK image data -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [*CONTENT, "spline"])
+def test_vti_says_what_the_field_says(torus, kind, tmp_path):
+    engine, surface = torus
+    if kind == "spline":
+        arrays, attributes = made_spline(engine, surface, 60_000)
+    else:
+        grid = DenseGrid(engine, CONTENT[kind], 20, BAND, silent_progress)
+        arrays, attributes = {"values": np.concatenate(list(grid.slabs(20)))}, grid.attributes()
+    held = Artifact(None, "grid", arrays, attributes | {"frame": FRAME.attributes()}, {}, "")
+    name = f"{kind}-{attributes['grid']['size']}"
+    path = tmp_path / "grid.vti"
+    path.write_bytes(export_vti(name, held, {"why": "a -- b"}))
+    assert read_note(path) == {"field": name, "provenance": {"why": "a -- b"}}
+    origin, spacing, read = read_vti(path)
+    size = attributes["grid"]["size"]
+    index = np.random.default_rng(0).integers(0, size, (500, 3))
+    made = GRID_OPENERS[kind](name, held)
+    distance, normal = made.distance_and_normal(origin + spacing * index)
+    # a node on the border of the box, or of the band, may fall on either side
+    assert (np.abs(read["distance"][tuple(index.T)] - distance) < 1e-5).mean() > 0.99
+    assert read["normal"].shape == (size, size, size, 3)
+    close = np.linalg.norm(read["normal"][tuple(index.T)] - normal, axis=1) < 1e-3
+    assert close.mean() > 0.97  # but where a node lies on a wall between two answers
+    assert set(np.unique(read["flag"])) <= {OK, BOUND}
+
+
+def test_broken_vti_is_refused(tmp_path):
+    for data in (b"", b"<VTKFile>", b'<a><AppendedData encoding="raw">\n_'):
+        (tmp_path / "x.vti").write_bytes(data)
+        with pytest.raises(PandisError, match=r"x\.vti: no \.vti file of pandis"):
+            read_vti(tmp_path / "x.vti")
+        with pytest.raises(PandisError, match=r"x\.vti: truncated or damaged"):
+            read_note(tmp_path / "x.vti")

@@ -1,0 +1,84 @@
+"""The `spline` field: see `pandis.grids.spline`."""
+
+import numpy as np
+
+from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, clamp_to_box, normalise
+from pandis.frame import Frame
+from pandis.grids.band import Band
+from pandis.grids.spline import box_lattice
+from pandis.native.spline import BLOCK, Lattice, SparseSpline, block_count
+
+
+class SplineField(Field):
+    """Banded, refined, quantised tricubic splines.
+
+    Parameters
+    ----------
+    name : str
+    artifact : pandis.artifact.Artifact
+        Of kind ``grid``, with the content ``spline``.
+    """
+
+    def __init__(self, name, artifact):
+        grid, arrays = artifact.attributes["grid"], artifact.arrays
+        self.band = Band(**grid["band"])
+        coarse = box_lattice(grid["base_size"])
+        self._levels = [
+            SparseSpline(lattice, arrays[f"{level}_masks"], _restore(arrays, level, grid["scales"]))
+            for level, lattice in (("base", coarse), ("fine", box_lattice(grid["size"])))
+        ]
+        self._far = Lattice(grid["far_size"], grid["far_low"])
+        self._far_coefficients = _restore(arrays, "far", grid["scales"])
+        self._base = coarse
+        count = block_count(coarse.size)
+        self._outside = np.unpackbits(arrays["outside"], count=count**3).reshape((count,) * 3)
+        held = [arrays[f"{level}_coefficients"].nbytes for level in ("base", "fine", "far")]
+        held += [level.index_bytes for level in self._levels] + [arrays["outside"].nbytes]
+        super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), sum(held))
+
+    def answer(self, points):
+        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        return self.query(points)[:2]
+
+    def query(self, points):
+        """Answer with flags; outside of the band the side is right, the distance a guess.
+
+        Its size is at least the band's depth on that side.
+        """
+        clamped, outside = clamp_to_box(points)
+        # the outermost faces belong to the last cells
+        clamped = np.clip(clamped, -1 + 1e-12, 1 - 1e-12)
+        value, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
+        kept = self._levels[0].add(clamped, value, gradient)
+        self._levels[1].add(clamped, value, gradient)
+        flag = np.full(len(points), OK, np.uint8)
+        rest = np.flatnonzero((kept < 2) | (outside > 0))
+        if len(rest):
+            far, gradient[rest] = self._far.evaluate(self._far_coefficients, clamped[rest])
+            cell = (np.nan_to_num(clamped[rest]) - self._base.low) * self._base.per_step
+            block = tuple((np.clip(cell, 0, self._base.size - 2) // BLOCK).astype(np.int64).T)
+            out = self._outside[block].astype(bool) | (outside[rest] > 0)
+            value[rest] = np.where(
+                out,
+                np.maximum(far, self.band.outside) + outside[rest],
+                np.minimum(far, -self.band.inside),
+            )
+            flag[rest] = BOUND
+        bad = ~np.isfinite(points).all(axis=1)
+        value[bad], gradient[bad], flag[bad] = np.nan, np.nan, INVALID
+        return Answer(value, normalise(gradient), flag)
+
+    def bound(self, points):
+        """Return a lower bound of the unsigned distance (n,) where the flag is BOUND."""
+        _, outside = clamp_to_box(points)
+        distance = self.answer(points)[0]
+        # the shape ends at 0.9, the box at 1
+        beyond = np.linalg.norm(np.maximum(np.abs(points) - 0.9, 0), axis=1)
+        edge = np.where(distance < 0, self.band.inside, self.band.outside)
+        return np.maximum(edge, np.where(outside > 0, beyond, 0.0))
+
+
+def _restore(arrays, level, scales):
+    offset, scale = scales[level]
+    stored = arrays[f"{level}_coefficients"].astype(np.float64)
+    return (offset + scale * stored).astype(np.float32)

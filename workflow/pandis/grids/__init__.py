@@ -1,0 +1,1 @@
+"""Fields sampled on grids: which nodes are needed, what they hold, how they are interpolated."""
