@@ -70,8 +70,10 @@ class MeshDistance:
         PandisError
             The two kinds of sign disagree too often.
         """
-        tie = (TIE_DISTANCE, TIE_ANGLE) if ties else None
-        labels = self._tree.label(points, SURFACE_DISTANCE, check, tie)
+        return self._answer(points, (TIE_DISTANCE, TIE_ANGLE) if ties else None, check, True)
+
+    def _answer(self, points, tie, check, feet):
+        labels = self._tree.label(points, SURFACE_DISTANCE, check, tie, feet)
         self._asked += len(points)
         allowed = max(1, MAX_OVERRULED * self._asked)
         if self._tree.overruled > allowed:
@@ -102,11 +104,11 @@ class MeshDistance:
         """
         points = np.ascontiguousarray(points, np.float64)
         if len(points) <= CHUNK:
-            return self.label(points, ties=False, check=check)[:2]
+            return self._answer(points, None, check, False)[:2]
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))
         for start in range(0, len(points), CHUNK):
             part = slice(start, start + CHUNK)
-            distance[part], normal[part] = self.label(points[part], False, check)[:2]
+            distance[part], normal[part] = self._answer(points[part], None, check, False)[:2]
             if progress:
                 progress.update(min(start + CHUNK, len(points)))
         return distance, normal

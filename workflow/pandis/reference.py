@@ -21,6 +21,9 @@ README = ROOT / "README.md"
 FIGURES = ROOT / "docs" / "figures" / "default.csv"
 REPAIR = ROOT / "docs" / "repair.md"
 REPAIR_FIGURES = ROOT / "docs" / "figures" / "repair.csv"
+BENCHMARKS = ROOT / "docs" / "benchmarks.md"
+DISTANCE_FIGURES = ROOT / "docs" / "figures" / "distances.csv"
+FIELD_FIGURES = ROOT / "docs" / "figures" / "fields.csv"
 END = "<!-- end of generated -->"
 
 _SECTIONS = {
@@ -131,27 +134,64 @@ def repair_table():
     return "\n".join([summary, "", *table, "", f"({'; '.join(notes)}.)"])
 
 
+def field_table():
+    """Return the table of bytes against error: our grids, and the peers' figures beside them."""
+    notes, rows = _figures(FIELD_FIGURES)
+    meshes = list(dict.fromkeys(row["mesh"] for row in rows))
+    cells = {(row["mesh"], row["field"]): row for row in rows}
+    table = [
+        "| field | in memory (KB) | " + " | ".join(f"{mesh}, on disk (KB)" for mesh in meshes)
+        + " | " + " | ".join(f"{mesh}, shallow / deep" for mesh in meshes) + " | built in (s) |",
+        "|---" + "|--:" * (2 + 2 * len(meshes)) + "|",
+    ]  # fmt: skip
+    for field in dict.fromkeys(row["field"] for row in rows):
+        found = [cells[mesh, field] for mesh in meshes]
+        row = [field, f"{int(found[0]['bytes']) / 1e3:,.0f}"]
+        row += [f"{int(f['disk_bytes']) / 1e3:,.0f}" for f in found]
+        row += [f"{1e3 * float(f['shallow']):.2f} / {1e3 * float(f['deep']):.2f}" for f in found]
+        row.append(f"{min(float(f['build_s']) for f in found):.1f}"
+                   f"–{max(float(f['build_s']) for f in found):.1f}")  # fmt: skip
+        table.append("| " + " | ".join(row) + " |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def distance_table():
+    """Return the table of speed and memory."""
+    notes, rows = _figures(DISTANCE_FIGURES)
+    table = ["| what | case | measured | ratio or exponent |", "|---|---|--:|--:|"]
+    for row in rows:
+        value = float(row["value"])
+        text = f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+        ratio = f"{float(row['ratio']):.2f}" if row["ratio"] else ""
+        table.append(f"| {row['what']} | {row['case']} | {text} {row['unit']} | {ratio} |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
 def _short(text):
     """Format a percentage: what is below a billionth is rounding."""
     value = float(text or 0)
     return "0" if value < 1e-9 else f"{value:.2g}" if value < 99.5 else f"{value:.4g}"
 
 
-def with_generated(path, name, text):
-    """Return a file's text with the part between its markers made anew."""
-    begin = f"<!-- generated: {name} -->"
-    head, rest = path.read_text(encoding="utf-8").split(begin)
-    _, tail = rest.split(END)
-    return f"{head}{begin}\n\n{text}\n\n{END}{tail}"
+def with_generated(path, **parts):
+    """Return a file's text with the parts between its markers made anew."""
+    text = path.read_text(encoding="utf-8")
+    for name, part in parts.items():
+        begin = f"<!-- generated: {name} -->"
+        head, rest = text.split(begin)
+        _, tail = rest.split(END, 1)
+        text = f"{head}{begin}\n\n{part}\n\n{END}{tail}"
+    return text
 
 
 def generated():
     """Return every generated file and what it should hold."""
     return {
         SCHEMA: schema_text(),
-        OPTIONS: with_generated(OPTIONS, "options", option_tables()),
-        README: with_generated(README, "bunny", bunny_table()),
-        REPAIR: with_generated(REPAIR, "repair", repair_table()),
+        OPTIONS: with_generated(OPTIONS, options=option_tables()),
+        README: with_generated(README, bunny=bunny_table()),
+        REPAIR: with_generated(REPAIR, repair=repair_table()),
+        BENCHMARKS: with_generated(BENCHMARKS, distances=distance_table(), fields=field_table()),
     }
 
 

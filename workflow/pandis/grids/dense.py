@@ -25,6 +25,9 @@ from pandis.grids.band import Band, find_cells, needed_nodes
 CHANNELS = {"force": 3, "normal": 4, "distance": 1}
 #: What a chunk that is not stored holds.
 FILL = {"force": 0.0, "normal": np.inf, "distance": np.inf}
+#: A distance alone is rounded to this share of 1, float32's own step there: digits that mean
+#: nothing would fill a fifth of the file.
+_LEVELS = 2.0**23
 #: Nodes that interpolation needs beyond the corners of a cell.
 REACH = {"force": 0, "normal": 0, "distance": 1}
 
@@ -65,7 +68,7 @@ class DenseGrid:
             elif self.content == "normal":
                 values[part, 0], values[part, 1:] = distance, normal
             else:
-                values[part, 0] = distance
+                values[part, 0] = np.rint(distance * _LEVELS) / _LEVELS
             report.update(min(start + (1 << 18), len(self.nodes)))
         return values
 

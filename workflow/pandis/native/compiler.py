@@ -12,8 +12,18 @@ from pathlib import Path
 
 from pandis.errors import PandisError
 
-#: No reassociation, no fused multiply-add: IEEE results that do not depend on the machine.
-FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=off", "-fPIC", "-shared")
+#: No reassociation, no fused multiply-add: IEEE results that do not depend on the machine. That
+#: nobody asks for errno or for traps lets the compiler use vectors.
+FLAGS = (
+    "-std=c99",
+    "-O3",
+    "-march=native",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fPIC",
+    "-shared",
+)
 
 
 def cache_folder():

@@ -81,7 +81,7 @@ class Bvh:
             self._library.bvh_free(self._tree)
             self._tree = None
 
-    def label(self, points, on_surface, check=True, tie=None):
+    def label(self, points, on_surface, check=True, tie=None, feet=True):
         """Answer exact distances and what belongs to them.
 
         Parameters
@@ -94,6 +94,8 @@ class Bvh:
         tie : (float, float), optional
             Flag points with a second closest point at most so much farther (relative), in a
             direction that differs by more than this angle (radians).
+        feet : bool
+            Answer faces and barycentrics too; else they are None.
 
         Returns
         -------
@@ -104,8 +106,8 @@ class Bvh:
         out = Labels(
             np.empty(count),
             np.empty((count, 3)),
-            np.empty(count, np.int32),
-            np.empty((count, 3)),
+            np.empty(count, np.int32) if feet else None,
+            np.empty((count, 3)) if feet else None,
             np.empty(count, np.uint8),
         )
         relative, cosine = (tie[0], np.cos(tie[1])) if tie else (0.0, 0.0)
@@ -114,7 +116,7 @@ class Bvh:
             order = np.empty(count, np.int64)
             if not self._library.bvh_order(points.ctypes.data, count, order.ctypes.data):
                 raise PandisError(f"not enough memory to sort {count:,} points")
-        columns = [column.ctypes.data for column in out]
+        columns = [None if column is None else column.ctypes.data for column in out]
 
         def part(low, high):
             counts = np.zeros(2, np.int64)

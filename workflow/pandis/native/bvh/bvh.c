@@ -22,7 +22,7 @@
 #define BINS 16
 #define MEDIAN_DEPTH 40 /* from here on halves, so that the depth is bounded */
 #define STACK 1024
-#define KNOWN 8
+#define KNOWN 32
 #define ROUGH_BETA 1.4f
 #define FINE_BETA 2.5f
 #define FAR_LIMIT 1e150 /* farther points overflow when squared */
@@ -708,7 +708,9 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
                double tie_relative, double tie_cosine, double *distance, double *normal, int32_t *face,
                double *weights, uint8_t *flags, int64_t *counts) {
     int32_t last = 0;
-    Known known[KNOWN] = {{{0}, -1, 0}}; /* the last points whose sides are certain */
+    double closest[3]; /* of the last point; at first any point of the surface */
+    memcpy(closest, corner(t, 0, 0), sizeof closest);
+    Known known[KNOWN] = {{{0}, 0, 0}}; /* the last points whose sides are certain */
     int newest = 0;
     for (int64_t at = 0; at < count; at++) {
         int64_t i = order ? order[at] : at;
@@ -723,12 +725,13 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         Foot foot;
         double n[3];
         uint8_t flag = 0;
-        /* the face before is a bound, with room for rounding so that it is judged as any other */
-        find_foot(t, last, p, &foot);
-        double limit = foot.distance * (1 + 1e-9) + 1e-12 * t->scale;
+        /* the closest point before is a bound, with room for rounding */
+        double way[3] = {p[0] - closest[0], p[1] - closest[1], p[2] - closest[2]};
+        double limit = sqrt(dot(way, way)) * (1 + 1e-9) + 1e-12 * t->scale;
         last = nearest_face(t, p, limit * limit);
         if (last == INT32_MAX) last = nearest_face(t, p, INFINITY);
         find_foot(t, last, p, &foot);
+        for (int k = 0; k < 3; k++) closest[k] = p[k] - foot.offset[k];
         pseudonormal(t, last, &foot, n);
         double sign = dot(foot.offset, n) < 0 ? -1 : 1;
         if (check && foot.distance > on_surface) {
@@ -736,9 +739,9 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
             for (int j = 0; j < KNOWN && !side; j++) {
                 const Known *k = known + (newest + j) % KNOWN;
                 double x[3] = {p[0] - k->point[0], p[1] - k->point[1], p[2] - k->point[2]};
-                /* no surface inside a ball whose radius is a distance: all of it is on one side */
-                double ball = foot.distance > k->distance ? foot.distance : k->distance;
-                if (dot(x, x) * (1 + 1e-12) < ball * ball) side = k->side;
+                /* no surface inside a ball whose radius is a distance: balls that meet are on one side */
+                double reach = foot.distance + k->distance;
+                if (dot(x, x) * (1 + 1e-12) < reach * reach) side = k->side;
             }
             if (!side) side = find_side(t, p), counts[0]++;
             if (side != sign) {
@@ -764,6 +767,9 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
 
 /* ---------------------------------------------------------------- order */
 
+#define DIGIT_BITS 15
+#define DIGIT (1 << DIGIT_BITS)
+
 static uint32_t spread(uint32_t x) {
     x = (x | (x << 16)) & 0x030000FF, x = (x | (x << 8)) & 0x0300F00F;
     x = (x | (x << 4)) & 0x030C30C3, x = (x | (x << 2)) & 0x09249249;
@@ -785,12 +791,13 @@ int bvh_order(const double *points, int64_t count, int64_t *order) {
         }
         a[i] = code, from[i] = i;
     }
-    for (int shift = 0; shift < 30; shift += 10) {
-        int64_t start[1025] = {0};
-        for (int64_t i = 0; i < count; i++) start[((a[i] >> shift) & 1023) + 1]++;
-        for (int k = 0; k < 1024; k++) start[k + 1] += start[k];
+    int64_t start[DIGIT + 1];
+    for (int shift = 0; shift < 30; shift += DIGIT_BITS) {
+        memset(start, 0, sizeof start);
+        for (int64_t i = 0; i < count; i++) start[((a[i] >> shift) & (DIGIT - 1)) + 1]++;
+        for (int k = 0; k < DIGIT; k++) start[k + 1] += start[k];
         for (int64_t i = 0; i < count; i++) {
-            int64_t j = start[(a[i] >> shift) & 1023]++;
+            int64_t j = start[(a[i] >> shift) & (DIGIT - 1)]++;
             b[j] = a[i], to[j] = from[i];
         }
         uint32_t *swap = a;

@@ -1,0 +1,49 @@
+"""What the benchmarks share: repaired meshes in the unit frame, and files of measured figures."""
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "workflow"))
+
+from pandis.config import MeshOptions  # noqa: E402
+from pandis.frame import Frame  # noqa: E402
+from pandis.machine import describe  # noqa: E402
+from pandis.mesh.build import build  # noqa: E402
+
+#: The scans that the accuracy bars name.
+SCANS = {
+    "bunny": "stanford/bunny_35947v_69451f_binary.ply",
+    "armadillo": "stanford/armadillo_49990v_99976f_ngp.obj",
+    "dragon": "stanford/dragon_closed_39994v_79988f.obj",
+}
+
+
+def load(path):
+    """Read, repair and scale a mesh of the collection that PANDIS_MESHES names."""
+    path = Path(os.environ["PANDIS_MESHES"]) / path
+    options = MeshOptions().model_dump() | {"source": str(path), "sha256": None, "seed": 0}
+    arrays, _ = build(options, path, lambda text: None)
+    vertices = arrays["vertices"]
+    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
+    return frame.to_unit(vertices), arrays["faces"]
+
+
+def write(name, columns, rows):
+    """Write docs/figures/{name}.csv with the command, the machine and the commit."""
+    git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    machine = describe()
+    target = ROOT / "docs" / "figures" / f"{name}.csv"
+    with target.open("w", encoding="utf-8", newline="") as stream:
+        stream.write(f"# command: .venv/bin/python tests/benchmarks/{name}.py\n")
+        stream.write(f"# machine: {machine['processor']}, {machine['cores']} cores, shared\n")
+        stream.write(f"# commit: {commit}\n")
+        writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()})
+    print(f"wrote {target}", file=sys.stderr)
