@@ -10,8 +10,8 @@ all_cores = workflow.resource_settings.cores or 1
 wildcard_constraints:
     mesh="|".join(plan.meshes),
     recipe="|".join(plan.recipes) or "no-recipe",
-    field=r"(nearest|trilinear|trilinear-normal|tricubic|spline)-(\d+|auto)",
-    kind="nearest|trilinear|trilinear-normal|tricubic|spline",
+    field=r"(nearest|trilinear|trilinear-normal|trilinear-gradient|tricubic|spline)-(\d+|auto)",
+    kind="nearest|trilinear|trilinear-normal|trilinear-gradient|tricubic|spline",
     content="force|normal|distance",
     size=r"\d+",
     extension=r"[A-Za-z0-9.]+",

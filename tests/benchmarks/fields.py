@@ -26,7 +26,14 @@ from pandis.stage import silent_progress
 
 COLUMNS = ("mesh", "field", "bytes", "disk_bytes", "build_s", "shallow", "deep", "flagged")
 BAND = (0.045, 0.02)
-DENSE = ("nearest-64", "trilinear-64", "trilinear-normal-64", "tricubic-64", "tricubic-128")
+DENSE = (
+    "nearest-64",
+    "trilinear-64",
+    "trilinear-normal-64",
+    "trilinear-gradient-64",
+    "tricubic-64",
+    "tricubic-128",
+)
 SPLINES = (100_000, 200_000, 400_000, 800_000, 1_600_000)
 
 

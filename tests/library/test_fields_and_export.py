@@ -123,7 +123,14 @@ def exported(kind):
     return export_grid(kind, held, {"stage": "x"}, print), field
 
 
-KINDS = ["nearest-12", "trilinear-12", "trilinear-normal-12", "tricubic-12", "network"]
+KINDS = [
+    "nearest-12",
+    "trilinear-12",
+    "trilinear-normal-12",
+    "trilinear-gradient-12",
+    "tricubic-12",
+    "network",
+]
 
 
 @pytest.mark.parametrize("kind", KINDS)

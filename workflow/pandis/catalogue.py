@@ -15,6 +15,7 @@ GRID_FIELDS = {
     "nearest": "force",
     "trilinear": "force",
     "trilinear-normal": "normal",
+    "trilinear-gradient": "distance",
     "tricubic": "distance",
     "spline": "spline",
 }

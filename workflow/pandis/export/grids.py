@@ -28,6 +28,10 @@ def grid_graph(field, kind):
         distance, gradient = _tricubic(graph, field, clamped)
         leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
         return graph
+    if kind == "trilinear-gradient":
+        distance, gradient = _own_gradient(graph, field.values, clamped)
+        leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
+        return graph
     value = _interpolate(graph, field.values, kind == "nearest", clamped)
     if field.content == "force":
         # the vector is the penetration: its length is the depth
@@ -94,6 +98,45 @@ def _tricubic(graph, field, clamped):
 
 def _interpolate(graph, values, nearest, clamped):
     """Add the nearest node or the trilinear interpolation; return the value's name."""
+    node, position = _nodes(graph, values, clamped)
+    if nearest:
+        half = graph.apply("Add", position, graph.scalar(0.5, np.float64))
+        return node(graph.apply("Floor", half))
+    corner, (tx, ty, tz) = _corners(graph, len(values), node, position)
+    planes = []
+    for c in (0, 1):
+        lines = [_mix(graph, corner(0, b, c), corner(1, b, c), tx) for b in (0, 1)]
+        planes.append(_mix(graph, *lines, ty))
+    return _mix(graph, *planes, tz)
+
+
+def _own_gradient(graph, values, clamped):
+    """Add the trilinear interpolation of distances; return it (n,) and its gradient (n, 3)."""
+    node, position = _nodes(graph, values, clamped)
+    corner, (tx, ty, tz) = _corners(graph, len(values), node, position)
+    c = {offset: corner(*offset) for offset in np.ndindex(2, 2, 2)}
+    pairs = [(b, d) for b in (0, 1) for d in (0, 1)]
+    line = {(b, d): _mix(graph, c[0, b, d], c[1, b, d], tx) for b, d in pairs}
+    rise = {(b, d): graph.apply("Sub", c[1, b, d], c[0, b, d]) for b, d in pairs}
+
+    def bilinear(v):
+        planes = [_mix(graph, v[0, d], v[1, d], ty) for d in (0, 1)]
+        return _mix(graph, *planes, tz)
+
+    def slope(ends, t):
+        return _mix(graph, *(graph.apply("Sub", line[b], line[a]) for a, b in ends), t)
+
+    gradient = [
+        bilinear(rise),
+        slope((((0, 0), (1, 0)), ((0, 1), (1, 1))), tz),
+        slope((((0, 0), (0, 1)), ((1, 0), (1, 1))), ty),
+    ]
+    flat = graph.apply("Squeeze", bilinear(line), graph.constant("one", np.array([1], np.int64)))
+    return flat, graph.apply("Concat", *gradient, axis=1)
+
+
+def _nodes(graph, values, clamped):
+    """Return a function that looks up integer nodes (n, 3), and the position in nodes."""
     size = len(values)
     table = graph.constant("values", values.reshape(size**3, -1))
     strides = graph.constant("strides", np.array([size * size, size, 1], np.int64))
@@ -101,33 +144,28 @@ def _interpolate(graph, values, nearest, clamped):
     position = graph.apply("Mul", shifted, graph.scalar((size - 1) / 2, np.float64))
 
     def node(cell):
-        """Look up the values at integer cells (n, 3)."""
         index = graph.apply("Mul", graph.apply("Cast", cell, to=TensorProto.INT64), strides)
-        flat = graph.apply(
-            "ReduceSum", index, graph.constant(f"axis{len(graph.nodes)}", [1]), keepdims=0
-        )
-        return graph.apply("Gather", table, flat)
+        last = graph.constant(f"axis{len(graph.nodes)}", [1])
+        return graph.apply("Gather", table, graph.apply("ReduceSum", index, last, keepdims=0))
 
-    if nearest:
-        half = graph.apply("Add", position, graph.scalar(0.5, np.float64))
-        return node(graph.apply("Floor", half))
+    return node, position
+
+
+def _corners(graph, size, node, position):
+    """Return a function that looks up a corner of the cell, and the place in the cell."""
     last = graph.scalar(float(size - 2), np.float64)
     base = graph.apply("Min", graph.apply("Floor", position), last)
     part = graph.apply("Cast", graph.apply("Sub", position, base), to=TensorProto.FLOAT)
-    tx, ty, tz = split(graph, part, [1, 1, 1])
 
     def corner(*offset):
         step = graph.constant("step" + "".join(map(str, offset)), np.array(offset, float))
         return node(graph.apply("Add", base, step))
 
-    def mix(a, b, t):
-        return graph.apply("Add", a, graph.apply("Mul", graph.apply("Sub", b, a), t))
+    return corner, split(graph, part, [1, 1, 1])
 
-    planes = []
-    for c in (0, 1):
-        lines = [mix(corner(0, b, c), corner(1, b, c), tx) for b in (0, 1)]
-        planes.append(mix(*lines, ty))
-    return mix(*planes, tz)
+
+def _mix(graph, a, b, t):
+    return graph.apply("Add", a, graph.apply("Mul", graph.apply("Sub", b, a), t))
 
 
 def _columns(graph, start, stop):

@@ -71,21 +71,21 @@ class GridField(Field):
         return value[:, 0], normalise(value[:, 1:])
 
     def _trilinear(self, points):
+        corners, t = self._corners(points)
+        x, y, z = t.T[..., None]
+        line = [[corners[0, b, c] * (1 - x) + corners[1, b, c] * x for b in (0, 1)] for c in (0, 1)]
+        plane = [line[c][0] * (1 - y) + line[c][1] * y for c in (0, 1)]
+        return plane[0] * (1 - z) + plane[1] * z
+
+    def _corners(self, points):
+        """Return the values at the corners of the cells, by offset, and where in them (n, 3)."""
         size = len(self.values)
         position = (points + 1.0) * ((size - 1) / 2)
         base = np.minimum(np.floor(position), size - 2).astype(np.int64)
-        t = (position - base)[:, :, None]
         i, j, k = base.T
-        line = [
-            [
-                self.values[i, j + b, k + c] * (1 - t[:, 0])
-                + self.values[i + 1, j + b, k + c] * t[:, 0]
-                for b in (0, 1)
-            ]
-            for c in (0, 1)
-        ]
-        plane = [line[c][0] * (1 - t[:, 1]) + line[c][1] * t[:, 1] for c in (0, 1)]
-        return plane[0] * (1 - t[:, 2]) + plane[1] * t[:, 2]
+        values = self.values if self.values.ndim == 4 else self.values[..., None]
+        corners = {o: values[i + o[0], j + o[1], k + o[2]] for o in np.ndindex(2, 2, 2)}
+        return corners, position - base
 
 
 class NearestField(GridField):
@@ -95,6 +95,28 @@ class NearestField(GridField):
         i, j, k = np.floor((points + 1.0) * ((len(self.values) - 1) / 2) + 0.5).astype(np.int64).T
         value = self.values[i, j, k].astype(np.float64)
         return -np.linalg.norm(value, axis=1), normalise(value)
+
+
+class GradientField(GridField):
+    """The distance trilinearly, the normal as its own gradient: it jumps from cell to cell."""
+
+    def _interpolate(self, points):
+        corners, t = self._corners(points)
+        x, y, z = t.T
+        c = {offset: value[:, 0].astype(np.float64) for offset, value in corners.items()}
+
+        def mix(a, b, s):
+            return a * (1 - s) + b * s
+
+        line = {(b, d): mix(c[0, b, d], c[1, b, d], x) for b in (0, 1) for d in (0, 1)}
+        rise = {(b, d): c[1, b, d] - c[0, b, d] for b in (0, 1) for d in (0, 1)}
+        value = mix(mix(line[0, 0], line[1, 0], y), mix(line[0, 1], line[1, 1], y), z)
+        gradient = [
+            mix(mix(rise[0, 0], rise[1, 0], y), mix(rise[0, 1], rise[1, 1], y), z),
+            mix(line[1, 0] - line[0, 0], line[1, 1] - line[0, 1], z),
+            mix(line[0, 1] - line[0, 0], line[1, 1] - line[1, 0], y),
+        ]
+        return value, normalise(np.stack(gradient, axis=1))
 
 
 class TricubicField(GridField):

@@ -1,13 +1,14 @@
 """Opens the grid fields by their names: what export and sizing import, without the networks."""
 
 from pandis.catalogue import is_grid_field, parse_field
-from pandis.fields.grid import GridField, NearestField, TricubicField
+from pandis.fields.grid import GradientField, GridField, NearestField, TricubicField
 from pandis.fields.spline import SplineField
 
 GRID_OPENERS = {
     "nearest": NearestField,
     "trilinear": GridField,
     "trilinear-normal": GridField,
+    "trilinear-gradient": GradientField,
     "tricubic": TricubicField,
     "spline": SplineField,
 }

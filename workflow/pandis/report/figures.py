@@ -20,6 +20,7 @@ _COLOURS = {
     "nearest": "#c9a227",
     "trilinear": "#2a9d5c",
     "trilinear-normal": "#1f6f8b",
+    "trilinear-gradient": "#5fa8d3",
     "tricubic": "#3a56c5",
     "spline": "#111111",
 }
