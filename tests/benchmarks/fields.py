@@ -34,7 +34,7 @@ DENSE = (
     "tricubic-64",
     "tricubic-128",
 )
-SPLINES = (100_000, 200_000, 400_000, 800_000)
+SPLINES = (100_000, 200_000, 400_000, 800_000, 1_600_000)
 
 
 def dense(vertices, faces, kind, size, path):
