@@ -49,7 +49,6 @@ class SplineFit:
 
     def __init__(self, engine, surface, band, seed, count=MOST_SAMPLES):
         self.engine, self.surface = engine, surface
-        # where the outside is bounded by the band, all of the band has to be right
         self.band = Band(*band)
         self.seed = seed
         self.targets = self._draw(count)
@@ -213,7 +212,6 @@ class SplineFit:
         cells = cells.reshape(-1, 3)
         points = FAR_LOW + lattice.step * (cells + rng.random(cells.shape)) / 2
         distance, normal = self.engine.distance_and_normal(points, check=False)
-        # outside the direction counts as much as inside: weigh as if 0.1 deep
         targets = Targets(points, distance, normal, np.ones(len(points)))
         start = [self.engine.distance_and_normal(lattice.places(nodes), check=False)[0]]
         return fit([Level(lattice, nodes)], start, targets, 1, _STEPS)[0].reshape((FAR_SIZE,) * 3)
