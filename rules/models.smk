@@ -1,5 +1,6 @@
 rule train:
     input:
+        mesh="results/{mesh}/mesh.zarr.zip",
         samples="results/{mesh}/samples.zarr.zip",
     output:
         "results/{mesh}/model-{recipe}.zarr.zip",

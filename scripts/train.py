@@ -1,11 +1,16 @@
-"""Train one network. Reads samples.zarr.zip, writes model-{recipe}.zarr.zip."""
+"""Train one network. Reads mesh.zarr.zip, samples.zarr.zip, writes model-{recipe}.zarr.zip."""
 
+from pandis.distance import open_distance
+from pandis.sampling import open_surface
 from pandis.stage import stage
+from pandis.strata import Strata
 from pandis.training.trainer import Trainer
 
 with stage(snakemake) as job:
-    samples = job.read("samples", "samples")
-    trainer = Trainer(job.options, samples, job.checkpoint(), job.log)
+    mesh, samples = job.read("mesh", "mesh"), job.read("samples", "samples")
+    engine = open_distance(mesh)
+    strata = Strata(open_surface(mesh, engine), engine, samples.attributes["law"])
+    trainer = Trainer(job.options, samples, strata, job.checkpoint(), job.log)
     arrays, attributes = trainer.run(job.progress)
     job.write("model", arrays, attributes | {"frame": samples.attributes["frame"]})
     trainer.finish()

@@ -12,7 +12,6 @@ sys.path.insert(0, str(ROOT / "workflow"))
 from pandis.config import MeshOptions  # noqa: E402
 from pandis.frame import Frame  # noqa: E402
 from pandis.machine import describe  # noqa: E402
-from pandis.mesh.build import build  # noqa: E402
 
 #: The scans that the accuracy bars name.
 SCANS = {
@@ -24,6 +23,8 @@ SCANS = {
 
 def load(path):
     """Read, repair and scale a mesh of the collection that PANDIS_MESHES names."""
+    from pandis.mesh.build import build  # needs the mesh libraries, training does not
+
     path = Path(os.environ["PANDIS_MESHES"]) / path
     options = MeshOptions().model_dump() | {"source": str(path), "sha256": None, "seed": 0}
     arrays, _ = build(options, path, lambda text: None)

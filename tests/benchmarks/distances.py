@@ -124,7 +124,7 @@ def grids(vertices, faces, rows):
 def sample_memory(vertices, faces):
     """Write ten million samples of the Bunny."""
     engine = MeshDistance(vertices, faces)
-    counts = {"surface": 2, "offsets": 3, "penetration": 2, "bent": 1, "box": 2}
+    counts = {"surface": 2, "offsets": 2, "shallow": 1, "penetration": 2, "bent": 1, "box": 2}
     options = SampleOptions().model_dump() | {k: n * 1_000_000 for k, n in counts.items()}
     strata = Strata(Surface(engine.vertices, engine.faces), engine, options | {"seed": 0})
     path = Path(tempfile.mkdtemp()) / "samples.zarr.zip"

@@ -36,13 +36,13 @@ def grid(content, size):
     return artifact("grid", {"values": values}, made.attributes() | {"frame": FRAME.attributes()})
 
 
-def model(width=16, depth=2, omega=15.0, seed=0):
-    network = Siren(width, depth, omega, torch.Generator().manual_seed(seed))
+def model(width=16, depth=2, omega=15.0, outputs=4, seed=0):
+    network = Siren(width, depth, omega, outputs, torch.Generator().manual_seed(seed))
     arrays = {"curve": np.zeros((0, 3))}
     for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
         arrays[f"weight_{index}"] = weight.detach().numpy()
         arrays[f"bias_{index}"] = bias.detach().numpy()
-    shape = {"width": width, "depth": depth, "omega": omega, "outputs": 4}
+    shape = {"width": width, "depth": depth, "omega": omega, "outputs": outputs}
     attributes = {"frame": FRAME.attributes(), "architecture": shape, "recipe": "exact"}
     attributes |= {"steps": 0, "held_out_error": {"mean": 0.1}}
     return artifact("model", arrays, attributes), network
@@ -99,6 +99,15 @@ def test_numpy_network_is_the_torch_network():
     assert SirenField("s", held).bytes == sum(p.numel() * 4 for p in network.parameters())
 
 
+def test_numpy_gradient_is_that_of_torch():
+    held, network = model(64, 4, 60.0, outputs=1)
+    points = np.random.default_rng(0).uniform(-1, 1, (1000, 3))
+    wanted = network.double().forward_with_gradient(torch.from_numpy(points).float().double())
+    phi, direction = SirenField("s", held).raw(points)
+    assert np.abs(phi - wanted[0].detach().numpy()[:, 0]).max() < 2e-6
+    assert np.abs(direction - wanted[1].detach().numpy()).max() < 2e-5
+
+
 def test_paper_network_has_the_papers_800_kb():
     held, _ = model(256, 4, 30.0)
     assert SirenField("s", held).bytes == 797_712
@@ -115,8 +124,8 @@ def test_torch_network_is_rebuilt_bit_by_bit():
 
 
 def exported(kind):
-    if kind == "network":
-        held, _ = model(32, 3)
+    if kind.startswith("network"):
+        held, _ = model(32, 3, outputs=4 if kind == "network" else 1)
         return export_network("s", held, {"stage": "x"}, print), SirenField("s", held)
     held = grid(GRID_FIELDS[kind.removesuffix("-12")], 12)
     field = open_field(parse_field(kind, ()), held)
@@ -130,6 +139,7 @@ KINDS = [
     "trilinear-gradient-12",
     "tricubic-12",
     "network",
+    "network-of-one-output",
 ]
 
 

@@ -11,9 +11,12 @@ from pandis.frame import Frame
 from pandis.mesh.shapes import SHAPES
 from pandis.sampling import Surface
 from pandis.stage import silent_progress
+from pandis.strata import Strata
 from pandis.training import exact_loss, vectors
 from pandis.training import paper_loss as losses
 from pandis.training.network import Siren
+from pandis.training.optimiser import orthogonal
+from pandis.training.products import product
 from pandis.training.trainer import Trainer
 from support import artifact, sample
 
@@ -23,10 +26,18 @@ def samples():
     frame = Frame((0.0, 0.0, 0.0), 0.9)
     engine = ShapeDistance(SHAPES["sphere"], frame)
     vertices, faces = SHAPES["sphere"].tessellation()
-    options = {"surface": 4000, "offsets": 4000, "scales": [0.01, 0.05], "penetration": 4000}
-    options |= {"depth": 0.05, "bent": 0, "box": 2000, "held_out": 2000, "seed": 1}
+    options = {"surface": 4000, "offsets": 4000, "scales": [0.01, 0.05], "shallow": 4000}
+    options |= {
+        "penetration": 4000,
+        "depth": 0.05,
+        "bent": 0,
+        "box": 2000,
+        "held_out": 2000,
+        "seed": 1,
+    }
     surface = Surface(frame.to_unit(vertices), faces, engine)
-    return artifact("samples", *sample(surface, engine, options, silent_progress))
+    drawn = artifact("samples", *sample(surface, engine, options, silent_progress))
+    return drawn, Strata(surface, engine, options)
 
 
 def recipe(loss="exact", **options):
@@ -36,7 +47,7 @@ def recipe(loss="exact", **options):
 
 
 def trainer(samples, tmp_path, **options):
-    return Trainer(recipe(**options), samples, tmp_path / "c.pt", log=lambda text: None)
+    return Trainer(recipe(**options), *samples, tmp_path / "c.pt", log=lambda text: None)
 
 
 def same(one, other):
@@ -46,26 +57,62 @@ def same(one, other):
 # --- the network ----------------------------------------------------------------------
 
 
-def test_hand_written_gradient_is_autograds():
-    network = Siren(20, 3, 30.0, torch.Generator().manual_seed(0)).double()
+def plain(network, points):
+    """The network in autograd's own operations."""
+    h = points
+    for weight, bias in zip(network.weights[:-1], network.biases[:-1], strict=True):
+        h = torch.sin(network.omega * torch.nn.functional.linear(h, weight, bias))
+    return torch.nn.functional.linear(h, network.weights[-1], network.biases[-1])
+
+
+@pytest.mark.parametrize("outputs", [1, 4])
+def test_hand_written_gradient_is_autograds(outputs):
+    network = Siren(20, 3, 30.0, outputs, torch.Generator().manual_seed(0)).double()
     points = torch.rand(50, 3, dtype=torch.float64).requires_grad_()
     output, gradient = network.forward_with_gradient(points)
-    (wanted,) = torch.autograd.grad(network(points)[:, 0].sum(), points)
+    (wanted,) = torch.autograd.grad(plain(network, points)[:, 0].sum(), points)
     assert torch.allclose(gradient, wanted, atol=1e-13)
+    assert torch.allclose(output, plain(network, points), atol=1e-13)
     assert torch.equal(output, network(points))
 
 
-def test_gradient_of_a_loss_on_the_gradient_is_that_of_double_backward():
-    network = Siren(12, 3, 30.0, torch.Generator().manual_seed(0)).double()
+@pytest.mark.parametrize("depth", [1, 2, 4])
+@pytest.mark.parametrize("outputs", [1, 4])
+def test_hand_written_backward_is_that_of_double_backward(depth, outputs):
+    network = Siren(12, depth, 30.0, outputs, torch.Generator().manual_seed(0)).double()
     points = torch.rand(30, 3, dtype=torch.float64).requires_grad_()
-    losses.eikonal(network.forward_with_gradient(points)[1]).backward()
+
+    def loss(output, gradient):
+        return losses.eikonal(gradient) + (output**2).mean() + (output[:, :1] * gradient).mean()
+
+    loss(*network.forward_with_gradient(points)).backward()
     by_hand = [gradient_of(p) for p in network.parameters()]
     network.zero_grad()
-    (gradient,) = torch.autograd.grad(network(points)[:, 0].sum(), points, create_graph=True)
-    losses.eikonal(gradient).backward()
+    output = plain(network, points)
+    (gradient,) = torch.autograd.grad(output[:, 0].sum(), points, create_graph=True)
+    loss(output, gradient).backward()
     for ours, parameter in zip(by_hand, network.parameters(), strict=True):
         assert torch.allclose(ours, gradient_of(parameter), atol=1e-10)
     assert sum(g.abs().sum() for g in by_hand) > 0
+    network.zero_grad()
+    network(points).square().mean().backward()  # without the gradient by the position
+    by_hand = [gradient_of(p) for p in network.parameters()]
+    network.zero_grad()
+    plain(network, points).square().mean().backward()
+    for ours, parameter in zip(by_hand, network.parameters(), strict=True):
+        assert torch.allclose(ours, gradient_of(parameter), atol=1e-12)
+
+
+def test_products_are_products():
+    a, b = torch.randn(37, 64), torch.randn(64, 129)
+    assert torch.allclose(product(a, b), a @ b, atol=1e-4)
+    assert torch.allclose(product(a.T.contiguous(), a), a.T @ a, atol=1e-4)
+
+
+def test_orthogonal_step_has_singular_values_near_one():
+    turned = orthogonal(torch.randn(40, 40, generator=torch.Generator().manual_seed(0)))
+    assert torch.linalg.matrix_norm(turned, 2) < 1.3
+    assert turned.norm() ** 2 / 40 > 0.6
 
 
 def gradient_of(parameter):
@@ -73,7 +120,7 @@ def gradient_of(parameter):
 
 
 def test_initialisation_is_sirens():
-    network = Siren(256, 4, 30.0, torch.Generator().manual_seed(0))
+    network = Siren(256, 4, 30.0, 4, torch.Generator().manual_seed(0))
     assert network.weights[0].abs().max() <= 1 / 3
     for weight in network.weights[1:]:
         assert weight.abs().max() <= math.sqrt(6 / 256) / 30
@@ -156,23 +203,23 @@ def test_off_surface_term_makes_no_subnormals():
 def test_exact_loss_is_zero_at_the_truth_and_counts_force():
     options = recipe()
     distance, normal = rows(-0.02, 0.0), rows([1.0, 0, 0], [0, 1.0, 0])
-    truth = torch.cat([distance[:, None], normal], dim=1)
-    floor = exact_loss.exact_loss(truth, distance, normal, options).item()
+    floor = exact_loss.exact_loss(distance, normal, distance, normal, options).item()
     assert floor == pytest.approx(0, abs=1e-5)
-    off = truth + rows([0.01, 0, 0, 0])
-    wanted = 0.01 * (0.5 + 1) / 2
-    assert exact_loss.exact_loss(off, distance, normal, options).item() == pytest.approx(
-        wanted, rel=1e-3
-    )
+    off = exact_loss.exact_loss(distance + 0.01, normal, distance, normal, options).item()
+    assert off == pytest.approx(0.01 * (0.5 + 1) / 2, rel=1e-3)
+    turned = exact_loss.exact_loss(distance, normal.flip(0), distance, normal, options).item()
+    assert turned == pytest.approx(options["normal_weight"] * 2**0.5 * 0.75, rel=1e-3)
 
 
 # --- the trainer ---------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("direction", ["output", "gradient"])
 @pytest.mark.parametrize("loss", ["exact", "paper"])
-def test_training_learns_and_reproduces(samples, tmp_path, loss):
-    one = trainer(samples, tmp_path, loss=loss, steps=150).run(silent_progress)
-    other = trainer(samples, tmp_path, loss=loss, steps=150).run(silent_progress)
+def test_training_learns_and_reproduces(samples, tmp_path, loss, direction):
+    options = {"loss": loss, "direction": direction, "steps": 150}
+    one = trainer(samples, tmp_path, **options).run(silent_progress)
+    other = trainer(samples, tmp_path, **options).run(silent_progress)
     assert same(one, other)
     curve = one[0]["curve"]
     assert curve[-1, 1] < 0.7 * curve[0, 1]
@@ -196,6 +243,7 @@ def test_resumed_run_ends_bit_identical(samples, tmp_path, loss):
 
         def interrupt(share, run=run, advance=advance, left=left):
             if next(left, None) is None:
+                run.good = run._state()
                 run._save()
                 raise Interrupted
             return advance(share)
@@ -220,7 +268,7 @@ def test_damaged_checkpoint_starts_afresh(samples, tmp_path):
 def test_seed_and_options_matter(samples, tmp_path):
     one = trainer(samples, tmp_path).run(silent_progress)
     options = recipe() | {"seed": 8}
-    other = Trainer(options, samples, tmp_path / "c.pt", print).run(silent_progress)
+    other = Trainer(options, *samples, tmp_path / "c.pt", print).run(silent_progress)
     assert not same(one, other)
 
 
@@ -242,22 +290,58 @@ def test_divergence_is_an_error_not_a_field(samples, tmp_path):
         late.run(silent_progress)
 
 
+@pytest.mark.parametrize("harm", ["nan", "wild"])
+def test_divergence_restarts_from_the_last_good_state(samples, tmp_path, harm):
+    lines = []
+    run = Trainer(recipe(steps=200), *samples, tmp_path / "c.pt", lines.append)
+    advance, done = run._advance, []
+
+    def harmed(share):
+        loss = advance(share)
+        if run.step == 120 and not done:
+            done.append(run.step)
+            with torch.no_grad():
+                run.parameters[1].mul_(torch.nan if harm == "nan" else 30.0)
+        return loss
+
+    run._advance = harmed
+    arrays, attributes = run.run(silent_progress)
+    assert attributes["restarts"] == 1
+    assert attributes["steps"] == 200
+    assert any("diverged at step 120" in line for line in lines)
+    assert attributes["held_out_error"]["mean"] < 1.1 * arrays["curve"][:, 2].min()
+    assert (np.diff(arrays["curve"][:, 0]) > 0).all()
+
+
 def test_checkpoint_that_cannot_be_written_does_not_stop_the_run(samples, tmp_path, monkeypatch):
     monkeypatch.setattr("pandis.training.trainer.CHECKPOINT_SECONDS", 0.0)
     (tmp_path / "file").write_text("in the way")
     lines = []
-    run = Trainer(recipe(steps=5), samples, tmp_path / "file" / "c.pt", lines.append)
+    run = Trainer(recipe(steps=5), *samples, tmp_path / "file" / "c.pt", lines.append)
     assert run.run(silent_progress)[1]["steps"] == 5
     assert any("no checkpoint at step" in line for line in lines)
 
 
-def test_held_out_points_are_not_trained_on(samples, tmp_path):
-    held_out = samples.arrays["points"][slice(*samples.attributes["strata"]["held-out"])]
-    rows_of = {tuple(row) for row in trainer(samples, tmp_path).data[:, :3].tolist()}
-    assert not rows_of & {tuple(row) for row in held_out.tolist()}
-    on_surface = trainer(samples, tmp_path, loss="paper")
-    assert len(on_surface.data) == 4000
-    assert on_surface.data[:, 3].abs().max() == 0
+def test_every_batch_is_new_and_none_is_held_out(samples, tmp_path):
+    held_out = samples[0].arrays["points"][slice(*samples[0].attributes["strata"]["held-out"])]
+    stored = {tuple(row) for row in samples[0].arrays["points"].tolist()}
+    batches = trainer(samples, tmp_path).batches
+    # the first steps, the last of the first block and one of the next
+    steps = [0, 1, 2, batches.per_block - 1, batches.per_block, 7 * batches.per_block + 5]
+    shown = [tuple(row) for step in steps for row in batches.batch(step)[:, :3].tolist()]
+    assert len(set(shown)) == len(shown) == 256 * len(steps)
+    assert not set(shown) & stored
+    assert {tuple(row) for row in held_out.tolist()} <= stored
+    again = trainer(samples, tmp_path).batches
+    assert torch.equal(again.batch(steps[-1]), batches.batch(steps[-1]))
+
+
+def test_paper_is_shown_the_surface_and_the_box(samples, tmp_path):
+    rows = trainer(samples, tmp_path, loss="paper").batches.batch(20)
+    assert rows.shape == (256, 10)
+    assert not rows[:, 3].any()
+    assert torch.allclose(rows[:, :3].norm(dim=1), torch.tensor(0.9), atol=1e-6)
+    assert rows[:, 7:].abs().max() <= 1
 
 
 def test_fewer_points_than_a_batch(samples, tmp_path):

@@ -162,7 +162,7 @@ def test_plan_of_the_default_config():
 
 OPEN = """
 fields: [exact, nearest-12, trilinear-normal-12, pandis, small]
-samples: {surface: 4000, offsets: 4000, penetration: 4000, box: 2000, held_out: 1000}
+samples: {surface: 4000, offsets: 4000, shallow: 4000, penetration: 4000, held_out: 1000}
 train:
   pandis: {width: 16, depth: 2, steps: 40, batch: 200}
   small: {width: 16, depth: 2, steps: 40}

@@ -92,24 +92,28 @@ class MeshOptions(Options):
 
 
 class SampleOptions(Options):
-    """Training and held-out points. Lengths are in the unit frame (longest side 1.8)."""
+    """Training and held-out points. Lengths are in the unit frame (longest side 1.8).
 
-    surface: Count = Field(200_000, description="points on the surface")
+    Recipes on exact distances draw points of their own, in the same proportions.
+    """
+
+    surface: Count = Field(50_000, description="points on the surface")
     offsets: int = Field(
-        300_000, ge=0, description="points off the surface along the normal, over all scales"
+        100_000, ge=0, description="points off the surface along the normal, over all scales"
     )
     scales: Annotated[list[Positive], Field(min_length=1)] = Field(
-        [0.002, 0.01, 0.05], description="standard deviations of the offsets"
+        [0.003, 0.01, 0.03], description="standard deviations of the offsets"
     )
-    penetration: int = Field(200_000, ge=0, description="points below the surface")
+    shallow: int = Field(350_000, ge=0, description="points within 0.0115 below the surface")
+    penetration: int = Field(250_000, ge=0, description="points within `depth` below it")
     bent: int = Field(
-        100_000,
+        250_000,
         ge=0,
         description="points below the surface, up to eight times denser where it bends: the "
         "angles between neighbouring faces, per 0.05 of length",
     )
-    depth: Positive = Field(0.05, description="largest penetration depth")
-    box: int = Field(100_000, ge=0, description="points uniform in the box [-1, 1]³")
+    depth: Positive = Field(0.045, description="largest depth below the surface")
+    box: int = Field(50_000, ge=0, description="points uniform in the box [-1, 1]³")
     held_out: Annotated[int, Field(ge=100)] = Field(
         20_000, description="points never trained on: half at most 0.01 deep, half at most 0.04"
     )
@@ -125,6 +129,11 @@ class Recipe(Options):
         None,
         description="budget in seconds instead: the steps reached are recorded, "
         "and the result does not reproduce",
+    )
+    direction: Literal["output", "gradient"] = Field(
+        "output",
+        description="where the normal comes from: three outputs of their own, as in the paper, or "
+        "the gradient of the distance, which makes the force conservative",
     )
     threads: Count = Field(
         1,
@@ -162,16 +171,32 @@ class ExactRecipe(Recipe):
     """Regression on the exact distance and normal: the default."""
 
     loss: Literal["exact"] = "exact"
-    omega: Positive = Field(15.0, description="ω0, the factor inside every sine")
-    batch: Count = Field(2048, description="points per step")
-    learning_rate: Positive = Field(1e-3, description="Adam's largest step size")
-    warmup: float = Field(0.02, ge=0, lt=1, description="share of the budget to reach it")
+    direction: Literal["output", "gradient"] = Field(
+        "gradient",
+        description="where the normal comes from: the gradient of the distance, which makes the "
+        "force conservative and the error smaller, or three outputs of their own, which "
+        "halves the time of a query",
+    )
+    omega: Positive = Field(
+        60.0,
+        description="ω0, the factor inside every sine: the finer the shape, the larger; networks "
+        "of 32 units learn better with 15",
+    )
+    batch: Count = Field(4096, description="points per step, each shown once")
+    learning_rate: Positive = Field(
+        2e-4, description="Adam's largest step size; first and last layer, biases"
+    )
+    matrix_rate: Positive | None = Field(
+        0.05,
+        description="Muon's largest step size, for the matrices between sine layers (of ω0·W); "
+        "null: Adam moves them too",
+    )
+    warmup: float = Field(0.02, ge=0, lt=1, description="share of the budget to reach them")
     clip: Positive | None = Field(None, description="largest norm of the gradient; null: no limit")
     near: Positive = Field(
         0.02, description="a point at distance d weighs near / (near + |d|) (unit frame)"
     )
     normal_weight: Positive = Field(0.05, description="weight of the normal's error in the loss")
-    average: float = Field(0.998, ge=0, lt=1, description="decay of the averaged weights; 0: none")
 
 
 class GridTarget(Options):
@@ -283,7 +308,7 @@ class StageOptions(Options):
     train: dict[str, Annotated[PaperRecipe | ExactRecipe, Field(discriminator="loss")]] = Field(
         default_factory=dict,
         description="recipes by name; `loss` is `paper` or `exact` (the default, but for the "
-        "recipe named `pandis`)",
+        "recipes named `pandis` and `pandis-grad`)",
     )
     bake: BakeOptions = Field(default_factory=BakeOptions, description="grids")
     trajectory: TrajectoryOptions = Field(
@@ -303,9 +328,9 @@ class StageOptions(Options):
         """Recipes choose their model by `loss`; fill it in from the recipe's name."""
         if not isinstance(values, dict) or not isinstance(values.get("train") or {}, dict):
             return values
-        recipes = {"pandis": {}, "pandis-exact": {}} | (values.get("train") or {})
+        recipes = dict.fromkeys(RECIPES) | (values.get("train") or {})
         named = {
-            name: {"loss": "paper" if name == "pandis" else "exact"} | (recipe or {})
+            name: RECIPES.get(name, {"loss": "exact"}) | (recipe or {})
             if isinstance(recipe, dict | None)
             else recipe
             for name, recipe in recipes.items()
@@ -313,8 +338,14 @@ class StageOptions(Options):
         return values | {"train": named}
 
 
+#: Recipes that need no entry under ``train``, and what their names stand for.
+RECIPES = {
+    "pandis": {"loss": "paper"},
+    "pandis-grad": {"loss": "paper", "direction": "gradient"},
+    "pandis-exact": {"loss": "exact"},
+}
 #: Steps used where a recipe names no budget (about three and a half minutes of one CPU core).
-DEFAULT_STEPS = {"paper": 1500, "exact": 4000}
+DEFAULT_STEPS = {"paper": 3000, "exact": 1500}
 
 
 class MeshEntry(StageOptions):

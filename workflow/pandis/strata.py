@@ -10,7 +10,9 @@ import numpy as np
 from pandis.native.bvh import TIED
 from pandis.sampling import PROBE_DEPTHS
 
-STRATA = ("surface", "offset", "penetration", "bent", "box", "held-out")
+STRATA = ("surface", "offset", "shallow", "penetration", "bent", "box", "held-out")
+#: Depths of the shallow stratum: from just outside to somewhat beyond the shallow probes.
+SHALLOW = (-0.001, 0.0115)
 #: Points drawn, labelled and stored at once.
 SHARD = 1 << 16
 
@@ -49,6 +51,7 @@ class Strata:
         counts = {
             "surface": options["surface"],
             "offset": options["offsets"],
+            "shallow": options["shallow"],
             "penetration": options["penetration"],
             "bent": options["bent"],
             "box": options["box"],
@@ -71,7 +74,7 @@ class Strata:
 
     def attributes(self):
         """Return what is stored beside the arrays."""
-        return {"strata": self.ranges, "seed": self.options["seed"]}
+        return {"strata": self.ranges, "law": self.options}
 
     def shards(self, progress):
         """Yield the arrays of one shard after the other.
@@ -94,6 +97,30 @@ class Strata:
                 done += size
                 report.update(done)
 
+    def fresh(self, block, size):
+        """Draw training points that are not among the stored ones, mixed as those are.
+
+        Parameters
+        ----------
+        block : int
+            The same block holds the same points, whatever was drawn before.
+        size : int
+
+        Returns
+        -------
+        ndarray, shape (about size, 7), float32
+            Points, distances, normals; unit frame.
+        """
+        parts, trained = [], self.count - self.options["held_out"]
+        for index, (name, (low, high)) in enumerate(self.ranges.items()):
+            count = round(size * (high - low) / trained)
+            if name != "held-out" and count:
+                rng = np.random.default_rng([self.options["seed"], len(STRATA) + index, block])
+                found = self._label(index, *self._draw(name, rng, 0, count, count), ties=False)
+                columns = [found[k] for k in ("points", "distance", "normal")]
+                parts.append(np.column_stack(columns).astype(np.float32))
+        return np.concatenate(parts)
+
     def _draw(self, stratum, rng, start, size, total):
         """Return points, offsets along the normal, faces and barycentrics."""
         options, index = self.options, start + np.arange(size)
@@ -104,6 +131,8 @@ class Strata:
             offset = np.zeros(size)
         elif stratum == "offset":
             offset = rng.normal(0, np.array(options["scales"])[index % len(options["scales"])])
+        elif stratum == "shallow":
+            offset = -rng.uniform(*SHALLOW, size)
         elif stratum == "held-out":
             offset = -rng.uniform(0, np.array(list(PROBE_DEPTHS.values()))[index % 2])
         else:
@@ -112,9 +141,9 @@ class Strata:
         points, normals, face, barycentrics = drawn
         return points + offset[:, None] * normals, offset, face, barycentrics
 
-    def _label(self, index, points, offset, face, barycentrics):
+    def _label(self, index, points, offset, face, barycentrics, ties=True):
         points = points.astype(np.float32)
-        labels = self.engine.label(points.astype(np.float64))
+        labels = self.engine.label(points.astype(np.float64), ties=ties)
         distance, normal = labels.distance, labels.normal
         if STRATA[index] == "surface":
             # on the surface by construction, but for the rounding of their coordinates

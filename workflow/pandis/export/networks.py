@@ -29,21 +29,30 @@ def network_graph(artifact):
     clamped, outside = enter(graph, frame)
     h = graph.apply("Cast", clamped, to=TensorProto.FLOAT)
     layers = load_layers(artifact)
+    own_gradient, slopes = len(layers[-1][0]) == 1, []
     for index, (weight, bias) in enumerate(layers):
         w = graph.constant(f"weight_{index}", np.ascontiguousarray(weight.T))
         h = graph.apply("Gemm", h, w, graph.constant(f"bias_{index}", bias))
         if index < len(layers) - 1:
+            slopes.append(graph.apply("Cos", h) if own_gradient else None)
             h = graph.apply("Sin", h)
-    phi, psi = split(graph, h, [1, 3])
+    if own_gradient:
+        phi, direction = h, graph.constant("gradient", layers[-1][0])
+        for index in reversed(range(len(layers) - 1)):
+            back = graph.constant(f"back_{index}", layers[index][0])
+            direction = graph.apply("MatMul", graph.apply("Mul", direction, slopes[index]), back)
+    else:
+        phi, direction = split(graph, h, [1, 3])
     phi = graph.apply("Squeeze", phi, graph.constant("one", np.array([1], np.int64)))
-    leave(graph, frame, graph.apply("Add", phi, outside), psi)
+    leave(graph, frame, graph.apply("Add", phi, outside), direction)
     return graph
 
 
 def torch_network(artifact):
     """Return the torch network of a model artifact, ω0 not folded: as it was trained."""
     shape = artifact.attributes["architecture"]
-    network = Siren(shape["width"], shape["depth"], shape["omega"], torch.Generator())
+    sizes = [shape[key] for key in ("width", "depth", "omega", "outputs")]
+    network = Siren(*sizes, torch.Generator())
     with torch.no_grad():
         for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
             weight.copy_(torch.from_numpy(artifact.arrays[f"weight_{index}"]))
@@ -83,9 +92,12 @@ def export_network(name, artifact, provenance, log):
     def reference(points):
         clamped, outside = clamp_to_box(points)
         with torch.no_grad():
-            output = network(torch.from_numpy(clamped).float()).double().numpy()
-        length = (output[:, 1:] ** 2).sum(axis=1) ** 0.5
-        return output[:, 0] + outside, normalise(output[:, 1:]), length
+            output, direction = network.forward_with_gradient(torch.from_numpy(clamped).float())
+        output, direction = output.double().numpy(), direction.double().numpy()
+        if output.shape[1] > 1:
+            direction = output[:, 1:]
+        length = (direction**2).sum(axis=1) ** 0.5
+        return output[:, 0] + outside, normalise(direction), length
 
     differences = check(model, reference, frame)
     log(f"agrees with PyTorch: {differences}")

@@ -29,7 +29,7 @@ def load_layers(artifact):
 
 
 class SirenField(Field):
-    """A trained sine network: (Φ, Ψ) at a point in one pass."""
+    """A trained sine network: (Φ, Ψ) at a point in one pass, or Φ and its gradient."""
 
     def __init__(self, name, artifact):
         self.layers = load_layers(artifact)
@@ -37,16 +37,28 @@ class SirenField(Field):
         super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), size)
 
     def raw(self, points):
-        """Return Φ (n,) and Ψ (n, 3) as the network gives them, float32, at points in the box."""
-        h = np.asarray(points, np.float32)
-        for weight, bias in self.layers[:-1]:
-            h = np.sin(h @ weight.T + bias)
-        weight, bias = self.layers[-1]
-        h = h @ weight.T + bias
-        return h[:, 0], h[:, 1:]
+        """Return Φ (n,) and the direction (n, 3) as the network gives them, at points in the box.
+
+        The direction is Ψ, or ∇Φ where Φ is the only output; float32.
+        """
+        h, slopes = np.asarray(points, np.float32), []
+        last, bias = self.layers[-1]
+        own_gradient = len(last) == 1
+        for weight, shift in self.layers[:-1]:
+            z = h @ weight.T + shift
+            h = np.sin(z)
+            if own_gradient:
+                slopes.append(np.cos(z))
+        output = h @ last.T + bias
+        if not own_gradient:
+            return output[:, 0], output[:, 1:]
+        chain = last
+        for (weight, _), slope in zip(reversed(self.layers[:-1]), reversed(slopes), strict=True):
+            chain = (chain * slope) @ weight
+        return output[:, 0], chain
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
         clamped, outside = clamp_to_box(points)
-        phi, psi = self.raw(clamped)
-        return phi.astype(np.float64) + outside, normalise(psi.astype(np.float64))
+        phi, direction = self.raw(clamped)
+        return phi.astype(np.float64) + outside, normalise(direction.astype(np.float64))

@@ -91,11 +91,12 @@ def _best(specs, rows):
 
 def _training(model):
     error = model.attributes["held_out_error"]
-    psi = model.attributes["psi_length"]
+    size = model.attributes["direction_length"]
+    symbol = "‖∇Φ‖" if model.attributes["architecture"]["outputs"] == 1 else "‖Ψ‖"
     return (
         f"{model.attributes['steps']:,} steps on {model.attributes['device']}; held-out force "
         f"error mean {error['mean']:.2e}, p99 {error['p99']:.2e}; "
-        f"‖Ψ‖ {psi['mean']:.3f} ± {psi['std']:.3f}"
+        f"{symbol} {size['mean']:.3f} ± {size['std']:.3f}"
     )
 
 

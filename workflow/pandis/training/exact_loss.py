@@ -3,7 +3,7 @@
 from pandis.training.vectors import length
 
 
-def exact_loss(output, distance, normal, options):
+def exact_loss(phi, direction, distance, normal, options):
     """Return the regression loss on exact distance and normal.
 
     The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
@@ -11,13 +11,14 @@ def exact_loss(output, distance, normal, options):
 
     Parameters
     ----------
-    output : Tensor, shape (n, 4)
+    phi : Tensor, shape (n,)
+    direction : Tensor, shape (n, 3)
+        Ψ, or ∇Φ.
     distance : Tensor, shape (n,)
     normal : Tensor, shape (n, 3)
     options : dict
         ``near`` and ``normal_weight`` of `pandis.config.ExactRecipe`.
     """
     weight = options["near"] / (options["near"] + distance.abs())
-    error = (output[:, 0] - distance).abs()
-    error = error + options["normal_weight"] * length(output[:, 1:] - normal)
+    error = (phi - distance).abs() + options["normal_weight"] * length(direction - normal)
     return (weight * error).mean()

@@ -1,13 +1,19 @@
-"""The sine network in torch: Sitzmann et al. 2020, with the paper's four outputs."""
+"""The sine network in torch: Sitzmann et al. 2020, with the paper's four outputs or with one.
+
+Forward and backward passes are written out, also those through the gradient by
+the position: autograd would keep and copy more, and needs a double backward pass.
+"""
 
 import itertools
 import math
 
 import torch
 
+from pandis.training.products import product
+
 
 class Siren(torch.nn.Module):
-    """x → sin(ω0·(W x + b)) … → (Φ, Ψ).
+    """x → sin(ω0·(W x + b)) … → (Φ, Ψ), or Φ alone.
 
     Parameters
     ----------
@@ -17,6 +23,8 @@ class Siren(torch.nn.Module):
         Number of sine layers (SIREN's ``num_hidden_layers`` plus one).
     omega : float
         ω0.
+    outputs : int
+        4, or 1: Φ, whose gradient is the direction then.
     generator : torch.Generator
         Source of the initial weights.
 
@@ -27,10 +35,10 @@ class Siren(torch.nn.Module):
     it by ω0; biases U(±1 / sqrt(fan-in)).
     """
 
-    def __init__(self, width, depth, omega, generator):
+    def __init__(self, width, depth, omega, outputs, generator):
         super().__init__()
         self.omega = omega
-        sizes = [3, *[width] * depth, 4]
+        sizes = [3, *[width] * depth, outputs]
         self.weights, self.biases = torch.nn.ParameterList(), torch.nn.ParameterList()
         for index, (fan_in, fan_out) in enumerate(itertools.pairwise(sizes)):
             bound = 1 / fan_in if index == 0 else math.sqrt(6 / fan_in) / omega
@@ -42,25 +50,70 @@ class Siren(torch.nn.Module):
             self.biases.append((2 * bias - 1) / math.sqrt(fan_in))
 
     def forward(self, points):
-        """Return (n, 4): Φ and Ψ at points (n, 3)."""
-        h = points
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            h = torch.sin(self.omega * torch.nn.functional.linear(h, weight, bias))
-        return torch.nn.functional.linear(h, self.weights[-1], self.biases[-1])
+        """Return the outputs (n, 4) or (n, 1): Φ and Ψ at points (n, 3)."""
+        return _Pass.apply(points, self.omega, False, *self.weights, *self.biases)[0]
 
     def forward_with_gradient(self, points):
-        """Return (n, 4) and ∇Φ (n, 3).
+        """Return the outputs, and ∇Φ (n, 3)."""
+        return _Pass.apply(points, self.omega, True, *self.weights, *self.biases)
 
-        The gradient is the chain rule written out, last layer to first, so
-        that a loss on it needs one backward pass and no double one.
-        """
-        h, slopes = points, []
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            z = self.omega * torch.nn.functional.linear(h, weight, bias)
-            h = torch.sin(z)
-            slopes.append(self.omega * torch.cos(z))
-        output = torch.nn.functional.linear(h, self.weights[-1], self.biases[-1])
-        chain = self.weights[-1][:1].expand(len(points), -1)
-        for weight, slope in zip(reversed(self.weights[:-1]), reversed(slopes), strict=True):
-            chain = (chain * slope) @ weight
-        return output, chain
+
+class _Pass(torch.autograd.Function):
+    """Both passes through the network. Inside, a column is a point: the faster layout."""
+
+    @staticmethod
+    def forward(ctx, points, omega, with_gradient, *parameters):
+        count = len(parameters) // 2
+        weights = [omega * w for w in parameters[: count - 1]] + [parameters[count - 1]]
+        biases = parameters[count:]
+        h = points.T.contiguous()
+        inputs, slopes, chains = [h], [], []
+        for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
+            z = product(weight, h).add_((omega * bias)[:, None])
+            slopes.append(torch.cos(z))
+            h = z.sin_()
+            inputs.append(h)
+        output = product(weights[-1], h).add_(biases[-1][:, None])
+        gradient = None
+        if with_gradient:
+            # ∇Φ = W1ᵀ s1 · (W2ᵀ s2 · (… wΦ)), from the last layer to the first
+            chain = weights[-1][0][:, None]
+            for weight, slope in zip(reversed(weights[:-1]), reversed(slopes), strict=True):
+                chained = chain * slope
+                chains.append((chain, chained))
+                chain = product(weight.T.contiguous(), chained)
+            gradient = chain.T
+        ctx.saved = omega, weights, inputs, slopes, chains[::-1]
+        return output.T, gradient
+
+    @staticmethod
+    def backward(ctx, to_output, to_gradient):
+        omega, weights, inputs, slopes, chains = ctx.saved
+        count, last = len(weights), weights[-1]
+        to_output = to_output.T.contiguous()
+        to_weights, to_biases = [None] * count, [None] * count
+        to_slopes = [None] * (count - 1)
+        to_weights[-1] = product(to_output, inputs[-1].T)
+        to_biases[-1] = to_output.sum(1)
+        if to_gradient is not None:
+            along = to_gradient.T.contiguous()
+            for index, (weight, (chain, chained)) in enumerate(
+                zip(weights[:-1], chains, strict=True)
+            ):
+                to_weights[index] = product(chained, along.T)
+                along = product(weight, along)
+                to_slopes[index] = along * chain
+                along *= slopes[index]
+            to_weights[-1][0] += along.sum(1)
+        back = product(last.T.contiguous(), to_output)
+        for index in reversed(range(count - 1)):
+            back *= slopes[index]
+            if to_slopes[index] is not None:
+                back -= to_slopes[index].mul_(inputs[index + 1])  # the slope is a cosine
+            more = product(back, inputs[index].T)
+            to_weights[index] = more if to_weights[index] is None else to_weights[index] + more
+            to_biases[index] = back.sum(1) * omega
+            to_weights[index] *= omega
+            if index:
+                back = product(weights[index].T.contiguous(), back)
+        return None, None, None, *to_weights, *to_biases

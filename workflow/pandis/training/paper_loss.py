@@ -51,8 +51,8 @@ def paper_loss(on, on_gradient, off, off_gradient, normal, options):
 
     Parameters
     ----------
-    on, off : Tensor, shape (n, 4)
-        (Φ, Ψ) on the surface and in the box.
+    on, off : Tensor, shape (n, 4) or (n, 1)
+        (Φ, Ψ) on the surface and in the box; of Φ alone only the terms of Eq. 3 count.
     on_gradient, off_gradient : Tensor, shape (n, 3)
         ∇Φ there.
     normal : Tensor, shape (n, 3)
@@ -61,14 +61,17 @@ def paper_loss(on, on_gradient, off, off_gradient, normal, options):
         ``weights``, ``alpha``, ``stop_gradient`` of `pandis.config.PaperRecipe`.
     """
     gradient = torch.cat([on_gradient, off_gradient])
-    target = off_gradient.detach() if options["stop_gradient"] else off_gradient
-    terms = (
+    terms = [
         eikonal(gradient),
         normal_alignment(on_gradient, normal),
         surface(on[:, 0]),
         off_surface(off[:, 0], options["alpha"]),
-        unit_length(torch.cat([on[:, 1:], off[:, 1:]])),
-        psi_on_surface(on[:, 1:], normal),
-        psi_off_surface(off[:, 1:], target),
-    )
-    return sum(weight * term for weight, term in zip(options["weights"], terms, strict=True))
+    ]
+    if on.shape[1] > 1:
+        target = off_gradient.detach() if options["stop_gradient"] else off_gradient
+        terms += [
+            unit_length(torch.cat([on[:, 1:], off[:, 1:]])),
+            psi_on_surface(on[:, 1:], normal),
+            psi_off_surface(off[:, 1:], target),
+        ]
+    return sum(weight * term for weight, term in zip(options["weights"], terms, strict=False))

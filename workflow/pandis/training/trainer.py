@@ -1,6 +1,7 @@
-"""Training: batches, schedule, checkpoints, held-out error."""
+"""Training: steps, schedule, checkpoints, restarts, held-out error."""
 
 import contextlib
+import copy
 import math
 import time
 from pathlib import Path
@@ -9,13 +10,21 @@ import numpy as np
 import torch
 
 from pandis.errors import PandisError
+from pandis.training.batches import fresh_batches, surface_batches
 from pandis.training.exact_loss import exact_loss
 from pandis.training.network import Siren
+from pandis.training.optimiser import Optimiser
 from pandis.training.paper_loss import paper_loss
+from pandis.training.products import keep_freed_memory
 
 CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100
 QUICK = 4000
+#: A run whose error exceeds the least so far by this factor has diverged; not judged early on.
+DIVERGED, EARLY = 4.0, 0.05
+RESTARTS = 5
+#: Steps on a GPU before they are recorded as a graph.
+_EAGER_STEPS = 3
 
 
 class Trainer:
@@ -30,29 +39,43 @@ class Trainer:
         See `pandis.config.PaperRecipe` and `ExactRecipe`; and ``seed``.
     samples : pandis.artifact.Artifact
         Of kind ``samples``.
+    strata : pandis.strata.Strata
+        Draws fresh points, for recipes on exact distances.
     checkpoint : path-like
         Where to keep the state of an unfinished run.
     log : callable
         Takes a line of text.
     """
 
-    def __init__(self, options, samples, checkpoint, log):
+    def __init__(self, options, samples, strata, checkpoint, log):
         torch.set_num_threads(options["threads"])
         torch.set_flush_denormal(True)
+        keep_freed_memory()
         torch.backends.cuda.matmul.allow_tf32 = False
         self.options, self.log = options, log
         self.checkpoint = Path(checkpoint)
         self.device = self._pick_device(options["device"])
         self.paper = options["loss"] == "paper"
-        self._load(samples)
-        generator = torch.Generator().manual_seed(options["seed"])
-        network = Siren(options["width"], options["depth"], options["omega"], generator)
+        self.own_gradient = options["direction"] == "gradient"
+        batch, seed = options["batch"], options["seed"]
+        if self.paper:
+            self.batches = surface_batches(samples, batch, seed, self.device)
+        else:
+            self.batches = fresh_batches(strata, batch, seed, self.device)
+        low, high = samples.attributes["strata"]["held-out"]
+        columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
+        held_out = np.column_stack(columns).astype(np.float32)
+        self.held_out = torch.from_numpy(held_out).to(self.device)
+        generator = torch.Generator().manual_seed(seed)
+        shape = [options[k] for k in ("width", "depth", "omega")]
+        network = Siren(*shape, 1 if self.own_gradient else 4, generator)
         self.network = network.to(self.device)
         self.parameters = list(self.network.parameters())
-        decay = 0 if self.paper else options["average"]
-        self.average = [p.detach().clone() for p in self.parameters] if decay else None
-        self.optimiser = torch.optim.Adam(self.parameters, lr=options["learning_rate"], fused=True)
+        rate = None if self.paper else options["matrix_rate"]
+        self.optimiser = Optimiser(self.network, options["learning_rate"], rate)
         self.step, self.elapsed, self.curve = 0, 0.0, []
+        self.slowdown, self.restarts, self.least, self.good = 1.0, 0, math.inf, None
+        self._graph, self._eager = None, 0
 
     def _pick_device(self, wanted):
         if wanted == "cuda" and not torch.cuda.is_available():
@@ -61,69 +84,72 @@ class Trainer:
             )
         return "cuda" if wanted != "cpu" and torch.cuda.is_available() else "cpu"
 
-    def _load(self, samples):
-        ranges = samples.attributes["strata"]
-        data = np.column_stack([samples.arrays[k] for k in ("points", "distance", "normal")])
-        held_out = slice(*ranges["held-out"])
-        if self.paper:
-            data_train = data[slice(*ranges["surface"])]
-        else:
-            data_train = np.concatenate([data[: held_out.start], data[held_out.stop :]])
-        self.data = torch.from_numpy(np.ascontiguousarray(data_train)).to(self.device)
-        self.held_out = torch.from_numpy(np.ascontiguousarray(data[held_out])).to(self.device)
-        self._epoch = None
-
     # --- one step ----------------------------------------------------------------
 
-    def _batch(self):
-        """Return the rows of this step: a slice of the epoch's own permutation."""
-        size = min(self.options["batch"], len(self.data))
-        per_epoch = len(self.data) // size
-        epoch, position = divmod(self.step, per_epoch)
-        if epoch != self._epoch:
-            rng = np.random.default_rng([self.options["seed"], 1, epoch])
-            order = torch.from_numpy(rng.permutation(len(self.data)))
-            self._epoch, self._order = epoch, order.to(self.device)
-        return self.data[self._order[position * size : (position + 1) * size]]
+    def _answer(self, points):
+        """Return Φ (n,) and the direction (n, 3), not yet of unit length."""
+        if self.own_gradient:
+            output, gradient = self.network.forward_with_gradient(points)
+            return output[:, 0], gradient
+        output = self.network(points)
+        return output[:, 0], output[:, 1:]
 
-    def _loss(self):
-        rows = self._batch()
-        points, distance, normal = rows[:, :3], rows[:, 3], rows[:, 4:]
+    def _loss(self, rows):
+        points, distance, normal = rows[:, :3], rows[:, 3], rows[:, 4:7]
         if not self.paper:
-            return exact_loss(self.network(points), distance, normal, self.options)
-        rng = np.random.default_rng([self.options["seed"], 2, self.step])
-        box = rng.random((len(points), 3), dtype=np.float32) * 2 - 1
-        both = torch.cat([points, torch.from_numpy(box).to(self.device)])
-        output, gradient = self.network.forward_with_gradient(both)
+            return exact_loss(*self._answer(points), distance, normal, self.options)
         n = len(points)
+        output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:]]))
         return paper_loss(output[:n], gradient[:n], output[n:], gradient[n:], normal, self.options)
 
     def _rate(self, share):
-        """Return the step size at a share of the budget: warm-up, then half a cosine to zero."""
-        top = self.options["learning_rate"]
+        """Return the step size at a share of the budget, as a share of the largest.
+
+        Warm-up, then half a cosine to zero; constant in the paper's recipe.
+        """
         if self.paper:
-            return top
+            return self.slowdown
         warmup = self.options["warmup"]
         if share < warmup:
-            return top * (share / warmup + 1e-3)
-        return top * 0.5 * (1 + math.cos(math.pi * (share - warmup) / (1 - warmup)))
+            return self.slowdown * (share / warmup + 1e-3)
+        return self.slowdown * 0.5 * (1 + math.cos(math.pi * (share - warmup) / (1 - warmup)))
 
-    def _advance(self, share):
-        for group in self.optimiser.param_groups:
-            group["lr"] = self._rate(share)
-        self.optimiser.zero_grad(set_to_none=True)
-        loss = self._loss()
-        loss.backward()
+    def _descend(self, rows):
+        loss = self._loss(rows)
+        gradients = torch.autograd.grad(loss, self.parameters)
+        for parameter, gradient in zip(self.parameters, gradients, strict=True):
+            parameter.grad = gradient
         if self.options["clip"]:
             torch.nn.utils.clip_grad_norm_(self.parameters, self.options["clip"])
         self.optimiser.step()
+        return loss.detach()
+
+    def _advance(self, share):
+        self.optimiser.set_share(self._rate(share))
+        rows = self.batches.batch(self.step)
+        loss = self._advance_on_gpu(rows) if self.device == "cuda" else self._descend(rows)
         self.step += 1
-        if self.average:
-            # early on the average forgets faster, so that the start does not linger
-            decay = min(self.options["average"], self.step / (self.step + 10))
-            with torch.no_grad():
-                torch._foreach_lerp_(self.average, self.parameters, 1 - decay)
         return loss
+
+    def _advance_on_gpu(self, rows):
+        """Take a step by replaying the recorded kernels: launching them costs more than they do."""
+        if self._graph is None:
+            self._rows = rows.clone()
+            side = torch.cuda.Stream()
+            side.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(side):
+                loss = self._descend(self._rows)
+            torch.cuda.current_stream().wait_stream(side)
+            self._eager += 1
+            if self._eager >= _EAGER_STEPS:
+                graph = torch.cuda.CUDAGraph()
+                with torch.cuda.graph(graph):
+                    self._loss_now = self._descend(self._rows)
+                self._graph = graph
+            return loss
+        self._rows.copy_(rows)
+        self._graph.replay()
+        return self._loss_now
 
     # --- the run -----------------------------------------------------------------
 
@@ -143,7 +169,7 @@ class Trainer:
         Raises
         ------
         PandisError
-            The loss became NaN or infinite.
+            The run diverged again and again.
         """
         steps, seconds = self.options["steps"], self.options["seconds"]
         report = progress("training", steps or seconds, "steps" if steps else "seconds")
@@ -157,17 +183,19 @@ class Trainer:
             done = self.step if steps else self.elapsed
             if done >= (steps or seconds):
                 break
-            loss = self._advance(done / (steps or seconds))
+            share = done / (steps or seconds)
+            loss = self._advance(share)
             if self.step % every == 0:
-                value = loss.item()
-                self._check_finite()
-                error = self.held_out_error(QUICK)["mean"]
+                value, error = loss.item(), self.held_out_error(QUICK)["mean"]
+                if self._diverged(share, error):
+                    self._restart()
+                    continue
                 self.curve.append((self.step, value, error))
+                self.least, self.good = min(self.least, error), self._state()
                 note = f"loss {value:.4g}, held-out force error {error:.3e}"
-            if time.monotonic() - saved > CHECKPOINT_SECONDS:
-                self._check_finite()
-                self._save()
-                saved = time.monotonic()
+                if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                    self._save()
+                    saved = time.monotonic()
             report.update(self.step if steps else time.monotonic() - start, note)
         result = self._result()
         self.log(f"{self.step} steps in {self.elapsed:.1f} s on {self.device}; {note}")
@@ -180,75 +208,103 @@ class Trainer:
         with contextlib.suppress(OSError):  # other recipes may still have theirs there
             self.checkpoint.parent.rmdir()
 
-    def _check_finite(self):
-        if not all(torch.isfinite(p).all() for p in self.parameters):
+    # --- divergence ----------------------------------------------------------------
+
+    def _diverged(self, share, error):
+        if not self._finite():
+            return True
+        # the paper's loss knows no distances, and its error comes and goes
+        return not self.paper and share > EARLY and error > DIVERGED * self.least
+
+    def _finite(self):
+        return all(torch.isfinite(p).all() for p in self.parameters)
+
+    def _restart(self):
+        """Go back to the last good state, with steps half as large."""
+        at, self.restarts = self.step, self.restarts + 1
+        if self.good is None or self.restarts > RESTARTS:
             self.checkpoint.unlink(missing_ok=True)
+            raise PandisError(
+                f"training diverged {self.restarts} times, at last at step {at}; reduce "
+                f"train.{self.options.get('recipe')}.learning_rate "
+                f"(now {self.options['learning_rate']:g}), or set clip"
+            )
+        slowdown, restarts = self.slowdown / 2, self.restarts
+        self._restore(self.good)
+        self.slowdown, self.restarts = slowdown, restarts
+        self.log(
+            f"warning: diverged at step {at}; on from step {self.step} with steps half as large"
+        )
+
+    # --- the result ------------------------------------------------------------------
+
+    def _result(self):
+        if not self._finite():
             raise PandisError(
                 f"training diverged: weights are not finite at step {self.step}; reduce "
                 f"train.{self.options.get('recipe')}.learning_rate "
-                f"(now {self.options['learning_rate']:g}) or set clip"
+                f"(now {self.options['learning_rate']:g}), or set clip"
             )
-
-    def _result(self):
-        self._check_finite()
-        weights = self.average or [p.detach() for p in self.parameters]
-        count = len(weights) // 2
+        count = len(self.parameters) // 2
         arrays = {}
         for index in range(count):
-            arrays[f"weight_{index}"] = weights[index].cpu().numpy()
-            arrays[f"bias_{index}"] = weights[count + index].cpu().numpy()
+            arrays[f"weight_{index}"] = self.parameters[index].detach().cpu().numpy()
+            arrays[f"bias_{index}"] = self.parameters[count + index].detach().cpu().numpy()
         arrays["curve"] = np.array(self.curve, np.float64).reshape(-1, 3)
-        width, depth, omega = (self.options[k] for k in ("width", "depth", "omega"))
+        shape = {key: self.options[key] for key in ("width", "depth", "omega")}
         return arrays, {
-            "architecture": {"width": width, "depth": depth, "omega": omega, "outputs": 4},
+            "architecture": shape | {"outputs": 1 if self.own_gradient else 4},
             "recipe": self.options["loss"],
             "steps": self.step,
+            "restarts": self.restarts,
             "reproducible": self.options["steps"] is not None and self.device == "cpu",
             "device": self.device,
             "curve_columns": ["step", "loss", "held-out force error"],
             "held_out_error": self.held_out_error(None),
-            "psi_length": self._psi_length(),
+            "direction_length": self._direction_length(),
         }
 
     @torch.no_grad()
-    def _answer(self, rows):
-        """Ask the network whose weights would be kept."""
-        if not self.average:
-            return self.network(rows[:, :3])
-        kept = [p.data for p in self.parameters]
-        for parameter, mean in zip(self.parameters, self.average, strict=True):
-            parameter.data = mean
-        output = self.network(rows[:, :3])
-        for parameter, weight in zip(self.parameters, kept, strict=True):
-            parameter.data = weight
-        return output
-
     def held_out_error(self, count):
         """Return the force error (k = 1, unit frame) on held-out points."""
         rows = self.held_out[:count]
-        output = self._answer(rows)
-        psi = torch.nn.functional.normalize(output[:, 1:])
-        force = -output[:, :1].clamp(max=0) * psi
+        phi, direction = self._answer(rows[:, :3])
+        force = -phi.clamp(max=0)[:, None] * torch.nn.functional.normalize(direction)
         exact = -rows[:, 3:4].clamp(max=0) * rows[:, 4:]
         error = (force - exact).norm(dim=1).double()
         return {"mean": error.mean().item(), "p99": error.quantile(0.99).item()}
 
-    def _psi_length(self):
-        size = self._answer(self.held_out)[:, 1:].norm(dim=1).double()
+    @torch.no_grad()
+    def _direction_length(self):
+        size = self._answer(self.held_out[:, :3])[1].norm(dim=1).double()
         return {"mean": size.mean().item(), "std": size.std(correction=0).item()}
 
-    # --- checkpoints -------------------------------------------------------------
+    # --- states and checkpoints ----------------------------------------------------
 
-    def _save(self):
+    def _state(self):
         state = {
             "parameters": [p.detach() for p in self.parameters],
-            "average": self.average,
-            "optimiser": self.optimiser.state_dict(),
+            "optimiser": self.optimiser.state(),
             "step": self.step,
-            "device": self.device,
-            "elapsed": self.elapsed,
-            "curve": self.curve,
+            "curve": list(self.curve),
+            "least": self.least,
+            "slowdown": self.slowdown,
+            "restarts": self.restarts,
         }
+        return copy.deepcopy(state)
+
+    def _restore(self, state):
+        with torch.no_grad():
+            for parameter, value in zip(self.parameters, state["parameters"], strict=True):
+                parameter.copy_(value)
+        self.optimiser.restore(copy.deepcopy(state["optimiser"]))
+        self._graph, self._eager = None, 0  # it would step with the old optimiser's memory
+        self.step, self.curve = state["step"], list(state["curve"])
+        self.least, self.slowdown = state["least"], state["slowdown"]
+        self.restarts = state["restarts"]
+
+    def _save(self):
+        state = self.good | {"device": self.device, "elapsed": self.elapsed}
         part = self.checkpoint.with_suffix(".part")
         try:
             self.checkpoint.parent.mkdir(parents=True, exist_ok=True)
@@ -258,9 +314,9 @@ class Trainer:
             # a checkpoint is a convenience: the run goes on without
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
-            self.log(f"warning: no checkpoint at step {self.step}: {error}")
+            self.log(f"warning: no checkpoint at step {state['step']}: {error}")
         else:
-            self.log(f"checkpoint at step {self.step}")
+            self.log(f"checkpoint at step {state['step']}")
 
     def _resume(self):
         if not self.checkpoint.is_file():
@@ -274,10 +330,6 @@ class Trainer:
         if state["device"] != self.device:
             self.log(f"the checkpoint is of a run on {state['device']}: starting afresh")
             return
-        with torch.no_grad():
-            for parameter, value in zip(self.parameters, state["parameters"], strict=True):
-                parameter.copy_(value)
-        self.average = state["average"]
-        self.optimiser.load_state_dict(state["optimiser"])
-        self.step, self.elapsed, self.curve = state["step"], state["elapsed"], state["curve"]
+        self._restore(state)
+        self.good, self.elapsed = self._state(), state["elapsed"]
         self.log(f"resumed at step {self.step} from {self.checkpoint}")

@@ -1,0 +1,87 @@
+"""What a network is shown at a step: it depends on the seed and the step's number alone."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import torch
+
+#: Points drawn at once, to be shown once.
+FRESH = 1 << 18
+
+
+class Batches:
+    """Cuts blocks of rows into batches.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the rows of a block, ndarray (at least ``per_block * size``, c), by its number.
+    size : int
+        Rows of a batch.
+    per_block : int
+        Batches of a block.
+    device : str
+        Where the batches shall lie. For a GPU the next block is made while one is in use.
+    """
+
+    def __init__(self, make, size, per_block, device):
+        self.size, self.per_block, self.device = size, per_block, device
+        self._make, self._number, self._rows = make, None, None
+        self._ahead = ThreadPoolExecutor(1) if device == "cuda" else None
+        self._next = (None, None)
+
+    def batch(self, step):
+        """Return the rows (size, c) of a step, float32."""
+        number, position = divmod(step, self.per_block)
+        if number != self._number:
+            self._number, self._rows = number, self._load(number)
+        return self._rows[position * self.size : (position + 1) * self.size]
+
+    def _load(self, number):
+        if self._ahead is None:
+            return torch.from_numpy(self._make(number))
+        known, future = self._next
+        rows = future.result() if known == number else self._make(number)
+        self._next = (number + 1, self._ahead.submit(self._make, number + 1))
+        return torch.from_numpy(rows).to(self.device)
+
+
+def surface_batches(samples, size, seed, device):
+    """Return the batches of the paper's recipe: an epoch is a block.
+
+    A row is a point of the surface, distance and normal there, and a point of the box.
+    """
+    low, high = samples.attributes["strata"]["surface"]
+    columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
+    data = np.column_stack(columns).astype(np.float32)
+    size = min(size, len(data))
+    per_block = len(data) // size
+
+    def make(epoch):
+        order = np.random.default_rng([seed, 1, epoch]).permutation(len(data))
+        rows = data[order[: per_block * size]]
+        rng = np.random.default_rng([seed, 2, epoch])
+        box = rng.random((len(rows), 3), dtype=np.float32) * 2 - 1
+        return np.concatenate([rows, box], axis=1)
+
+    return Batches(make, size, per_block, device)
+
+
+def fresh_batches(strata, size, seed, device):
+    """Return batches of points that are drawn and labelled for them, and shown once.
+
+    A label costs a thirtieth of what learning from it does, and a network that sees the
+    same points again learns them by heart: docs/training.md.
+
+    Parameters
+    ----------
+    strata : pandis.strata.Strata
+    """
+    per_block = max(1, FRESH // size)
+
+    def make(block):
+        rows = strata.fresh(block, per_block * size + 16)  # rounding may take a few away
+        order = np.random.default_rng([seed, 1, block]).permutation(len(rows))
+        return np.ascontiguousarray(rows[order])
+
+    return Batches(make, size, per_block, device)

@@ -1,0 +1,82 @@
+"""Steps of the optimisers: Adam, and Muon for the matrices between sine layers.
+
+Muon (Jordan 2024; for sine networks McGinnis et al. 2025, arXiv 2512.14366): the
+step is the momentum with all of its singular values made one, so that no direction
+of a matrix is left behind.
+"""
+
+import torch
+
+from pandis.training.products import product
+
+#: Coefficients of the quintic iteration that brings singular values near one (Jordan 2024).
+_QUINTIC = (3.4445, -4.7750, 2.0315)
+_ROUNDS = 5
+
+
+def orthogonal(matrix):
+    """Return a matrix with the singular vectors of ``matrix`` and singular values near one."""
+    a, b, c = _QUINTIC
+    x = matrix / (matrix.norm() + 1e-20)
+    for _ in range(_ROUNDS):
+        square = product(x, x.T)
+        x = a * x + product(b * square + c * product(square, square), x)
+    return x
+
+
+class Optimiser:
+    """Adam on all parameters, or Adam on some and Muon on the hidden matrices.
+
+    Parameters
+    ----------
+    network : pandis.training.network.Siren
+    learning_rate : float
+        Adam's.
+    matrix_rate : float or None
+        Muon's, as a step of ω0·W; None leaves the matrices to Adam.
+    """
+
+    MOMENTUM = 0.95
+
+    def __init__(self, network, learning_rate, matrix_rate):
+        hidden = list(network.weights[1:-1]) if matrix_rate else []
+        known = {id(p) for p in hidden}
+        others = [p for p in network.parameters() if id(p) not in known]
+        self.learning_rate = learning_rate
+        self.matrix_rate = (matrix_rate or 0.0) / network.omega
+        device = network.weights[0].device
+        self.matrices = hidden
+        self.momenta = [torch.zeros_like(p) for p in hidden]
+        # as tensors, so that a recorded graph of a step can be told another rate
+        graph = device.type == "cuda"
+        rate = torch.tensor(0.0, device=device) if graph else 0.0
+        self.share = torch.zeros((), device=device)
+        self.adam = torch.optim.Adam(others, lr=rate, fused=True, capturable=graph)
+
+    def set_share(self, share):
+        """Set the step sizes to a share of the largest."""
+        self.share.fill_(share)
+        for group in self.adam.param_groups:
+            if torch.is_tensor(group["lr"]):
+                group["lr"].fill_(share * self.learning_rate)
+            else:
+                group["lr"] = share * self.learning_rate
+
+    @torch.no_grad()
+    def step(self):
+        """Take a step along the gradients that the parameters hold."""
+        self.adam.step()
+        for matrix, momentum in zip(self.matrices, self.momenta, strict=True):
+            momentum.lerp_(matrix.grad, 1 - self.MOMENTUM)
+            ahead = matrix.grad.lerp(momentum, self.MOMENTUM)
+            matrix.sub_(self.share * self.matrix_rate * orthogonal(ahead))
+
+    def state(self):
+        """Return what a checkpoint has to hold."""
+        return {"adam": self.adam.state_dict(), "momenta": self.momenta}
+
+    def restore(self, state):
+        """Go back to a `state`."""
+        self.adam.load_state_dict(state["adam"])
+        for momentum, kept in zip(self.momenta, state["momenta"], strict=True):
+            momentum.copy_(kept)

@@ -1,0 +1,31 @@
+"""Matrix products on the CPU, through oneDNN where torch has it, and memory for them.
+
+MKL, which torch asks for float32 products, runs at half of what AMD's processors
+can do (docs/training.md has figures); oneDNN does not mind whose they are.
+"""
+
+import contextlib
+import ctypes
+
+import torch
+
+_ONEDNN = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_linear_pointwise")
+
+
+def product(a, b):
+    """Return a @ b of matrices (m, k) and (k, n)."""
+    if _ONEDNN and a.dtype == torch.float32 and a.device.type == "cpu":
+        return torch.ops.mkldnn._linear_pointwise(a, b.T, None, "none", [], "")
+    return a @ b
+
+
+def keep_freed_memory():
+    """Tell glibc to keep freed blocks for the next step; elsewhere do nothing.
+
+    By default it hands the megabytes of every intermediate back to the system, which
+    clears them again page by page: a quarter of the time of a step.
+    """
+    trim_threshold, mmap_threshold = -1, -3
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).mallopt(mmap_threshold, 1 << 30)
+        ctypes.CDLL(None).mallopt(trim_threshold, 2**31 - 1)
