@@ -1,4 +1,5 @@
 # The plan that all rules take their params and inputs from.
+from pandis.catalogue import GRID_FIELDS
 from pandis.plan import open_plan
 
 plan = open_plan(config, workflow.basedir, workflow.configfiles)
@@ -10,8 +11,8 @@ all_cores = workflow.resource_settings.cores or 1
 wildcard_constraints:
     mesh="|".join(plan.meshes),
     recipe="|".join(plan.recipes) or "no-recipe",
-    field=r"(nearest|trilinear|trilinear-normal|trilinear-gradient|tricubic|spline)-(\d+|auto)",
-    kind="nearest|trilinear|trilinear-normal|trilinear-gradient|tricubic|spline",
-    content="force|normal|distance",
+    field=rf"({'|'.join(GRID_FIELDS)})-(\d+|auto)",
+    kind="|".join(GRID_FIELDS),
+    content="|".join(sorted(set(GRID_FIELDS.values()) - {"spline"})),
     size=r"\d+",
     extension=r"[A-Za-z0-9.]+",

@@ -29,6 +29,7 @@ rule export_network:
         model="results/{mesh}/model-{recipe}.zarr.zip",
     output:
         "results/{mesh}/export/{recipe}.onnx",
+        "results/{mesh}/export/{recipe}.pt2",
     log:
         "results/logs/{mesh}/export-{recipe}.log",
     benchmark:
@@ -42,6 +43,6 @@ rule export_network:
         options=plan.options("export_network"),
         code=plan.code("export_network"),
     message:
-        "{wildcards.mesh}: export {wildcards.recipe} and compare it with PyTorch"
+        "{wildcards.mesh}: export {wildcards.recipe}, compare it with PyTorch"
     script:
         "../scripts/export_network.py"

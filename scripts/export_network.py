@@ -1,8 +1,11 @@
-"""Export one network. Reads model-{recipe}.zarr.zip, writes export/{recipe}.onnx."""
+"""Export one network. Reads model-{recipe}.zarr.zip, writes export/{recipe}.onnx and .pt2."""
 
 from pandis.export.networks import export_network
+from pandis.export.programs import export_program
 from pandis.stage import stage
 
 with stage(snakemake) as job:
     model = job.read("model", "model")
-    job.write_file(export_network(job.options["field"], model, job.provenance(), job.log))
+    for index, export in enumerate((export_network, export_program)):
+        data = export(job.options["field"], model, job.provenance(), job.log)
+        job.write_file(data, index)

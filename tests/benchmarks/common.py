@@ -33,16 +33,23 @@ def load(path):
     return frame.to_unit(vertices), arrays["faces"]
 
 
+def notes(command):
+    """Return what stands above measured figures: the command, the machine and the commit."""
+    git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    done = subprocess.run(git, capture_output=True, text=True, check=False)
+    machine = describe()
+    return (
+        f"# command: .venv/bin/python tests/benchmarks/{command}\n"
+        f"# machine: {machine['processor']}, {machine['cores']} cores, shared\n"
+        f"# commit: {done.stdout.strip() or 'unknown'}\n"
+    )
+
+
 def write(name, columns, rows):
     """Write docs/figures/{name}.csv with the command, the machine and the commit."""
-    git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
-    commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
-    machine = describe()
     target = ROOT / "docs" / "figures" / f"{name}.csv"
     with target.open("w", encoding="utf-8", newline="") as stream:
-        stream.write(f"# command: .venv/bin/python tests/benchmarks/{name}.py\n")
-        stream.write(f"# machine: {machine['processor']}, {machine['cores']} cores, shared\n")
-        stream.write(f"# commit: {commit}\n")
+        stream.write(notes(f"{name}.py"))
         writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
         writer.writeheader()
         for row in rows:

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from common import SCANS, load
+from common import SCANS, load, notes
 
 from pandis.artifact import Artifact
 from pandis.config import RECIPES, ExactRecipe, PaperRecipe, SampleOptions, TrajectoryOptions
@@ -114,6 +114,7 @@ def main(folder, table, *runs):
         with table.open("a", encoding="utf-8", newline="") as stream:
             writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
             if new:
+                stream.write(notes("training.py MESHES TABLE mesh:recipe:options…"))
                 writer.writeheader()
             new = False
             cells = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()}

@@ -12,7 +12,8 @@ from pandis.errors import ArtifactError, PandisError
 from pandis.export.check import DISTANCE, FORCE, check, check_points
 from pandis.export.grids import export_grid
 from pandis.export.networks import export_network, torch_network
-from pandis.export.session import Session, read_export
+from pandis.export.programs import export_program
+from pandis.export.session import Session, read_export, read_program_metadata
 from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.fields.grid import GridField
 from pandis.fields.grids import open_field
@@ -24,7 +25,7 @@ from pandis.grids.dense import DenseGrid
 from pandis.mesh.shapes import SHAPES
 from pandis.stage import silent_progress
 from pandis.training.network import Siren
-from support import artifact
+from support import ROOT, artifact
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)
 ENGINE = ShapeDistance(SHAPES["sphere"], Frame((0.0, 0.0, 0.0), 0.9))
@@ -186,6 +187,43 @@ def test_damaged_export_is_noticed(tmp_path):
         Session(path)
 
 
+@pytest.mark.parametrize("outputs", [1, 4])
+def test_program_answers_as_the_field_does(tmp_path, outputs):
+    held, _ = model(32, 3, outputs=outputs)
+    data = export_program("s", held, {"stage": "x"}, print)
+    assert export_program("s", held, {"stage": "x"}, print) == data
+    assert str(ROOT).encode() not in data  # no folders of this machine
+    path = tmp_path / "a.pt2"
+    path.write_bytes(data)
+    assert read_program_metadata(path)["provenance"] == {"stage": "x"}
+    program = torch.export.load(path).module()
+    field = SirenField("s", held)
+    points = check_points(FRAME, seed=7)
+    for some in (points, points[:1], points[:2]):
+        distance, normal = (part.numpy() for part in program(torch.from_numpy(some)))
+        wanted_distance, wanted_normal = field.distance_and_normal(some)
+        assert distance.dtype == normal.dtype == np.float32
+        assert np.abs(distance - wanted_distance).max() * FRAME.scale < DISTANCE
+        force = penalty_force(distance * FRAME.scale, normal)
+        wanted = penalty_force(wanted_distance * FRAME.scale, wanted_normal)
+        assert np.linalg.norm(force - wanted, axis=1).max() < FORCE
+
+
+def test_damaged_program_is_noticed(tmp_path):
+    held, _ = model(16, 2, outputs=1)
+    data = export_program("s", held, {}, print)
+    path = tmp_path / "a.pt2"
+    for index in np.random.default_rng(0).integers(0, len(data), 150):
+        broken = bytearray(data)
+        broken[index] ^= 1 << int(index % 8)
+        path.write_bytes(broken)
+        with pytest.raises(ArtifactError):
+            read_program_metadata(path)
+    path.write_bytes(data[:-5])
+    with pytest.raises(ArtifactError):
+        read_program_metadata(path)
+
+
 def test_check_refuses_a_wrong_export():
     data, field = exported("trilinear-normal-12")
 
@@ -194,7 +232,7 @@ def test_check_refuses_a_wrong_export():
         return distance + 2 * DISTANCE, normal, np.ones(len(points))
 
     with pytest.raises(PandisError, match="differs from its field: distance by"):
-        check(data, reference, FRAME)
+        check(Session(data).distance_and_normal, reference, FRAME)
 
 
 def test_far_from_the_origin_no_digits_are_lost():

@@ -442,6 +442,27 @@ def test_sizing(torus, kind, target, monkeypatch):
         assert all(tried[s] > 5e-3 for s in coarser)
 
 
+def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypatch):
+    engine, surface = torus
+    # the first covers no band at all, and the largest asks for more samples than drawn at first
+    monkeypatch.setattr("pandis.fields.sizing.SPLINE_BYTES", (20_000, 60_000, 120_000))
+    options = {"force_error": 2e-3, "bytes": None, "band": BAND, "seed": 1}
+    frame, lines = FRAME.attributes(), []
+    arrays, attributes = Sizing(
+        "spline", engine, surface, frame, options, silent_progress, lines.append
+    ).find()
+    assert attributes["sizing"]["held_out_error"] <= 2e-3
+    assert any("does not cover the band" in line for line in lines)
+    size = next(
+        t["size"]
+        for t in attributes["sizing"]["tried"]
+        if t["force_error"] == attributes["sizing"]["held_out_error"]
+    )
+    alone = splines.SplineFit(engine, surface, BAND, 1, splines.samples_for(budget=120_000))
+    again, _ = alone.build(alone.choose_size(size), size, silent_progress)
+    assert all(np.array_equal(arrays[key], again[key]) for key in arrays)
+
+
 # --- VTK image data -------------------------------------------------------------------------------
 
 

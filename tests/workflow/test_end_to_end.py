@@ -156,15 +156,16 @@ def test_plan_of_the_default_config():
     """Three meshes, ten fields: what the README promises."""
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     files = Plan(config, ROOT / "workflow").target("all")
-    assert len(files) == 3 * 22 + 2
+    assert len(files) == 3 * 24 + 2
     assert "results/bunny-holes/export/trilinear-normal-64.onnx" in files
 
 
 OPEN = """
-fields: [exact, nearest-12, trilinear-normal-12, pandis, small]
+fields: [exact, nearest-12, trilinear-normal-12, pandis, pandis-grad, small]
 samples: {surface: 4000, offsets: 4000, shallow: 4000, penetration: 4000, held_out: 1000}
 train:
   pandis: {width: 16, depth: 2, steps: 40, batch: 200}
+  pandis-grad: {width: 16, depth: 2, steps: 40, batch: 200}
   small: {width: 16, depth: 2, steps: 40}
 trajectory: {samples: 100, deep: 0.01}
 evaluation: {probes: 1000}

@@ -233,7 +233,9 @@ def test_kill_in_the_middle_of_training_resumes_bit_identical(workspace):
 def test_random_damage_is_always_found(rerun):
     rng = np.random.default_rng(1)
     files = sorted(
-        p for p in (rerun / "results").rglob("*") if p.suffix in (".zip", ".onnx") and p.is_file()
+        p
+        for p in (rerun / "results").rglob("*")
+        if p.suffix in (".zip", ".onnx", ".pt2") and p.is_file()
     )
     for _ in range(40):
         target = files[rng.integers(len(files))]

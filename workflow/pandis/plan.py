@@ -118,7 +118,8 @@ class Plan:
             add("samples.zarr.zip", "sample")
         for spec in networks:
             add(f"{spec.artifact}.zarr.zip", "train", recipe=spec.name)
-            add(f"export/{spec.name}.onnx", "export_network", recipe=spec.name)
+            for ending in ("onnx", "pt2"):
+                add(f"export/{spec.name}.{ending}", "export_network", recipe=spec.name)
         grids = [spec for spec in specs if spec.kind in GRID_FIELDS]
         for spec in {spec.artifact: spec for spec in grids}.values():
             path, content = f"{spec.artifact}.zarr.zip", GRID_FIELDS[spec.kind]

@@ -24,6 +24,8 @@ REPAIR_FIGURES = ROOT / "docs" / "figures" / "repair.csv"
 BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 DISTANCE_FIGURES = ROOT / "docs" / "figures" / "distances.csv"
 FIELD_FIGURES = ROOT / "docs" / "figures" / "fields.csv"
+TRAINING = ROOT / "docs" / "training.md"
+TRAINING_FIGURES = ROOT / "docs" / "figures" / "training.csv"
 END = "<!-- end of generated -->"
 
 _SECTIONS = {
@@ -167,6 +169,23 @@ def distance_table():
     return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
 
 
+def training_table():
+    """Return the table of docs/training.md: one row per trained network."""
+    notes, rows = _figures(TRAINING_FIGURES)
+    table = [
+        "| mesh | recipe | options | steps | s | points/s | KB | shallow | deep | on the path |",
+        "|---|---|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        options = [o for o in row["options"].split() if not o.startswith(("steps=", "device="))]
+        cells = [row["mesh"], f"`{row['recipe']}`", f"`{' '.join(options)}`" if options else ""]
+        cells += [f"{int(row['steps']):,}", f"{float(row['seconds']):.0f}"]
+        cells += [f"{float(row['points_per_s']):,.0f}", f"{int(row['bytes']) / 1e3:,.0f}"]
+        cells += [f"{1e3 * float(row[k]):.3g}" for k in ("shallow", "deep", "trajectory")]
+        table.append("| " + " | ".join(cells) + " |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
 def _short(text):
     """Format a percentage: what is below a billionth is rounding."""
     value = float(text or 0)
@@ -192,6 +211,7 @@ def generated():
         README: with_generated(README, bunny=bunny_table()),
         REPAIR: with_generated(REPAIR, repair=repair_table()),
         BENCHMARKS: with_generated(BENCHMARKS, distances=distance_table(), fields=field_table()),
+        TRAINING: with_generated(TRAINING, training=training_table()),
     }
 
 

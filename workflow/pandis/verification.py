@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pandis.artifact import file_digest, read_artifact
 from pandis.errors import PandisError
-from pandis.export.session import read_export
+from pandis.export.session import read_export, read_program_metadata
 from pandis.export.vti import read_note
 from pandis.plan import DEFAULT_CONFIG, FINAL
 from pandis.provenance import unused_modules
@@ -128,6 +128,8 @@ class _Checker:
             return artifact.provenance
         if path.suffix == ".onnx":
             return json.loads(read_export(path).metadata["provenance"])
+        if path.suffix == ".pt2":
+            return read_program_metadata(path)["provenance"]
         if path.suffix == ".vti":
             return read_note(path)["provenance"]
         if path.suffix == ".html":

@@ -3,7 +3,6 @@
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.export.session import Session
 from pandis.forces import penalty_force
 
 POINTS = 10_000
@@ -19,13 +18,13 @@ def check_points(frame, seed=0):
     return frame.to_mesh(unit)
 
 
-def check(model, reference, frame):
+def check(answer, reference, frame):
     """Compare an exported model with its field.
 
     Parameters
     ----------
-    model : bytes
-        The serialised ONNX model.
+    answer : callable
+        The exported model: distance and normal, float32, mesh units, at points in mesh units.
     reference : callable
         Answers (distance, normal, certainty) in the unit frame at points in the unit frame;
         ``certainty`` (n,) is ‖Ψ‖ of a network, 1 for others: below 0.1 the direction is
@@ -43,7 +42,7 @@ def check(model, reference, frame):
         They differ by more than the bounds, or something is not finite.
     """
     points = check_points(frame)
-    distance, normal = Session(model).distance_and_normal(points)
+    distance, normal = answer(points)
     wanted_distance, wanted_normal, certainty = reference(frame.to_unit(points))
     force = penalty_force(distance.astype(np.float64) * frame.scale, normal)
     wanted_force = penalty_force(wanted_distance, wanted_normal)

@@ -6,6 +6,7 @@ from onnx import TensorProto
 from pandis.catalogue import parse_field
 from pandis.export.check import check
 from pandis.export.graphs import Graph, enter, leave, split
+from pandis.export.session import Session
 from pandis.fields.grids import open_field
 
 
@@ -201,6 +202,7 @@ def export_grid(name, artifact, provenance, log):
     def reference(points):
         return *field.answer(points), np.ones(len(points))
 
-    differences = check(model, reference, field.frame)
+    answer = Session(model).distance_and_normal
+    differences = check(answer, reference, field.frame)
     log(f"agrees with the field: {differences}")
     return model

@@ -6,6 +6,7 @@ from onnx import TensorProto
 
 from pandis.export.check import check
 from pandis.export.graphs import Graph, enter, leave, split
+from pandis.export.session import Session
 from pandis.fields.base import clamp_to_box, normalise
 from pandis.fields.siren import load_layers
 from pandis.frame import Frame
@@ -60,6 +61,33 @@ def torch_network(artifact):
     return network
 
 
+def network_reference(artifact):
+    """Return what an export of a network is compared with: see `pandis.export.check.check`."""
+    network = torch_network(artifact)
+
+    def reference(points):
+        clamped, outside = clamp_to_box(points)
+        with torch.no_grad():
+            output, direction = network.forward_with_gradient(torch.from_numpy(clamped).float())
+        output, direction = output.double().numpy(), direction.double().numpy()
+        if output.shape[1] > 1:
+            direction = output[:, 1:]
+        length = (direction**2).sum(axis=1) ** 0.5
+        return output[:, 0] + outside, normalise(direction), length
+
+    return reference
+
+
+def describe(name, artifact, provenance):
+    """Return what an exported network says of itself."""
+    keys = ("frame", "recipe", "architecture", "steps", "held_out_error")
+    return {
+        "field": name,
+        "provenance": provenance,
+        **{key: artifact.attributes[key] for key in keys},
+    }
+
+
 def export_network(name, artifact, provenance, log):
     """Return the ONNX model of a network as bytes.
 
@@ -78,27 +106,9 @@ def export_network(name, artifact, provenance, log):
         The model does not answer as PyTorch does.
     """
     torch.set_num_threads(1)
+    model = network_graph(artifact).model(name, describe(name, artifact, provenance))
     frame = Frame.from_attributes(artifact.attributes["frame"])
-    keys = ("recipe", "architecture", "steps", "held_out_error")
-    metadata = {
-        "field": name,
-        "frame": frame.attributes(),
-        "provenance": provenance,
-        **{key: artifact.attributes[key] for key in keys},
-    }
-    model = network_graph(artifact).model(name, metadata)
-    network = torch_network(artifact)
-
-    def reference(points):
-        clamped, outside = clamp_to_box(points)
-        with torch.no_grad():
-            output, direction = network.forward_with_gradient(torch.from_numpy(clamped).float())
-        output, direction = output.double().numpy(), direction.double().numpy()
-        if output.shape[1] > 1:
-            direction = output[:, 1:]
-        length = (direction**2).sum(axis=1) ** 0.5
-        return output[:, 0] + outside, normalise(direction), length
-
-    differences = check(model, reference, frame)
-    log(f"agrees with PyTorch: {differences}")
+    answer = Session(model).distance_and_normal
+    differences = check(answer, network_reference(artifact), frame)
+    log(f"the ONNX model agrees with PyTorch: {differences}")
     return model

@@ -1,5 +1,9 @@
-"""Running an exported ONNX file, as a user's program would."""
+"""Reading exported files, and running ONNX ones, as a user's program would."""
 
+import hashlib
+import io
+import json
+import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,3 +75,34 @@ class Session:
     def distance_and_normal(self, points):
         """Answer distance (n,) in mesh units and normal (n, 3), at points (n, 3) in mesh units."""
         return self._session.run(None, {"points": points})
+
+
+def seal_archive(data):
+    """Return the bytes of a zip file with their SHA-256 in its comment."""
+    if data[-2:] != b"\0\0":
+        raise ValueError("the archive has a comment already")
+    seal = hashlib.sha256(data[:-2]).hexdigest().encode()
+    return data[:-2] + len(seal).to_bytes(2, "little") + seal
+
+
+def read_program_metadata(path):
+    """Read what a ``.pt2`` file says of itself, and check its seal.
+
+    Raises
+    ------
+    ArtifactError
+        It is not whole.
+    """
+    remedy = f"rebuild it with: snakemake -j2 -R {path}"
+    try:
+        data = Path(path).read_bytes()
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            seal = archive.comment
+            (name,) = (n for n in archive.namelist() if n.endswith("/extra/metadata.json"))
+            metadata = json.loads(archive.read(name))
+    except Exception as error:
+        kind = type(error).__name__
+        raise ArtifactError(f"{path}: not readable as a program ({kind}); {remedy}") from error
+    if data != seal_archive(data[: -len(seal) - 2] + b"\0\0") or not seal:
+        raise ArtifactError(f"{path}: damaged (its checksum does not match); {remedy}")
+    return metadata

@@ -55,7 +55,9 @@ class Sizing:
             size, errors = self._within(budget, what), {}
             errors[size] = self._measure(size)
         arrays, attributes = self._made[size]
-        tried = [{"size": s, "force_error": errors[s]} for s in sorted(errors)]
+        tried = [
+            {"size": s, "force_error": errors[s]} for s in sorted(errors) if errors[s] < np.inf
+        ]
         asked = {"force_error": wanted, "bytes": budget}
         sizing = {"asked": asked, "tried": tried, "held_out_error": errors[size]}
         return arrays, attributes | {"sizing": sizing}
@@ -73,7 +75,11 @@ class Sizing:
 
     def _measure(self, size):
         """Make the grid of a size and return its error on the held-out points."""
-        made = self._made[size] = self.make(size)
+        made = self.make(size)
+        if made is None:
+            self.log(f"{self.kind} of size {size:,}: does not cover the band")
+            return np.inf
+        self._made[size] = made
         attributes = made[1] | {"frame": self.frame}
         artifact = Artifact(None, "grid", made[0], attributes, {}, "")
         error = force_error(GRID_OPENERS[self.kind](self.kind, artifact), self.points, self.force)
@@ -81,7 +87,7 @@ class Sizing:
         return error
 
     def make(self, size):
-        """Return arrays and attributes of a grid, as stored.
+        """Return arrays and attributes of a grid, as stored; None if the size is too small.
 
         Parameters
         ----------
@@ -89,8 +95,8 @@ class Sizing:
             Nodes per axis; bytes for a spline.
         """
         if self.kind == "spline":
-            nodes = self.splines.choose_size(size) or 32
-            return self.splines.build(nodes, size, self.progress)
+            nodes = self.splines.choose_size(size)
+            return nodes and self.splines.build(nodes, size, self.progress)
         content = GRID_FIELDS[self.kind]
         grid = DenseGrid(self.engine, content, size, self.options["band"], self.progress)
         values = np.concatenate(list(grid.slabs(32)))

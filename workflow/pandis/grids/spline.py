@@ -115,12 +115,13 @@ class SplineFit:
         fine_inside = _inside(fine_masks, lattice.size)
         fine_nodes = _flat(kept_nodes(fine_masks), lattice.size)[fine_inside]
         levels = [level, Level(lattice, fine_nodes)]
-        if _SAMPLES * len(levels[1].nodes) > len(self.targets.points):
-            self.targets = self._draw(_SAMPLES * len(levels[1].nodes))
+        targets, wanted = self.targets, _SAMPLES * len(levels[1].nodes)
+        if wanted > len(targets.points):
+            targets = self._draw(wanted)
         start.append(np.zeros(len(levels[1].nodes)))
         done = _BASE_ROUNDS * _STEPS
         fitted = fit(
-            levels, start, self.targets, _FINE_ROUNDS, _STEPS, lambda n: report.update(done + n)
+            levels, start, targets, _FINE_ROUNDS, _STEPS, lambda n: report.update(done + n)
         )
         far = self._far()
         stored, scales = {}, {}
