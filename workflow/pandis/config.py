@@ -133,7 +133,7 @@ class Recipe(Options):
     direction: Literal["output", "gradient"] = Field(
         "output",
         description="where the normal comes from: three outputs of their own, as in the paper, or "
-        "the gradient of the distance, which makes the force conservative",
+        "the gradient of the distance, which makes the force all but conservative",
     )
     threads: Count = Field(
         1,
@@ -174,7 +174,7 @@ class ExactRecipe(Recipe):
     direction: Literal["output", "gradient"] = Field(
         "gradient",
         description="where the normal comes from: the gradient of the distance, which makes the "
-        "force conservative and the error smaller, or three outputs of their own, which "
+        "force all but conservative and the error smaller, or three outputs of their own, which "
         "halves the time of a query",
     )
     omega: Positive = Field(
