@@ -94,11 +94,15 @@ static int face_normal(const Bvh *t, int32_t face, double *n) {
 
 /* ---------------------------------------------------------------- building */
 
+/* A face and where it lies; moved as a whole, so that a range is read from one end to the other. */
+typedef struct {
+    float low[3], high[3], centroid[3];
+    int32_t face;
+} Item;
+
 typedef struct {
     Bvh *tree;
-    int32_t *order;
-    float *box;      /* (F, 6) */
-    float *centroid; /* (F, 3) */
+    Item *items;
     int node_room, leaf_room, failed;
 } Builder;
 
@@ -115,10 +119,10 @@ static float half_area(const float *low, const float *high) {
 static void bound(Builder *b, Range *r) {
     for (int k = 0; k < 3; k++) r->low[k] = INFINITY, r->high[k] = -INFINITY;
     for (int32_t i = r->start; i < r->start + r->count; i++) {
-        const float *box = b->box + 6 * (size_t)b->order[i];
+        const Item *item = b->items + i;
         for (int k = 0; k < 3; k++) {
-            if (box[k] < r->low[k]) r->low[k] = box[k];
-            if (box[3 + k] > r->high[k]) r->high[k] = box[3 + k];
+            if (item->low[k] < r->low[k]) r->low[k] = item->low[k];
+            if (item->high[k] > r->high[k]) r->high[k] = item->high[k];
         }
     }
     r->area = half_area(r->low, r->high);
@@ -130,7 +134,7 @@ static void split(Builder *b, const Range *r, int depth, Range *left, Range *rig
     int best_axis = -1, best_bin = 0;
     for (int k = 0; k < 3; k++) low[k] = INFINITY, high[k] = -INFINITY;
     for (int32_t i = r->start; i < r->start + r->count; i++) {
-        const float *c = b->centroid + 3 * (size_t)b->order[i];
+        const float *c = b->items[i].centroid;
         for (int k = 0; k < 3; k++) {
             if (c[k] < low[k]) low[k] = c[k];
             if (c[k] > high[k]) high[k] = c[k];
@@ -144,13 +148,12 @@ static void split(Builder *b, const Range *r, int depth, Range *left, Range *rig
         for (int i = 0; i < BINS; i++)
             for (int k = 0; k < 3; k++) bin_low[i][k] = INFINITY, bin_high[i][k] = -INFINITY;
         for (int32_t i = r->start; i < r->start + r->count; i++) {
-            int32_t f = b->order[i];
-            int bin = (int)((b->centroid[3 * (ptrdiff_t)f + axis] - low[axis]) * factor);
-            const float *box = b->box + 6 * (size_t)f;
+            const Item *item = b->items + i;
+            int bin = (int)((item->centroid[axis] - low[axis]) * factor);
             count[bin]++;
             for (int k = 0; k < 3; k++) {
-                if (box[k] < bin_low[bin][k]) bin_low[bin][k] = box[k];
-                if (box[3 + k] > bin_high[bin][k]) bin_high[bin][k] = box[3 + k];
+                if (item->low[k] < bin_low[bin][k]) bin_low[bin][k] = item->low[k];
+                if (item->high[k] > bin_high[bin][k]) bin_high[bin][k] = item->high[k];
             }
         }
         float l[3] = {INFINITY, INFINITY, INFINITY}, h[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -179,13 +182,13 @@ static void split(Builder *b, const Range *r, int depth, Range *left, Range *rig
         float factor = BINS * 0.9999f / (high[best_axis] - low[best_axis]);
         int32_t i = r->start, j = r->start + r->count;
         while (i < j) {
-            float c = b->centroid[3 * (ptrdiff_t)b->order[i] + best_axis];
+            float c = b->items[i].centroid[best_axis];
             if ((int)((c - low[best_axis]) * factor) <= best_bin) {
                 i++;
             } else {
-                int32_t swap = b->order[--j];
-                b->order[j] = b->order[i];
-                b->order[i] = swap;
+                Item swap = b->items[--j];
+                b->items[j] = b->items[i];
+                b->items[i] = swap;
             }
         }
         middle = i;
@@ -208,7 +211,7 @@ static int32_t add_leaf(Builder *b, const Range *r) {
     memset(leaf, 0, sizeof *leaf);
     leaf->count = r->count;
     for (int lane = 0; lane < LEAF; lane++) {
-        int32_t face = b->order[r->start + (lane < r->count ? lane : 0)];
+        int32_t face = b->items[r->start + (lane < r->count ? lane : 0)].face;
         const double *p = corner(t, face, 0), *q = corner(t, face, 1), *s = corner(t, face, 2);
         double ab[3], ac[3], bc[3];
         for (int k = 0; k < 3; k++) {
@@ -267,7 +270,8 @@ static int32_t add_node(Builder *b, Range root, int depth) {
         if (i >= count) continue;
         double area = 0, centre[3] = {0}, dipole[3] = {0};
         for (int32_t j = part[i].start; j < part[i].start + part[i].count; j++) {
-            const double *p = corner(t, b->order[j], 0), *q = corner(t, b->order[j], 1), *s = corner(t, b->order[j], 2);
+            int32_t face = b->items[j].face;
+            const double *p = corner(t, face, 0), *q = corner(t, face, 1), *s = corner(t, face, 2);
             double ab[3], ac[3], n[3];
             for (int k = 0; k < 3; k++) ab[k] = q[k] - p[k], ac[k] = s[k] - p[k];
             cross(ab, ac, n);
@@ -283,7 +287,7 @@ static int32_t add_node(Builder *b, Range root, int depth) {
             centre[k] = area > 0 ? centre[k] / area : (part[i].low[k] + part[i].high[k]) / 2;
         for (int32_t j = part[i].start; j < part[i].start + part[i].count; j++)
             for (int c = 0; c < 3; c++) {
-                const double *p = corner(t, b->order[j], c);
+                const double *p = corner(t, b->items[j].face, c);
                 double d = 0;
                 for (int k = 0; k < 3; k++) d += (p[k] - centre[k]) * (p[k] - centre[k]);
                 if (d > reach) reach = d;
@@ -367,10 +371,9 @@ Bvh *bvh_build(const double *vertices, int32_t vertex_count, const int32_t *face
     t->nodes = malloc((size_t)b.node_room * sizeof(Node));
     t->clusters = malloc((size_t)b.node_room * sizeof(Cluster));
     t->leaves = malloc((size_t)b.leaf_room * sizeof(Leaf));
-    b.order = malloc(f * sizeof(int32_t));
-    b.box = malloc(6 * f * sizeof(float)), b.centroid = malloc(3 * f * sizeof(float));
+    b.items = malloc(f * sizeof(Item));
     if (!t->vertices || !t->faces || !t->neighbours || !t->vertex_normals || !t->nodes || !t->clusters ||
-        !t->leaves || !b.order || !b.box || !b.centroid) {
+        !t->leaves || !b.items) {
         b.failed = 1;
     } else {
         memcpy(t->vertices, vertices, 3 * v * sizeof(double));
@@ -378,14 +381,14 @@ Bvh *bvh_build(const double *vertices, int32_t vertex_count, const int32_t *face
         for (size_t i = 0; i < 3 * v; i++)
             if (fabs(vertices[i]) > t->scale) t->scale = fabs(vertices[i]);
         for (size_t i = 0; i < f; i++) {
-            b.order[i] = (int32_t)i;
+            Item *item = b.items + i;
+            item->face = (int32_t)i;
             for (int k = 0; k < 3; k++) {
                 float p = (float)corner(t, (int32_t)i, 0)[k], q = (float)corner(t, (int32_t)i, 1)[k],
                       s = (float)corner(t, (int32_t)i, 2)[k];
                 float low = p < q ? p : q, high = p < q ? q : p;
-                b.box[6 * i + (size_t)k] = s < low ? s : low;
-                b.box[6 * i + 3 + (size_t)k] = s > high ? s : high;
-                b.centroid[3 * i + (size_t)k] = (p + q + s) / 3;
+                item->low[k] = s < low ? s : low, item->high[k] = s > high ? s : high;
+                item->centroid[k] = (p + q + s) / 3;
             }
         }
         Range all = {.start = 0, .count = face_count};
@@ -394,7 +397,7 @@ Bvh *bvh_build(const double *vertices, int32_t vertex_count, const int32_t *face
         if (!b.failed && !find_neighbours(t)) b.failed = 1;
         if (!b.failed) find_vertex_normals(t);
     }
-    free(b.order), free(b.box), free(b.centroid);
+    free(b.items);
     if (b.failed) return bvh_free(t), NULL;
     return t;
 }
