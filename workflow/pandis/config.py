@@ -344,7 +344,7 @@ RECIPES = {
     "pandis-grad": {"loss": "paper", "direction": "gradient"},
     "pandis-exact": {"loss": "exact"},
 }
-#: Steps used where a recipe names no budget (about three and a half minutes of one CPU core).
+#: Steps used where a recipe names no budget (about three minutes of one CPU core).
 DEFAULT_STEPS = {"paper": 3000, "exact": 1500}
 
 

@@ -32,16 +32,16 @@ def network_graph(artifact):
     layers = load_layers(artifact)
     own_gradient, slopes = len(layers[-1][0]) == 1, []
     for index, (weight, bias) in enumerate(layers):
-        w = graph.constant(f"weight_{index}", np.ascontiguousarray(weight.T))
-        h = graph.apply("Gemm", h, w, graph.constant(f"bias_{index}", bias))
+        w = graph.constant(f"weight_{index}", weight)
+        h = graph.apply("Gemm", h, w, graph.constant(f"bias_{index}", bias), transB=1)
         if index < len(layers) - 1:
             slopes.append(graph.apply("Cos", h) if own_gradient else None)
             h = graph.apply("Sin", h)
     if own_gradient:
-        phi, direction = h, graph.constant("gradient", layers[-1][0])
+        phi, direction = h, f"weight_{len(layers) - 1}"
         for index in reversed(range(len(layers) - 1)):
-            back = graph.constant(f"back_{index}", layers[index][0])
-            direction = graph.apply("MatMul", graph.apply("Mul", direction, slopes[index]), back)
+            direction = graph.apply("Mul", direction, slopes[index])
+            direction = graph.apply("MatMul", direction, f"weight_{index}")
     else:
         phi, direction = split(graph, h, [1, 3])
     phi = graph.apply("Squeeze", phi, graph.constant("one", np.array([1], np.int64)))
