@@ -146,7 +146,10 @@ def test_verify_detects_damage(rerun, path, damage):
         data[len(data) // 2] ^= 4
         target.write_bytes(data)
     elif damage == "truncate":
-        target.write_bytes(data[: len(data) // 2])
+        cut = len(data) // 2
+        if path.endswith((".csv", ".html")):  # in the middle of a character of several bytes
+            cut = next(k for k, byte in enumerate(data) if byte >= 0xC0) + 1
+        target.write_bytes(data[:cut])
     elif damage == "remove":
         target.unlink()
     elif "sphere" in path:  # another mesh's result: whole, but not this one

@@ -107,7 +107,7 @@ class _Checker:
             text = to_csv(summarise(*read))
         except PandisError:
             return "stale: an artifact it sums up is missing or damaged"
-        same = path.read_text(encoding="utf-8") == text
+        same = path.read_bytes() == text.encode()  # damaged, it may be no text at all
         return None if same else "differs from the artifacts it sums up"
 
     def _companion(self, path):
