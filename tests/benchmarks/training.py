@@ -68,8 +68,8 @@ def train(scan, mesh, recipe, changes, folder):
     """Train one network; return a row of the table."""
     base = RECIPES.get(recipe, {"loss": "exact"})
     model = PaperRecipe if base["loss"] == "paper" else ExactRecipe
-    options = model(**base | changes).model_dump() | {"seed": 1, "recipe": recipe}
-    options["seed"] = changes.get("seed", 1)
+    own = {key: value for key, value in changes.items() if key != "seed"}
+    options = model(**base | own).model_dump() | {"seed": changes.get("seed", 1), "recipe": recipe}
     key = hashlib.sha256(repr(options).encode()).hexdigest()[:12]
     checkpoint = folder / f"{mesh}-{recipe}.{key}.pt"
     trainer = Trainer(options, scan.samples, scan.strata, checkpoint, log)

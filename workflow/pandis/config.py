@@ -175,7 +175,7 @@ class ExactRecipe(Recipe):
         "gradient",
         description="where the normal comes from: the gradient of the distance, which makes the "
         "force all but conservative and the error smaller, or three outputs of their own, which "
-        "halves the time of a query",
+        "shortens a query",
     )
     omega: Positive = Field(
         60.0,

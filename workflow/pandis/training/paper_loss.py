@@ -74,4 +74,5 @@ def paper_loss(on, on_gradient, off, off_gradient, normal, options):
             psi_on_surface(on[:, 1:], normal),
             psi_off_surface(off[:, 1:], target),
         ]
-    return sum(weight * term for weight, term in zip(options["weights"], terms, strict=False))
+    weights = options["weights"][: len(terms)]
+    return sum(weight * term for weight, term in zip(weights, terms, strict=True))

@@ -1,7 +1,7 @@
 """Matrix products on the CPU, through oneDNN where torch has it, and memory for them.
 
-MKL, which torch asks for float32 products, runs at half of what AMD's processors
-can do (docs/training.md has figures); oneDNN does not mind whose they are.
+MKL, which torch asks for float32 products, is slow on AMD's processors; oneDNN does
+not mind whose they are.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ def keep_freed_memory():
     """Tell glibc to keep freed blocks for the next step; elsewhere do nothing.
 
     By default it hands the megabytes of every intermediate back to the system, which
-    clears them again page by page: a quarter of the time of a step.
+    clears them again page by page.
     """
     trim_threshold, mmap_threshold = -1, -3
     with contextlib.suppress(OSError, AttributeError):

@@ -224,11 +224,7 @@ class Trainer:
         at, self.restarts = self.step, self.restarts + 1
         if self.good is None or self.restarts > RESTARTS:
             self.checkpoint.unlink(missing_ok=True)
-            raise PandisError(
-                f"training diverged {self.restarts} times, at last at step {at}; reduce "
-                f"train.{self.options.get('recipe')}.learning_rate "
-                f"(now {self.options['learning_rate']:g}), or set clip"
-            )
+            raise self._divergence(f"{self.restarts} times, at last at step {at}")
         slowdown, restarts = self.slowdown / 2, self.restarts
         self._restore(self.good)
         self.slowdown, self.restarts = slowdown, restarts
@@ -236,15 +232,17 @@ class Trainer:
             f"warning: diverged at step {at}; on from step {self.step} with steps half as large"
         )
 
+    def _divergence(self, how):
+        return PandisError(
+            f"training diverged {how}; reduce train.{self.options.get('recipe')}.learning_rate "
+            f"(now {self.options['learning_rate']:g}), or set clip"
+        )
+
     # --- the result ------------------------------------------------------------------
 
     def _result(self):
         if not self._finite():
-            raise PandisError(
-                f"training diverged: weights are not finite at step {self.step}; reduce "
-                f"train.{self.options.get('recipe')}.learning_rate "
-                f"(now {self.options['learning_rate']:g}), or set clip"
-            )
+            raise self._divergence(f"at step {self.step}: its weights are not finite")
         count = len(self.parameters) // 2
         arrays = {}
         for index in range(count):
