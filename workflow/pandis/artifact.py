@@ -316,7 +316,7 @@ def read_artifact(path, kind=None):
         Missing, truncated, damaged, or of another kind or schema.
     """
     path = Path(path)
-    _check_file(path)
+    check_seal(path)
     try:
         root, read = _decode(path)
         found, schema = root["kind"], root["schema"]
@@ -346,7 +346,20 @@ def _damaged(path, what):
     return ArtifactError(f"{path}: {what}; rebuild it with: snakemake -j2 -R {path}")
 
 
-def _check_file(path):
+def seal_zip(data):
+    """Return the bytes of a zip file that has no comment with the seal of artifacts in it."""
+    sealed = data[:-2] + _COMMENT.to_bytes(2, "little")
+    return sealed + _MARK + hashlib.sha256(sealed).hexdigest().encode()
+
+
+def check_seal(path):
+    """Refuse a zip file whose comment is not the checksum of all before it.
+
+    Raises
+    ------
+    ArtifactError
+        It is missing or damaged.
+    """
     if not path.is_file():
         raise ArtifactError(f"{path}: missing; build it with: snakemake -j2 {path}")
     with path.open("rb") as stream:

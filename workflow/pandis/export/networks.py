@@ -61,8 +61,24 @@ def torch_network(artifact):
     return network
 
 
-def network_reference(artifact):
-    """Return what an export of a network is compared with: see `pandis.export.check.check`."""
+def compare(answer, artifact, what, log):
+    """Compare an export with its network, and say how far they differ.
+
+    Parameters
+    ----------
+    answer : callable
+        See `pandis.export.check.check`.
+    artifact : pandis.artifact.Artifact
+        Of kind ``model``.
+    what : str
+        What is compared, for the log.
+    log : callable
+
+    Raises
+    ------
+    PandisError
+        They differ by more than rounding.
+    """
     network = torch_network(artifact)
 
     def reference(points):
@@ -75,7 +91,8 @@ def network_reference(artifact):
         length = (direction**2).sum(axis=1) ** 0.5
         return output[:, 0] + outside, normalise(direction), length
 
-    return reference
+    frame = Frame.from_attributes(artifact.attributes["frame"])
+    log(f"{what} agrees with the network: {check(answer, reference, frame)}")
 
 
 def describe(name, artifact, provenance):
@@ -107,8 +124,5 @@ def export_network(name, artifact, provenance, log):
     """
     torch.set_num_threads(1)
     model = network_graph(artifact).model(name, describe(name, artifact, provenance))
-    frame = Frame.from_attributes(artifact.attributes["frame"])
-    answer = Session(model).distance_and_normal
-    differences = check(answer, network_reference(artifact), frame)
-    log(f"the ONNX model agrees with PyTorch: {differences}")
+    compare(Session(model).distance_and_normal, artifact, "the ONNX model", log)
     return model

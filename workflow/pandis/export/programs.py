@@ -5,9 +5,8 @@ import json
 
 import torch
 
-from pandis.export.check import check
-from pandis.export.networks import describe, network_reference
-from pandis.export.session import seal_archive
+from pandis.artifact import seal_zip
+from pandis.export.networks import compare, describe
 from pandis.fields.siren import load_layers
 from pandis.frame import Frame
 
@@ -86,13 +85,11 @@ def export_program(name, artifact, provenance, log):
     data = io.BytesIO()
     metadata = json.dumps(describe(name, artifact, provenance), sort_keys=True)
     torch.export.save(program, data, extra_files={"metadata.json": metadata})
-    data = seal_archive(data.getvalue())
+    data = seal_zip(data.getvalue())
     loaded = torch.export.load(io.BytesIO(data)).module()
 
     def answer(points):
         return [part.numpy() for part in loaded(torch.from_numpy(points))]
 
-    frame = Frame.from_attributes(artifact.attributes["frame"])
-    differences = check(answer, network_reference(artifact), frame)
-    log(f"the program, read back, agrees with the network: {differences}")
+    compare(answer, artifact, "the program, read back,", log)
     return data

@@ -1,7 +1,5 @@
 """Reading exported files, and running ONNX ones, as a user's program would."""
 
-import hashlib
-import io
 import json
 import zipfile
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import NamedTuple
 import onnx
 import onnxruntime
 
+from pandis.artifact import check_seal
 from pandis.errors import ArtifactError, PandisError
 from pandis.export.graphs import unsealed_digest
 
@@ -77,14 +76,6 @@ class Session:
         return self._session.run(None, {"points": points})
 
 
-def seal_archive(data):
-    """Return the bytes of a zip file with their SHA-256 in its comment."""
-    if data[-2:] != b"\0\0":
-        raise ValueError("the archive has a comment already")
-    seal = hashlib.sha256(data[:-2]).hexdigest().encode()
-    return data[:-2] + len(seal).to_bytes(2, "little") + seal
-
-
 def read_program_metadata(path):
     """Read what a ``.pt2`` file says of itself, and check its seal.
 
@@ -93,16 +84,7 @@ def read_program_metadata(path):
     ArtifactError
         It is not whole.
     """
-    remedy = f"rebuild it with: snakemake -j2 -R {path}"
-    try:
-        data = Path(path).read_bytes()
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            seal = archive.comment
-            (name,) = (n for n in archive.namelist() if n.endswith("/extra/metadata.json"))
-            metadata = json.loads(archive.read(name))
-    except Exception as error:
-        kind = type(error).__name__
-        raise ArtifactError(f"{path}: not readable as a program ({kind}); {remedy}") from error
-    if data != seal_archive(data[: -len(seal) - 2] + b"\0\0") or not seal:
-        raise ArtifactError(f"{path}: damaged (its checksum does not match); {remedy}")
-    return metadata
+    check_seal(Path(path))
+    with zipfile.ZipFile(path) as archive:
+        (name,) = (n for n in archive.namelist() if n.endswith("/extra/metadata.json"))
+        return json.loads(archive.read(name))
