@@ -1,10 +1,11 @@
 """Train networks and measure them; append to docs/figures/training.csv or another file.
 
-Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/training.py prepare MESHES
-       .venv/bin/python tests/benchmarks/training.py MESHES TABLE RUN...
+Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/training.py prepare MESHES [N=FILE…]
+       .venv/bin/python tests/benchmarks/training.py MESHES TABLE RUN…
 
-MESHES is a folder for the repaired meshes (so that another machine needs no repair), TABLE a CSV
-file. A RUN is mesh:recipe:key=value,key=value…, the keys those of the recipe: for instance
+MESHES is a folder for the repaired meshes (so that another machine needs no repair): the scans of
+the accuracy bars, or the files of PANDIS_MESHES that are named. TABLE is a CSV file. A RUN is
+mesh:recipe:key=value,key=value…, the keys those of the recipe: for instance
 bunny:pandis-exact:steps=4500,threads=2 or dragon:pandis:steps=280000,device=cuda. A run that was
 interrupted goes on from its checkpoint, beside the table, where its weights and its curve go.
 Errors are means of ‖F - F_exact‖ at k = 1 in the unit frame: 50,000 points 0 to 0.01 (shallow)
@@ -121,16 +122,17 @@ def main(folder, table, *runs):
             writer.writerow(cells)
 
 
-def prepare(folder):
-    """Repair the scans once."""
+def prepare(folder, *named):
+    """Repair the meshes once."""
     Path(folder).mkdir(parents=True, exist_ok=True)
-    for name, path in SCANS.items():
+    meshes = dict(pair.split("=") for pair in named) or SCANS
+    for name, path in meshes.items():
         vertices, faces = load(path)
         np.savez(Path(folder) / f"{name}.npz", vertices=vertices, faces=faces)
 
 
 if __name__ == "__main__":
     if sys.argv[1] == "prepare":
-        prepare(sys.argv[2])
+        prepare(*sys.argv[2:])
     else:
         main(*sys.argv[1:])

@@ -110,9 +110,12 @@ def test_products_are_products():
 
 
 def test_orthogonal_step_has_singular_values_near_one():
-    turned = orthogonal(torch.randn(40, 40, generator=torch.Generator().manual_seed(0)))
-    assert torch.linalg.matrix_norm(turned, 2) < 1.3
-    assert turned.norm() ** 2 / 40 > 0.6
+    matrices = torch.randn(3, 40, 40, generator=torch.Generator().manual_seed(0))
+    together = orthogonal(matrices)
+    for matrix, turned in zip(matrices, together, strict=True):
+        assert torch.linalg.matrix_norm(turned, 2) < 1.3
+        assert turned.norm() ** 2 / 40 > 0.6
+        torch.testing.assert_close(turned, orthogonal(matrix[None])[0])
 
 
 def gradient_of(parameter):

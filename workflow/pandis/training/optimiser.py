@@ -14,12 +14,21 @@ _QUINTIC = (3.4445, -4.7750, 2.0315)
 _ROUNDS = 5
 
 
-def orthogonal(matrix):
-    """Return a matrix with the singular vectors of ``matrix`` and singular values near one."""
+def orthogonal(matrices):
+    """Return matrices with the singular vectors of the given ones and singular values near one.
+
+    Parameters
+    ----------
+    matrices : Tensor, shape (k, m, n)
+
+    Returns
+    -------
+    Tensor, shape (k, m, n)
+    """
     a, b, c = _QUINTIC
-    x = matrix / (matrix.norm() + 1e-20)
+    x = matrices / (matrices.norm(dim=(1, 2), keepdim=True) + 1e-20)
     for _ in range(_ROUNDS):
-        square = product(x, x.T)
+        square = product(x, x.mT)
         x = a * x + product(b * square + c * product(square, square), x)
     return x
 
@@ -66,10 +75,15 @@ class Optimiser:
     def step(self):
         """Take a step along the gradients that the parameters hold."""
         self.adam.step()
+        if not self.matrices:
+            return
+        ahead = []
         for matrix, momentum in zip(self.matrices, self.momenta, strict=True):
             momentum.lerp_(matrix.grad, 1 - self.MOMENTUM)
-            ahead = matrix.grad.lerp(momentum, self.MOMENTUM)
-            matrix.sub_(self.share * self.matrix_rate * orthogonal(ahead))
+            ahead.append(matrix.grad.lerp(momentum, self.MOMENTUM))
+        steps = self.share * self.matrix_rate * orthogonal(torch.stack(ahead))
+        for matrix, step in zip(self.matrices, steps, strict=True):
+            matrix.sub_(step)
 
     def state(self):
         """Return what a checkpoint has to hold."""

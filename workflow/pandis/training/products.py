@@ -13,7 +13,9 @@ _ONEDNN = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_l
 
 
 def product(a, b):
-    """Return a @ b of matrices (m, k) and (k, n)."""
+    """Return a @ b of matrices (m, k) and (k, n), or of stacks (s, m, k) and (s, k, n) of them."""
+    if a.dim() == 3 and a.device.type == "cpu":
+        return torch.stack([product(x, y) for x, y in zip(a, b, strict=True)])
     if _ONEDNN and a.dtype == torch.float32 and a.device.type == "cpu":
         return torch.ops.mkldnn._linear_pointwise(a, b.T, None, "none", [], "")
     return a @ b
