@@ -224,15 +224,39 @@ def test_damaged_program_is_noticed(tmp_path):
         read_program_metadata(path)
 
 
-def test_check_refuses_a_wrong_export():
+@pytest.mark.parametrize(("what", "length"), [("distance", 0.01), ("force", 0.2), ("normal", 1)])
+def test_check_refuses_a_wrong_export(what, length):
+    """A direction counts for the force from a tenth of unit length on, as a normal from half."""
+    data, field = exported("trilinear-normal-12")
+    turned = np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]])
+
+    def reference(points):
+        distance, normal = field.answer(points)
+        if what == "distance":
+            distance = distance + 2 * DISTANCE
+        elif what == "force":
+            normal = normal @ turned
+        else:  # so little that no force shows it
+            normal = normal + 3e-5 * (normal @ turned)
+            distance = np.maximum(distance, 0.0)
+        return distance, normal, np.full(len(points), length)
+
+    def answer(points):
+        distance, normal = Session(data).distance_and_normal(points)
+        return (np.maximum(distance, 0) if what == "normal" else distance), normal
+
+    with pytest.raises(PandisError, match=f"differs from its field: {what} by"):
+        check(answer, reference, FRAME)
+
+
+def test_check_forgives_a_direction_that_is_rounding_noise():
     data, field = exported("trilinear-normal-12")
 
     def reference(points):
         distance, normal = field.answer(points)
-        return distance + 2 * DISTANCE, normal, np.ones(len(points))
+        return distance, -normal, np.full(len(points), 0.01)
 
-    with pytest.raises(PandisError, match="differs from its field: distance by"):
-        check(Session(data).distance_and_normal, reference, FRAME)
+    check(Session(data).distance_and_normal, reference, FRAME)
 
 
 def test_far_from_the_origin_no_digits_are_lost():
