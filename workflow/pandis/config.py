@@ -177,10 +177,15 @@ class ExactRecipe(Recipe):
         "force all but conservative and the error smaller, or three outputs of their own, which "
         "shortens a query",
     )
-    omega: Positive = Field(
-        60.0,
-        description="ω0, the factor inside every sine: the finer the shape, the larger; networks "
-        "of 32 units learn better with 15",
+    omega: Positive | None = Field(
+        None,
+        description="ω0, the factor inside every sine: the finer the shape, the larger; null: "
+        "60·√(width / 256)",
+    )
+    force_error: Positive | None = Field(
+        None,
+        description="train the narrowest network, of widths up to `width`, with this mean force "
+        "error (unit frame, k = 1) on held-out points 0 to 0.04 deep",
     )
     batch: Count = Field(4096, description="points per step, each shown once")
     learning_rate: Positive = Field(

@@ -12,6 +12,11 @@ import torch
 from pandis.training.products import product
 
 
+def usual_omega(width):
+    """Return ω0 for exact supervision: what a few units can carry are coarser waves."""
+    return 60.0 * (width / 256) ** 0.5
+
+
 class Siren(torch.nn.Module):
     """x → sin(ω0·(W x + b)) … → (Φ, Ψ), or Φ alone.
 

@@ -12,7 +12,7 @@ import torch
 from pandis.errors import PandisError
 from pandis.training.batches import fresh_batches, surface_batches
 from pandis.training.exact_loss import exact_loss
-from pandis.training.network import Siren
+from pandis.training.network import Siren, usual_omega
 from pandis.training.optimiser import Optimiser
 from pandis.training.paper_loss import paper_loss
 from pandis.training.products import keep_freed_memory
@@ -67,9 +67,11 @@ class Trainer:
         held_out = np.column_stack(columns).astype(np.float32)
         self.held_out = torch.from_numpy(held_out).to(self.device)
         generator = torch.Generator().manual_seed(seed)
-        shape = [options[k] for k in ("width", "depth", "omega")]
-        network = Siren(*shape, 1 if self.own_gradient else 4, generator)
-        self.network = network.to(self.device)
+        self.shape = {key: options[key] for key in ("width", "depth", "omega")}
+        if options["omega"] is None:
+            self.shape["omega"] = usual_omega(options["width"])
+        self.shape["outputs"] = 1 if self.own_gradient else 4
+        self.network = Siren(**self.shape, generator=generator).to(self.device)
         self.parameters = list(self.network.parameters())
         rate = None if self.paper else options["matrix_rate"]
         self.optimiser = Optimiser(self.network, options["learning_rate"], rate)
@@ -201,6 +203,11 @@ class Trainer:
         self.log(f"{self.step} steps in {self.elapsed:.1f} s on {self.device}; {note}")
         return result
 
+    def keep(self):
+        """Write the state as it is, so that a later run need not train again."""
+        self.good = self._state()
+        self._save()
+
     def finish(self):
         """Remove the checkpoints, also those of older options: the artifact is written."""
         for path in self.checkpoint.parent.glob(f"{self.checkpoint.name.split('.')[0]}.*pt"):
@@ -249,9 +256,8 @@ class Trainer:
             arrays[f"weight_{index}"] = self.parameters[index].detach().cpu().numpy()
             arrays[f"bias_{index}"] = self.parameters[count + index].detach().cpu().numpy()
         arrays["curve"] = np.array(self.curve, np.float64).reshape(-1, 3)
-        shape = {key: self.options[key] for key in ("width", "depth", "omega")}
         return arrays, {
-            "architecture": shape | {"outputs": 1 if self.own_gradient else 4},
+            "architecture": self.shape,
             "recipe": self.options["loss"],
             "steps": self.step,
             "restarts": self.restarts,
