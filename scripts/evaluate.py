@@ -1,6 +1,7 @@
 """Compare all fields of a mesh with the exact one. Writes evaluation.zarr.zip."""
 
 from pandis.evaluation.errors import evaluate
+from pandis.evaluation.smoothness import line_probes, smoothness
 from pandis.fields.registry import open_fields
 from pandis.sampling import open_surface, probes
 from pandis.stage import stage
@@ -10,9 +11,14 @@ with stage(snakemake) as job:
     trajectory = job.read("trajectory", "trajectory").arrays
     fields = open_fields(job.options["fields"], mesh, map(job.read_path, job.input.fields))
     engine = fields.exact.engine
-    sets = probes(open_surface(mesh, engine), engine, job.options["probes"], job.options["seed"])
+    surface, seed = open_surface(mesh, engine), job.options["seed"]
+    sets = probes(surface, engine, job.options["probes"], seed)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
     arrays, attributes = evaluate(fields, path, sets, job.progress)
+    lines = line_probes(surface, job.options["lines"], job.options["size"], seed)
+    attributes["smoothness"] = smoothness(fields, engine, lines)
     newtons = fields.exact.frame.newtons(job.options["size"], job.options["stiffness"])
-    physical = {key: job.options[key] for key in ("size", "stiffness")} | {"newtons": newtons}
+    physical = {key: job.options[key] for key in ("size", "stiffness", "lines")} | {
+        "newtons": newtons
+    }
     job.write("evaluation", arrays, attributes | physical | {"frame": mesh.attributes["frame"]})

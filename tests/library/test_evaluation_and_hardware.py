@@ -5,6 +5,7 @@ import pytest
 
 from pandis.config import HardwareOptions, TimingOptions
 from pandis.evaluation.errors import UNNORMALISED, evaluate, statistics
+from pandis.evaluation.smoothness import force_steps, line_probes, smoothness
 from pandis.evaluation.timing import summarise, time_queries
 from pandis.fields.base import Field
 from pandis.frame import Frame
@@ -13,6 +14,7 @@ from pandis.hardware.validation import NO_DEVICE, _longest_run, validate
 from pandis.machine import describe
 from pandis.report.render import render
 from pandis.report.tables import COLUMNS, summary_rows, to_csv
+from pandis.sampling import Surface
 from pandis.stage import Progress, silent_progress
 from support import box_mesh
 
@@ -65,6 +67,59 @@ def test_evaluation_rows_and_forces():
     assert kept == pytest.approx(attributes["mean_force"]["trajectory"])
     assert np.array_equal(arrays["force_exact"], arrays["exact_force"])
     assert set(attributes["bytes"]) == {"exact", "off", "net"}
+
+
+class Box:
+    """The inside of a cube: its force jumps where two faces are equally far."""
+
+    @staticmethod
+    def distance_and_normal(points):
+        axis = np.abs(points).argmax(axis=1)
+        normal = np.zeros_like(points)
+        normal[np.arange(len(points)), axis] = np.sign(points[np.arange(len(points)), axis])
+        return np.abs(points).max(axis=1) - 0.9, normal
+
+
+class Ball(Field):
+    """A sphere: no wall but a flat one changes the force less."""
+
+    def __init__(self):
+        super().__init__("ball", FRAME, 12)
+
+    def answer(self, points):
+        length = np.linalg.norm(points, axis=1)
+        return length - 0.9, points / length[:, None]
+
+
+def test_smoothness_counts_the_jumps_of_facets_and_finds_none_on_a_sphere():
+    vertices, faces = box_mesh()
+    surface = Surface(vertices * 0.9 / np.abs(vertices).max(axis=0), faces)
+    lines = line_probes(surface, 300, 0.1, seed=0)
+    assert np.array_equal(lines, line_probes(surface, 300, 0.1, seed=0))
+    step = np.linalg.norm(np.diff(lines, axis=1), axis=2)
+    assert np.allclose(step, 1.8 * 1e-3 / 0.1 / 100)
+    table = smoothness([Ball()], Box(), lines)
+    # the largest jump: as deep as a line gets, around a right angle
+    assert 0.5 < table["exact"]["largest"] * step[0, 0] / (0.049 * np.sqrt(2)) <= 1
+    assert table["exact"]["jumps"] > 0
+    assert 0.9 < table["ball"]["largest"] <= 1 + 1e-9
+    assert table["ball"]["jumps"] == 0
+    assert table["ball"]["of_exact"] == pytest.approx(
+        table["ball"]["largest"] / table["exact"]["largest"]
+    )
+
+
+def test_a_seam_is_a_jump_of_its_height():
+    class Seam(Ball):
+        def answer(self, points):
+            distance, normal = super().answer(points)
+            return distance - 0.001 * (points[:, 0] > 0), normal
+
+    x = np.linspace(-0.005, 0.005, 101)
+    line = np.stack([x, np.zeros(101), np.full(101, 0.85)], axis=1)[None]
+    change = force_steps(Seam().answer, line)
+    assert change[0, 50] * 1e-4 == pytest.approx(0.001, rel=0.02)
+    assert (np.delete(change, 50) < 1).all()
 
 
 def test_timing_counts_every_query():

@@ -267,6 +267,9 @@ class EvaluationOptions(Options):
     """The force error of every field against the exact force."""
 
     probes: Annotated[int, Field(ge=100)] = Field(50_000, description="points of each probe set")
+    lines: Annotated[int, Field(ge=10)] = Field(
+        1000, description="lines of 1 mm along which the jumps of the force are counted"
+    )
 
 
 class TimingOptions(Options):

@@ -7,6 +7,7 @@ import numpy as np
 
 from pandis import __version__
 from pandis.catalogue import parse_field
+from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
 from pandis.frame import Frame
 from pandis.mesh.diagnosis import THICKNESS_RAYS
@@ -143,7 +144,7 @@ def build(sections):
     environment.filters["number"] = _number
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(
-        sections=sections, columns=COLUMNS, version=__version__, rays=THICKNESS_RAYS
+        sections=sections, columns=COLUMNS, version=__version__, rays=THICKNESS_RAYS, jump=JUMP
     )
 
 
