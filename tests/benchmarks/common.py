@@ -33,14 +33,15 @@ def load(path):
     return frame.to_unit(vertices), arrays["faces"]
 
 
-def notes(command):
+def notes(command, gpu=None):
     """Return what stands above measured figures: the command, the machine and the commit."""
     git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
     done = subprocess.run(git, capture_output=True, text=True, check=False)
     machine = describe()
+    gpu = f"{gpu}, " if gpu else ""
     return (
         f"# command: .venv/bin/python tests/benchmarks/{command}\n"
-        f"# machine: {machine['processor']}, {machine['cores']} cores, shared\n"
+        f"# machine: {gpu}{machine['processor']}, {machine['cores']} cores, shared\n"
         f"# commit: {done.stdout.strip() or 'unknown'}\n"
     )
 

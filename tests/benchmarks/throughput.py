@@ -145,7 +145,8 @@ def main(folder, table, device="cpu"):
         for kind, s in sorted(parts.items(), key=lambda item: -item[1]):
             lines.append((f"kernels of a step: {kind}", s * 1e3, "", "", ""))
     with Path(table).open("w", encoding="utf-8", newline="") as stream:
-        stream.write(notes(f"throughput.py MESHES TABLE {device}"))
+        gpu = torch.cuda.get_device_name() if device == "cuda" else None
+        stream.write(notes(f"throughput.py MESHES TABLE {device}", gpu))
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(("what", "ms", "points_per_s", "ratio", "gflops"))
         for line in lines:

@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import torch
 import yaml
 from common import SCANS, load, notes
 
@@ -115,7 +116,8 @@ def main(folder, table, *runs):
         with table.open("a", encoding="utf-8", newline="") as stream:
             writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
             if new:
-                stream.write(notes("training.py MESHES TABLE mesh:recipe:options…"))
+                gpu = torch.cuda.get_device_name() if row["device"] == "cuda" else None
+                stream.write(notes("training.py MESHES TABLE mesh:recipe:options…", gpu))
                 writer.writeheader()
             new = False
             cells = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()}

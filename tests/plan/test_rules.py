@@ -102,7 +102,7 @@ def test_only_three_stages_may_import_torch(name):
 def test_floors_import_downwards_only():
     floors = [
         {"errors", "catalogue", "config", "artifact", "provenance", "stage", "plan", "frame",
-         "machine", "reference", "native"},
+         "machine", "measured", "reference", "native"},
         {"mesh"},
         {"distance"},
         {"sampling", "strata", "forces"},

@@ -5,27 +5,21 @@ last default run from results/ into docs/figures. A test fails when a file
 differs from what this module would write.
 """
 
-import csv
 import json
 import subprocess
 import sys
 from pathlib import Path
 
-from pandis import config
+from pandis import config, measured
 from pandis.machine import describe
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
 OPTIONS = ROOT / "config" / "README.md"
 README = ROOT / "README.md"
-FIGURES = ROOT / "docs" / "figures" / "default.csv"
 REPAIR = ROOT / "docs" / "repair.md"
-REPAIR_FIGURES = ROOT / "docs" / "figures" / "repair.csv"
 BENCHMARKS = ROOT / "docs" / "benchmarks.md"
-DISTANCE_FIGURES = ROOT / "docs" / "figures" / "distances.csv"
-FIELD_FIGURES = ROOT / "docs" / "figures" / "fields.csv"
 TRAINING = ROOT / "docs" / "training.md"
-TRAINING_FIGURES = ROOT / "docs" / "figures" / "training.csv"
 END = "<!-- end of generated -->"
 
 _SECTIONS = {
@@ -83,115 +77,6 @@ def _default(model, key, field):
     return f"`{json.dumps(default)}`"
 
 
-def bunny_table():
-    """Return the README's table: the default run's figures for ``bunny``."""
-    notes, rows = _figures(FIGURES)
-    table = [
-        "| field | bytes | on the path | shallow | deep | one query, median |",
-        "|---|--:|--:|--:|--:|--:|",
-    ]
-    for row in rows:
-        if row["mesh"] == "bunny" and row["bytes"]:
-            errors = (row[f"{name}_mean"] for name in ("trajectory", "shallow", "deep"))
-            cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
-            time = f"{float(row['one_p50_us']):.0f} µs"
-            table.append(f"| `{row['field']}` | {int(row['bytes']):,} | {cells} | {time} |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
-
-
-def _figures(path):
-    """Return the notes and the rows of a file of measured figures."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
-    return notes, list(csv.DictReader(line for line in lines if not line.startswith("#")))
-
-
-def repair_table():
-    """Return the table of docs/repair.md: what became of every mesh of a collection."""
-    notes, rows = _figures(REPAIR_FIGURES)
-    table = [
-        "| file | outcome | rungs kept | source to result, p99 / max (%) | result to source (%) "
-        "| caps, hidden (% of area) | untouched (%) | s | MB |",
-        "|---|---|---|--:|--:|--:|--:|--:|--:|",
-    ]
-    for row in rows:
-        outcome = row["outcome"] + (f": `{row['option']}`" if row["option"] else "")
-        figures = [
-            f"{_short(row['to_result_p99_percent'])} / {_short(row['to_result_max_percent'])}",
-            f"{_short(row['to_source_p99_percent'])} / {_short(row['to_source_max_percent'])}",
-            f"{_short(row['caps_percent'])}, {_short(row['hidden_percent'])}",
-            _short(row["untouched_percent"]),
-        ]
-        if row["outcome"].startswith("refused"):
-            figures = ["–"] * 4
-        cells = [f"{row['folder']}/{row['file']}", outcome, row["rungs"] or "–", *figures]
-        cells += [f"{float(row['seconds']):.0f}", f"{float(row['memory_mb']):.0f}"]
-        table.append("| " + " | ".join(cells) + " |")
-    valid = sum(row["outcome"] == "valid" for row in rows)
-    asked = sum(row["outcome"] == "valid with option" for row in rows)
-    summary = (
-        f"Of {len(rows)} files {valid} end valid with the default options, {asked} more with the "
-        f"option that the refusal names, {len(rows) - valid - asked} are refused."
-    )
-    return "\n".join([summary, "", *table, "", f"({'; '.join(notes)}.)"])
-
-
-def field_table():
-    """Return the table of bytes against error: our grids, and the peers' figures beside them."""
-    notes, rows = _figures(FIELD_FIGURES)
-    meshes = list(dict.fromkeys(row["mesh"] for row in rows))
-    cells = {(row["mesh"], row["field"]): row for row in rows}
-    table = [
-        "| field | in memory (KB) | " + " | ".join(f"{mesh}, on disk (KB)" for mesh in meshes)
-        + " | " + " | ".join(f"{mesh}, shallow / deep" for mesh in meshes) + " | built in (s) |",
-        "|---" + "|--:" * (2 + 2 * len(meshes)) + "|",
-    ]  # fmt: skip
-    for field in dict.fromkeys(row["field"] for row in rows):
-        found = [cells[mesh, field] for mesh in meshes]
-        row = [field, f"{int(found[0]['bytes']) / 1e3:,.0f}"]
-        row += [f"{int(f['disk_bytes']) / 1e3:,.0f}" for f in found]
-        row += [f"{1e3 * float(f['shallow']):.2f} / {1e3 * float(f['deep']):.2f}" for f in found]
-        row.append(f"{min(float(f['build_s']) for f in found):.1f}"
-                   f"–{max(float(f['build_s']) for f in found):.1f}")  # fmt: skip
-        table.append("| " + " | ".join(row) + " |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
-
-
-def distance_table():
-    """Return the table of speed and memory."""
-    notes, rows = _figures(DISTANCE_FIGURES)
-    table = ["| what | case | measured | ratio or exponent |", "|---|---|--:|--:|"]
-    for row in rows:
-        value = float(row["value"])
-        text = f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
-        ratio = f"{float(row['ratio']):.2f}" if row["ratio"] else ""
-        table.append(f"| {row['what']} | {row['case']} | {text} {row['unit']} | {ratio} |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
-
-
-def training_table():
-    """Return the table of docs/training.md: one row per trained network."""
-    notes, rows = _figures(TRAINING_FIGURES)
-    table = [
-        "| mesh | recipe | options | steps | s | points/s | KB | shallow | deep | on the path |",
-        "|---|---|---|--:|--:|--:|--:|--:|--:|--:|",
-    ]
-    for row in rows:
-        options = [o for o in row["options"].split() if not o.startswith(("steps=", "device="))]
-        cells = [row["mesh"], f"`{row['recipe']}`", f"`{' '.join(options)}`" if options else ""]
-        cells += [f"{int(row['steps']):,}", f"{float(row['seconds']):.0f}"]
-        cells += [f"{float(row['points_per_s']):,.0f}", f"{int(row['bytes']) / 1e3:,.0f}"]
-        cells += [f"{1e3 * float(row[k]):.3g}" for k in ("shallow", "deep", "trajectory")]
-        table.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
-
-
-def _short(text):
-    """Format a percentage: what is below a billionth is rounding."""
-    value = float(text or 0)
-    return "0" if value < 1e-9 else f"{value:.2g}" if value < 99.5 else f"{value:.4g}"
-
-
 def with_generated(path, **parts):
     """Return a file's text with the parts between its markers made anew."""
     text = path.read_text(encoding="utf-8")
@@ -208,10 +93,20 @@ def generated():
     return {
         SCHEMA: schema_text(),
         OPTIONS: with_generated(OPTIONS, options=option_tables()),
-        README: with_generated(README, bunny=bunny_table()),
-        REPAIR: with_generated(REPAIR, repair=repair_table()),
-        BENCHMARKS: with_generated(BENCHMARKS, distances=distance_table(), fields=field_table()),
-        TRAINING: with_generated(TRAINING, training=training_table()),
+        README: with_generated(README, bunny=measured.bunny_table()),
+        REPAIR: with_generated(REPAIR, repair=measured.repair_table()),
+        BENCHMARKS: with_generated(
+            BENCHMARKS,
+            distances=measured.distance_table(),
+            fields=measured.field_table(),
+            full=measured.full_table(),
+        ),
+        TRAINING: with_generated(
+            TRAINING,
+            training=measured.training_table(),
+            budgets=measured.budget_table(),
+            throughput=measured.throughput_table(),
+        ),
     }
 
 
@@ -226,8 +121,9 @@ def take_figures():
         f"machine: {machine['processor']}, {machine['cores']} cores, shared",
         f"commit: {commit}",
     ]
-    FIGURES.parent.mkdir(parents=True, exist_ok=True)
-    FIGURES.write_text("".join(f"# {note}\n" for note in notes) + summary, encoding="utf-8")
+    (measured.FOLDER / "default.csv").write_text(
+        "".join(f"# {note}\n" for note in notes) + summary, encoding="utf-8"
+    )
 
 
 def main(arguments):

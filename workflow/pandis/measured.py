@@ -1,0 +1,186 @@
+"""Tables of the documentation, from the measured figures in docs/figures."""
+
+import csv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "docs" / "figures"
+
+
+def bunny_table():
+    """Return the README's table: the default run's figures for ``bunny``."""
+    notes, rows = _figures("default")
+    table = [
+        "| field | bytes | on the path | shallow | deep | one query, median |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        if row["mesh"] == "bunny" and row["bytes"]:
+            errors = (row[f"{name}_mean"] for name in ("trajectory", "shallow", "deep"))
+            cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
+            time = f"{float(row['one_p50_us']):.0f} µs"
+            table.append(f"| `{row['field']}` | {int(row['bytes']):,} | {cells} | {time} |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def _figures(name):
+    """Return the notes and the rows of a file of measured figures."""
+    lines = (FOLDER / f"{name}.csv").read_text(encoding="utf-8").splitlines()
+    notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
+    return notes, list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+def repair_table():
+    """Return the table of docs/repair.md: what became of every mesh of a collection."""
+    notes, rows = _figures("repair")
+    table = [
+        "| file | outcome | rungs kept | source to result, p99 / max (%) | result to source (%) "
+        "| caps, hidden (% of area) | untouched (%) | s | MB |",
+        "|---|---|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        outcome = row["outcome"] + (f": `{row['option']}`" if row["option"] else "")
+        figures = [
+            f"{_short(row['to_result_p99_percent'])} / {_short(row['to_result_max_percent'])}",
+            f"{_short(row['to_source_p99_percent'])} / {_short(row['to_source_max_percent'])}",
+            f"{_short(row['caps_percent'])}, {_short(row['hidden_percent'])}",
+            _short(row["untouched_percent"]),
+        ]
+        if row["outcome"].startswith("refused"):
+            figures = ["–"] * 4
+        cells = [f"{row['folder']}/{row['file']}", outcome, row["rungs"] or "–", *figures]
+        cells += [f"{float(row['seconds']):.0f}", f"{float(row['memory_mb']):.0f}"]
+        table.append("| " + " | ".join(cells) + " |")
+    valid = sum(row["outcome"] == "valid" for row in rows)
+    asked = sum(row["outcome"] == "valid with option" for row in rows)
+    summary = (
+        f"Of {len(rows)} files {valid} end valid with the default options, {asked} more with the "
+        f"option that the refusal names, {len(rows) - valid - asked} are refused."
+    )
+    return "\n".join([summary, "", *table, "", f"({'; '.join(notes)}.)"])
+
+
+def field_table():
+    """Return the table of bytes against error: our grids, and the peers' figures beside them."""
+    notes, rows = _figures("fields")
+    meshes = list(dict.fromkeys(row["mesh"] for row in rows))
+    cells = {(row["mesh"], row["field"]): row for row in rows}
+    table = [
+        "| field | in memory (KB) | " + " | ".join(f"{mesh}, on disk (KB)" for mesh in meshes)
+        + " | " + " | ".join(f"{mesh}, shallow / deep" for mesh in meshes) + " | built in (s) |",
+        "|---" + "|--:" * (2 + 2 * len(meshes)) + "|",
+    ]  # fmt: skip
+    for field in dict.fromkeys(row["field"] for row in rows):
+        found = [cells[mesh, field] for mesh in meshes]
+        row = [field, f"{int(found[0]['bytes']) / 1e3:,.0f}"]
+        row += [f"{int(f['disk_bytes']) / 1e3:,.0f}" for f in found]
+        row += [f"{1e3 * float(f['shallow']):.2f} / {1e3 * float(f['deep']):.2f}" for f in found]
+        row.append(f"{min(float(f['build_s']) for f in found):.1f}"
+                   f"–{max(float(f['build_s']) for f in found):.1f}")  # fmt: skip
+        table.append("| " + " | ".join(row) + " |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def distance_table():
+    """Return the table of speed and memory."""
+    notes, rows = _figures("distances")
+    table = ["| what | case | measured | ratio or exponent |", "|---|---|--:|--:|"]
+    for row in rows:
+        value = float(row["value"])
+        text = f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+        ratio = f"{float(row['ratio']):.2f}" if row["ratio"] else ""
+        table.append(f"| {row['what']} | {row['case']} | {text} {row['unit']} | {ratio} |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def training_table():
+    """Return the table of docs/training.md: one row per trained network."""
+    notes, rows = _figures("training")
+    table = [
+        "| mesh | recipe | options | steps | s | points/s | KB | shallow | deep | on the path |",
+        "|---|---|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        options = [o for o in row["options"].split() if not o.startswith(("steps=", "device="))]
+        cells = [row["mesh"], f"`{row['recipe']}`", f"`{' '.join(options)}`" if options else ""]
+        cells += [f"{int(row['steps']):,}", f"{float(row['seconds']):.0f}"]
+        cells += [f"{float(row['points_per_s']):,.0f}", f"{int(row['bytes']) / 1e3:,.0f}"]
+        cells += [f"{1e3 * float(row[k]):.3g}" for k in ("shallow", "deep", "trajectory")]
+        table.append("| " + " | ".join(cells) + " |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def full_table():
+    """Return the table of the paper's comparison, with networks trained to the end."""
+    notes, rows = _figures("full")
+    seconds = {
+        (row["mesh"], row["recipe"], row["steps"]): float(row["seconds"])
+        for row in _figures("training_gpu")[1]
+    }
+    table = [
+        "| mesh | field | steps | trained in (s, GPU) | KB | shallow | deep | on the path, ± 95 % "
+        "| of `trilinear-64`, ± 95 % |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        taken = seconds.get((row["mesh"], row["field"], row["steps"]))
+        cells = [row["mesh"], f"`{row['field']}`"]
+        cells += [f"{int(row['steps']):,}" if row["steps"] else "", f"{taken:.0f}" if taken else ""]
+        cells.append(f"{int(row['bytes']) / 1e3:,.0f}")
+        cells += [f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep")]
+        path, interval = (1e3 * float(row[key]) for key in ("path", "path_interval"))
+        cells.append(f"{path:.2f} ± {interval:.2f}")
+        ratio = [float(row[key]) for key in ("of_trilinear_64", "of_trilinear_64_interval")]
+        cells.append("{:.2f} ± {:.2f}".format(*ratio))
+        table.append("| " + " | ".join(cells) + " |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def budget_table():
+    """Return the table of error by budget: a row per mesh, a column per number of steps."""
+    notes, rows = _figures("budgets")
+    first = [row for row in rows if "seed=" not in row["options"]]
+    budgets = list(dict.fromkeys(int(row["steps"]) for row in first))
+    table = [
+        "| mesh | " + " | ".join(f"{steps:,}" for steps in budgets) + " | four seeds |",
+        "|---" + "|--:" * (len(budgets) + 1) + "|",
+    ]
+    for mesh in dict.fromkeys(row["mesh"] for row in rows):
+        own = {int(row["steps"]): row for row in first if row["mesh"] == mesh}
+        cells = [_pair(own[steps]) for steps in budgets]
+        seeded = [row for row in rows if row["mesh"] == mesh and "seed=" in row["options"]]
+        seeded.append(own[int(seeded[0]["steps"])])
+        found = [float(row["shallow"]) for row in seeded]
+        spread = (max(found) - min(found)) / min(found)
+        cells.append(f"{len(seeded)} × {int(seeded[0]['steps']):,}: {100 * spread:.1f} %")
+        table.append(f"| {mesh} | " + " | ".join(cells) + " |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
+def _pair(row):
+    return " / ".join(f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep"))
+
+
+def throughput_table():
+    """Return the table of points per second, on two cores and on a GPU."""
+    parts = []
+    for device in ("cpu", "cuda"):
+        notes, rows = _figures(f"throughput_{device}")
+        parts += [
+            "| what | ms per step | points/s | × a plain loop's | GFLOP/s |",
+            "|---|--:|--:|--:|--:|",
+        ]
+        for row in rows:
+            cells = [row["what"], f"{float(row['ms']):.3g}"]
+            cells.append(f"{float(row['points_per_s']):,.0f}" if row["points_per_s"] else "")
+            cells += [f"{float(row['ratio']):.2f}" if row["ratio"] else ""]
+            cells += [f"{float(row['gflops']):,.0f}" if row["gflops"] else ""]
+            parts.append("| " + " | ".join(cells) + " |")
+        parts += ["", f"({'; '.join(notes)}.)", ""]
+    return "\n".join(parts).rstrip()
+
+
+def _short(text):
+    """Format a percentage: what is below a billionth is rounding."""
+    value = float(text or 0)
+    return "0" if value < 1e-9 else f"{value:.2g}" if value < 99.5 else f"{value:.4g}"
