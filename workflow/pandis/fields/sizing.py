@@ -6,9 +6,11 @@ from pandis.artifact import Artifact
 from pandis.catalogue import GRID_FIELDS
 from pandis.errors import PandisError
 from pandis.fields.grids import GRID_OPENERS
+from pandis.forces import penalty_force
 from pandis.grids.dense import CHANNELS, DenseGrid
-from pandis.grids.search import SIZES, coarsest, force_error, held_out
+from pandis.grids.search import SIZES, coarsest, force_error
 from pandis.grids.spline import SplineFit, samples_for
+from pandis.sampling import held_out
 
 #: Bytes of the splines that are tried for an error.
 SPLINE_BYTES = tuple(50_000 * 2**k for k in range(8))
@@ -36,7 +38,8 @@ class Sizing:
     def __init__(self, kind, engine, surface, frame, options, progress, log):
         self.kind, self.engine, self.surface, self.frame = kind, engine, surface, frame
         self.options, self.progress, self.log = options, progress, log
-        self.points, self.force = held_out(surface, engine, options["seed"])
+        self.points, *exact = held_out(surface, engine, options["seed"])
+        self.force = penalty_force(*exact)
         self._made = {}
         if kind == "spline":
             # a search over sizes draws once, for the largest

@@ -5,20 +5,9 @@ import numpy as np
 
 from pandis.errors import PandisError
 from pandis.forces import penalty_force
-from pandis.sampling import PROBE_DEPTHS
 
 #: Sizes that are tried, coarse to fine.
 SIZES = (16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256)
-#: Held-out points, deep as the deep probes; none of them is a training or an evaluation point.
-HELD_OUT = 20_000
-
-
-def held_out(surface, engine, seed):
-    """Return points below the surface with their exact forces, (n, 3) each."""
-    rng = np.random.default_rng([seed, 11])
-    points, normals, _, _ = surface.draw(HELD_OUT, rng)
-    points = points - rng.uniform(0, PROBE_DEPTHS["deep"], HELD_OUT)[:, None] * normals
-    return points, penalty_force(*engine.distance_and_normal(points))
 
 
 def force_error(field, points, force):

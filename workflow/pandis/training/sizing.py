@@ -1,10 +1,7 @@
 """Networks of which the user names what they should achieve, not how large they are."""
 
-from pandis.artifact import Artifact
 from pandis.errors import PandisError
-from pandis.fields.siren import SirenField
-from pandis.frame import Frame
-from pandis.grids.search import force_error, held_out
+from pandis.sampling import held_out
 from pandis.training.trainer import Trainer
 
 #: Widths that are tried, from fast to slow; bytes grow with their square.
@@ -44,17 +41,15 @@ def train(options, samples, strata, checkpoint, progress, log):
     if wanted is None:
         trainer = Trainer(options, samples, strata, checkpoint, log)
         return *trainer.run(progress), trainer.finish
-    points, force = held_out(strata.surface, strata.engine, options["seed"])
-    unit, tried = Frame((0.0, 0.0, 0.0), 1.0).attributes(), []
+    exact, tried = held_out(strata.surface, strata.engine, options["seed"]), []
     for width in [w for w in WIDTHS if w < options["width"]] + [options["width"]]:
         own = checkpoint.with_name(f"{checkpoint.stem}.{width}.pt")
         trainer = Trainer(options | {"width": width}, samples, strata, own, log)
         arrays, attributes = trainer.run(progress)
         trainer.keep()
-        made = Artifact(None, "model", arrays, attributes | {"frame": unit}, {}, "")
-        field = SirenField("network", made)
-        error = force_error(field, points, force)
-        tried.append({"size": width, "bytes": field.bytes, "force_error": error})
+        error = trainer.force_error(*exact)["mean"]
+        size = sum(arrays[key].nbytes for key in arrays if key != "curve")
+        tried.append({"size": width, "bytes": size, "force_error": error})
         log(f"network of {width} units per layer: mean force error {error:.3e}")
         if error <= wanted:
             sizing = {"asked": {"force_error": wanted}, "tried": tried, "held_out_error": error}

@@ -64,8 +64,7 @@ class Trainer:
             self.batches = fresh_batches(strata, batch, seed, self.device)
         low, high = samples.attributes["strata"]["held-out"]
         columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
-        held_out = np.column_stack(columns).astype(np.float32)
-        self.held_out = torch.from_numpy(held_out).to(self.device)
+        self.held_out = self._rows_of(*columns)
         generator = torch.Generator().manual_seed(seed)
         self.shape = {key: options[key] for key in ("width", "depth", "omega")}
         if options["omega"] is None:
@@ -188,7 +187,7 @@ class Trainer:
             share = done / (steps or seconds)
             loss = self._advance(share)
             if self.step % every == 0:
-                value, error = loss.item(), self.held_out_error(QUICK)["mean"]
+                value, error = loss.item(), self._force_error(self.held_out[:QUICK])["mean"]
                 if self._diverged(share, error):
                     self._restart()
                     continue
@@ -264,14 +263,26 @@ class Trainer:
             "reproducible": self.options["steps"] is not None and self.device == "cpu",
             "device": self.device,
             "curve_columns": ["step", "loss", "held-out force error"],
-            "held_out_error": self.held_out_error(None),
+            "held_out_error": self._force_error(self.held_out),
             "direction_length": self._direction_length(),
         }
 
+    def force_error(self, points, distance, normal):
+        """Return mean and p99 of the force error (k = 1, unit frame) at points with exact labels.
+
+        Parameters
+        ----------
+        points, normal : ndarray, shape (n, 3)
+        distance : ndarray, shape (n,)
+        """
+        return self._force_error(self._rows_of(points, distance, normal))
+
+    def _rows_of(self, *columns):
+        rows = np.column_stack(columns).astype(np.float32)
+        return torch.from_numpy(rows).to(self.device)
+
     @torch.no_grad()
-    def held_out_error(self, count):
-        """Return the force error (k = 1, unit frame) on held-out points."""
-        rows = self.held_out[:count]
+    def _force_error(self, rows):
         phi, direction = self._answer(rows[:, :3])
         force = -phi.clamp(max=0)[:, None] * torch.nn.functional.normalize(direction)
         exact = -rows[:, 3:4].clamp(max=0) * rows[:, 4:]
