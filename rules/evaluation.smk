@@ -51,6 +51,7 @@ rule timing:
         mesh="results/{mesh}/mesh.zarr.zip",
         trajectory="results/{mesh}/trajectory.zarr.zip",
         exports=plan.exports,
+        programs=plan.programs,
         fields=plan.unexported,
     output:
         "results/{mesh}/timing.zarr.zip",

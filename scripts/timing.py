@@ -1,6 +1,6 @@
 """Time all fields of a mesh. Writes timing.zarr.zip."""
 
-from pandis.evaluation.timing import time_fields
+from pandis.evaluation.timing import time_fields, time_program
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_grids
 from pandis.stage import stage
@@ -11,4 +11,7 @@ with stage(snakemake) as job:
     exports = [job.note_file(path) for path in job.input.exports]
     fields = [ExactField("exact", mesh)] if "exact" in job.options["fields"] else []
     fields += open_grids(job.options["fields"], map(job.read_path, job.input.fields))
-    job.write("timing", *time_fields(fields, exports, mesh, points, job.options, job.progress))
+    arrays, attributes = time_fields(fields, exports, mesh, points, job.options, job.progress)
+    for path in map(job.note_file, job.input.programs):
+        arrays |= time_program(path, mesh, points, job.options, attributes["fields"], job.log)
+    job.write("timing", arrays, attributes)

@@ -278,6 +278,11 @@ class TimingOptions(Options):
     queries: Annotated[int, Field(ge=100)] = Field(2000, description="single queries per field")
     batch: Count = Field(10_000, description="points of a batch")
     repeats: Count = Field(5, description="batches per field; the median counts")
+    libtorch: bool = Field(
+        False,
+        description="also time every network from a C++ program on LibTorch, the paper's way; "
+        "needs g++, and half a minute per network to compile it",
+    )
 
 
 class HardwareOptions(Options):

@@ -191,6 +191,12 @@ class Plan:
             for ending in spec.exports
         ]
 
+    def programs(self, wildcards):
+        """Return the PyTorch programs that are timed from C++."""
+        specs = [s for s in self.specs(wildcards.mesh) if s.kind == "network"]
+        wanted = self.entries[wildcards.mesh].timing.libtorch
+        return [f"results/{wildcards.mesh}/export/{s.name}.pt2" for s in specs if wanted]
+
     def report_artifacts(self):
         """Return everything that the report reads."""
         found = []

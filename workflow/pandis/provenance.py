@@ -14,7 +14,7 @@ from importlib import metadata
 from pathlib import Path
 
 #: Files beside a package's modules that are a part of it: templates, sources in C.
-_DATA = {".html", ".css", ".js", ".h", ".c"}
+_DATA = {".html", ".css", ".js", ".h", ".c", ".cpp"}
 
 #: Packages whose versions are recorded if the stage has loaded them.
 _PACKAGES = {

@@ -4,7 +4,11 @@ import time
 
 import numpy as np
 
+from pandis.errors import PandisError
+from pandis.evaluation import libtorch
+from pandis.export.check import FORCE
 from pandis.export.session import Session
+from pandis.forces import penalty_force
 from pandis.frame import Frame
 from pandis.machine import describe
 
@@ -44,6 +48,50 @@ def time_fields(fields, exports, mesh, points, options, progress):
         found[name] = summarise(single, batched) | {"engine": engine}
         report.update(index + 1)
     return arrays, {"fields": found, "machine": describe(), "reproducible": False}
+
+
+def time_program(path, mesh, points, options, found, log):
+    """Time a network as the paper does, from a C++ program on LibTorch.
+
+    Parameters
+    ----------
+    path : Path
+        ``{field}.pt2``, its ``.onnx`` beside it.
+    mesh, points, options
+        As for `time_fields`.
+    found : dict
+        The figures of all fields: percentiles ``libtorch_…_us`` are added to the field's.
+    log : callable
+
+    Returns
+    -------
+    dict
+        Seconds of every query, as stored.
+
+    Raises
+    ------
+    PandisError
+        The program does not build, or does not answer as the ONNX model does.
+    """
+    frame, name = Frame.from_attributes(mesh.attributes["frame"]), path.stem
+    points = frame.to_mesh(points)
+    distance, normal, seconds = libtorch.ask(path, points, options["queries"])
+    wanted = Session(path.with_suffix(".onnx")).distance_and_normal(points)
+    force, wanted_force = penalty_force(distance, normal), penalty_force(*wanted)
+    off = np.linalg.norm(force - wanted_force, axis=1).max() * frame.scale
+    if not off <= 2 * FORCE:  # each may differ by so much from the network
+        raise PandisError(
+            f"{path}: its force in LibTorch differs from the ONNX model's by {off:.3g}, allowed is "
+            f"{2 * FORCE:.3g}; please report it, and set timing.libtorch to false"
+        )
+    percentiles = dict(
+        zip(("p50", "p99", "p999"), np.percentile(seconds, [50, 99, 99.9]), strict=True)
+    )
+    found[name] |= {f"libtorch_{key}_us": float(s * 1e6) for key, s in percentiles.items()}
+    log(
+        f"{name}: {percentiles['p50'] * 1e6:.1f} µs per query in LibTorch; force as ONNX, {off:.1e}"
+    )
+    return {f"libtorch_{name}": seconds}
 
 
 def time_queries(answer, points, queries, batch, repeats):

@@ -1,4 +1,4 @@
-"""Compiles a C source once per machine and loads it."""
+"""Compiles sources once per machine, and loads C libraries."""
 
 import ctypes
 import hashlib
@@ -57,33 +57,55 @@ def load(source):
             f"no C compiler found for {source.name}: install one (Debian: apt-get install gcc; "
             "conda: conda install gcc) or name it in the environment variable CC"
         )
-    command = [compiler, *FLAGS, str(source), "-lm"]
-    # -march=native: what is compiled for one processor may not run on another
-    key = "\0".join([*command[:-2], platform.machine(), _processor(), source.read_text()])
-    name = f"{source.stem}-{hashlib.sha256(key.encode()).hexdigest()[:20]}.so"
-    library = cache_folder() / name
-    if not library.is_file():
-        library = _compile(command, library)
-    return ctypes.CDLL(str(library))
+    return ctypes.CDLL(str(build([compiler, *FLAGS], source, ["-lm"], f"{source.stem}.so")))
 
 
-def _compile(command, library):
-    """Compile to ``library``; into a temporary folder if the cache cannot be written."""
+def build(command, source, libraries, name):
+    """Compile a source once per machine, and keep what comes out.
+
+    Parameters
+    ----------
+    command : list of str
+        The compiler and its flags.
+    source : Path
+    libraries : list of str
+        Flags that come after the source.
+    name : str
+        Of the file to make; a digest of all that it depends on goes before its ending.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    PandisError
+        The compiler fails.
+    """
+    # what is compiled for one processor may not run on another
+    key = [*command, *libraries, platform.machine(), _processor(), source.read_text("utf-8")]
+    digest = hashlib.sha256("\0".join(key).encode()).hexdigest()[:20]
+    made = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
+    return made if made.is_file() else _compile([*command, str(source), *libraries], made)
+
+
+def _compile(command, made):
+    """Compile to ``made``; into a temporary folder if the cache cannot be written."""
     try:
-        library.parent.mkdir(parents=True, exist_ok=True)
-        folder = tempfile.mkdtemp(dir=library.parent)
+        made.parent.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.mkdtemp(dir=made.parent)
     except OSError:
         folder = tempfile.mkdtemp(prefix="pandis-")
-        library = Path(folder) / library.name
-    part = Path(folder) / "part.so"
+        made = Path(folder) / made.name
+    part = Path(folder) / "part"
     done = subprocess.run([*command, "-o", str(part)], capture_output=True, text=True, check=False)
     if done.returncode:
         shutil.rmtree(folder, ignore_errors=True)
         raise PandisError(f"{' '.join(command)} failed:\n{done.stderr.strip()}")
-    part.replace(library)  # whole or not at all, whoever else compiles the same
-    if Path(folder) != library.parent:
+    part.replace(made)  # whole or not at all, whoever else compiles the same
+    if Path(folder) != made.parent:
         shutil.rmtree(folder, ignore_errors=True)
-    return library
+    return made
 
 
 def _processor():

@@ -18,6 +18,7 @@ COLUMNS = {
     "trajectory_newtons": "Error (mN)",
     "one_p50_us": "One query, p50 (µs)",
     "one_p99_us": "One query, p99 (µs)",
+    "libtorch_p50_us": "In LibTorch, p50 (µs)",
     "batch_us": "In a batch (µs)",
     "hardware_p999_us": "At 1 kHz, p99.9 (µs)",
     "misses": "Misses",
@@ -74,6 +75,7 @@ def summary_rows(mesh, evaluation, timing, hardware):
         }
         if times := timing["fields"].get(field):
             row |= {key: times[key] for key in ("one_p50_us", "one_p99_us", "batch_us")}
+            row["libtorch_p50_us"] = times.get("libtorch_p50_us", "")
         if verdict := hardware["fields"].get(field):
             row |= {
                 "hardware_p999_us": verdict["compute_us"]["p99.9"],
