@@ -4,7 +4,7 @@ import numpy as np
 from onnx import TensorProto
 
 from pandis.catalogue import parse_field
-from pandis.export.check import FORCE_LENGTH, check
+from pandis.export.check import FORCE_LENGTH, GRID_FORCE, check
 from pandis.export.graphs import Graph, enter, leave, split
 from pandis.export.session import Session
 from pandis.fields.grids import open_field
@@ -205,6 +205,6 @@ def export_grid(name, artifact, provenance, log):
         return *field.answer(points), np.full(len(points), FORCE_LENGTH)
 
     answer = Session(model).distance_and_normal
-    differences = check(answer, reference, field.frame)
+    differences = check(answer, reference, field.frame, GRID_FORCE)
     log(f"agrees with the field: {differences}")
     return model
