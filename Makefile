@@ -4,6 +4,7 @@
 # Also: make test-full (no time limit), make lint, make docs, make figures, make clean.
 PYTHON ?= python3
 JOBS ?= 2
+RUN ?= default
 BIN := .venv/bin
 
 .PHONY: all test test-full lint docs figures clean
@@ -27,9 +28,9 @@ lint: .venv/installed
 docs: .venv/installed
 	PYTHONPATH=workflow $(BIN)/python -m pandis.reference
 
-# take the figures of the last `make all` into docs/figures first
+# take the figures of the last `make all` into docs/figures first (RUN=sphere: of config/sphere.yaml)
 figures: .venv/installed
-	PYTHONPATH=workflow $(BIN)/python -m pandis.reference figures
+	PYTHONPATH=workflow $(BIN)/python -m pandis.reference figures $(RUN)
 
 .venv/installed: constraints.txt
 	$(PYTHON) -m venv .venv

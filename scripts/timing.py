@@ -1,16 +1,14 @@
 """Time all fields of a mesh. Writes timing.zarr.zip."""
 
 from pandis.evaluation.timing import time_fields, time_program
-from pandis.fields.exact import ExactField
-from pandis.fields.grids import open_grids
+from pandis.fields.registry import open_fields
 from pandis.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     points = job.read("trajectory", "trajectory").arrays["points"]
     exports = [job.note_file(path) for path in job.input.exports]
-    fields = [ExactField("exact", mesh)] if "exact" in job.options["fields"] else []
-    fields += open_grids(job.options["fields"], map(job.read_path, job.input.fields))
+    fields = open_fields(job.options["in_python"], mesh, map(job.read_path, job.input.fields))
     arrays, attributes = time_fields(fields, exports, mesh, points, job.options, job.progress)
     for path in map(job.note_file, job.input.programs):
         arrays |= time_program(path, mesh, points, job.options, attributes["fields"], job.log)

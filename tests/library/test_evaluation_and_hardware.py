@@ -201,6 +201,7 @@ def test_summary_has_every_column_and_the_configs_order():
         "errors": dict.fromkeys(("trajectory", "shallow", "deep"), table),
         "bytes": {"a": 1, "b": 2},
         "newtons": 2.0,
+        "mean_force": {"trajectory": 2.0},
     }
     timing = {"fields": {"a": {"one_p50_us": 1.0, "one_p99_us": 2.0, "batch_us": 3.0}}}
     hardware = {"fields": {"a": {"compute_us": {"p99.9": 4.0}, "misses": 0, "verdict": "pass"}}}
@@ -210,6 +211,20 @@ def test_summary_has_every_column_and_the_configs_order():
     assert lines[0] == ",".join(COLUMNS)
     assert lines[2].endswith("4,0,pass")
     assert rows[0]["trajectory_newtons"] == pytest.approx(1000)
+    assert rows[0]["trajectory_percent"] == pytest.approx(25)
+
+
+def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
+    class Path(Plane):
+        ordered = True
+
+    sets = {"shallow": truth(20), "deep": truth(20)}
+    fields = [Plane("exact"), Path("path", -0.01)]
+    _, attributes = evaluate(fields, truth(), sets, silent_progress)
+    assert "path" in attributes["errors"]["trajectory"]
+    assert "path" not in attributes["errors"]["shallow"]
+    rows = summary_rows("m", attributes | {"newtons": 1.0}, {"fields": {}}, {"fields": {}})
+    assert [row["shallow_mean"] for row in rows] == [0, ""]
 
 
 def test_render_shows_the_mesh_where_it_is():

@@ -17,8 +17,19 @@ GRID_FIELDS = {
     "trilinear-normal": "normal",
     "trilinear-gradient": "distance",
     "tricubic": "distance",
+    "kim": "distance",
+    "kim-ray": "distance",
+    "kim-cell": "distance",
     "spline": "spline",
 }
+#: Grid fields that are there to be compared with, or have no graph.
+_UNEXPORTED = {"spline", "kim", "kim-ray", "kim-cell"}
+#: The paper's [16]: planes alone, with their distance maps, with the maps' slopes too.
+PLANE_FIELDS = ("support-planes-only", "support-planes-distance", "support-planes")
+#: The paper's [22]: a contact point tracked on the exact surface, or on another field's.
+PROXY = "salisbury"
+#: The paper's [10] on x² + y² + z² - 1, on the unit sphere.
+ALGEBRAIC = "kim-algebraic"
 #: Most nodes per axis.
 LARGEST = {"spline": 320}
 LARGEST_DENSE = 512
@@ -32,13 +43,16 @@ class FieldSpec(NamedTuple):
     name : str
         As the user wrote it.
     kind : str
-        ``exact``, a key of GRID_FIELDS, or ``network``.
+        ``exact``, a key of GRID_FIELDS, ``network``, or one of the paper's other methods:
+        PROXY, ALGEBRAIC, one of PLANE_FIELDS.
     artifact : str
         Stem of the artifact that holds it: ``results/{mesh}/{artifact}.zarr.zip``.
     size : int, "auto" or None
         Nodes per axis of a grid.
     exports : tuple of str
         Endings of its files under ``results/{mesh}/export/``.
+    through : FieldSpec or None
+        The field that a contact point is tracked on.
     """
 
     name: str
@@ -46,6 +60,7 @@ class FieldSpec(NamedTuple):
     artifact: str
     size: int | str | None
     exports: tuple[str, ...]
+    through: "FieldSpec | None" = None
 
 
 def is_grid_field(name):
@@ -55,7 +70,8 @@ def is_grid_field(name):
 
 def is_builtin_field(name):
     """Tell whether ``name`` is taken by a field that is not a recipe."""
-    return name == "exact" or is_grid_field(name)
+    method = name in PLANE_FIELDS or name.startswith((PROXY, ALGEBRAIC))
+    return name == "exact" or is_grid_field(name) or method
 
 
 def parse_field(name, recipes):
@@ -75,9 +91,25 @@ def parse_field(name, recipes):
     """
     if name == "exact":
         return FieldSpec(name, "exact", "mesh", None, ())
+    if name in PLANE_FIELDS:
+        return FieldSpec(name, name, "method-support-planes", None, ())
+    if name == PROXY or name.startswith(f"{PROXY}-"):
+        inner = parse_field(name.removeprefix(PROXY).removeprefix("-") or "exact", recipes)
+        if inner.through:
+            raise ValueError(f"{name}: a contact point is tracked on a field, not on another one")
+        if GRID_FIELDS.get(inner.kind) == "force":
+            raise ValueError(
+                f"{name}: {inner.name} knows no distance outside of the surface, where "
+                "a contact point is looked for; take trilinear-normal or tricubic"
+            )
+        return FieldSpec(name, PROXY, inner.artifact, None, (), inner)
+    if match := re.fullmatch(f"{ALGEBRAIC}-([1-9][0-9]*)", name):
+        if not 4 <= int(match[1]) <= LARGEST_DENSE:
+            raise ValueError(f"{name}: it has 4 to {LARGEST_DENSE} nodes per axis")
+        return FieldSpec(name, ALGEBRAIC, "mesh", int(match[1]), ())
     if match := re.fullmatch(f"({'|'.join(GRID_FIELDS)})-([1-9][0-9]*|auto)", name):
         kind = match[1]
-        exports = () if kind == "spline" else ("onnx",)
+        exports = () if kind in _UNEXPORTED else ("onnx",)
         if match[2] == "auto":
             return FieldSpec(name, kind, f"grid-{kind}-auto", "auto", exports)
         size, smallest = int(match[2]), 32 if kind == "spline" else 4
@@ -87,5 +119,5 @@ def parse_field(name, recipes):
         return FieldSpec(name, kind, f"grid-{GRID_FIELDS[kind]}-{size}", size, exports)
     if name in recipes:
         return FieldSpec(name, "network", f"model-{name}", None, ("onnx",))
-    known = ["exact", *(f"{kind}-64" for kind in GRID_FIELDS), *recipes]
+    known = ["exact", *(f"{kind}-64" for kind in GRID_FIELDS), *PLANE_FIELDS, PROXY, *recipes]
     raise ValueError(f"'{name}' is no field; known are {', '.join(known)}")

@@ -251,6 +251,11 @@ class BakeOptions(Options):
 class TrajectoryOptions(Options):
     """The path of the probe on the mesh, traced on exact distances."""
 
+    kind: Literal["surface", "spiral"] = Field(
+        "surface",
+        description="surface: along the surface, turning at random; spiral: six turns from pole "
+        "to pole of a closed-form sphere, 2 to 5 % of its radius deep whatever the depths say",
+    )
     samples: Annotated[int, Field(ge=10)] = Field(2000, description="samples, one per tick")
     step: Positive = Field(0.004, description="distance between samples (unit frame)")
     shallow: Positive = Field(0.001, description="smallest depth (unit frame)")

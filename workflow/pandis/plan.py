@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from pandis.catalogue import GRID_FIELDS, parse_field
+from pandis.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.config import check_yaml, load_config, plain, recipe_options
 from pandis.errors import PandisError
 from pandis.provenance import CodeDigests, unused_modules
@@ -25,7 +25,7 @@ TARGETS = {
     "samples": ("sample",),
     "models": ("train",),
     "exports": ("export_grid", "export_network", "export_vti"),
-    "grids": ("bake", "bake_spline", "bake_auto"),
+    "grids": ("bake", "bake_spline", "bake_auto", "support_planes"),
     "evaluations": ("trajectory", "evaluate", "timing"),
     "hardware": ("validate",),
 }
@@ -91,13 +91,21 @@ class Plan:
     @property
     def recipes(self):
         """Names of all recipes that some mesh trains."""
-        specs = (spec for mesh in self.entries for spec in self.specs(mesh))
+        specs = (spec for mesh in self.entries for spec in self.held(mesh))
         return sorted({spec.name for spec in specs if spec.kind == "network"})
 
     def specs(self, mesh):
         """Return the FieldSpec of every field of a mesh."""
         entry = self.entries[mesh]
         return [parse_field(name, entry.train) for name in entry.fields]
+
+    def held(self, mesh):
+        """Return one FieldSpec for each artifact that holds a field, but for the mesh itself.
+
+        A contact point's field is among them.
+        """
+        specs = [spec.through or spec for spec in self.specs(mesh)]
+        return [s for s in {s.artifact: s for s in specs}.values() if s.artifact != "mesh"]
 
     # --- outputs ---------------------------------------------------------------
 
@@ -112,24 +120,31 @@ class Plan:
         if extension:
             add(f"source.{extension}", "fetch", extension=extension)
         add("mesh.zarr.zip", "mesh")
-        specs = self.specs(mesh)
-        networks = [spec for spec in specs if spec.kind == "network"]
-        if networks:
+        specs, held = self.specs(mesh), self.held(mesh)
+        if any(spec.kind == "network" for spec in held):
             add("samples.zarr.zip", "sample")
-        for spec in networks:
-            add(f"{spec.artifact}.zarr.zip", "train", recipe=spec.name)
-            for ending in ("onnx", "pt2"):
-                add(f"export/{spec.name}.{ending}", "export_network", recipe=spec.name)
-        grids = [spec for spec in specs if spec.kind in GRID_FIELDS]
-        for spec in {spec.artifact: spec for spec in grids}.values():
-            path, content = f"{spec.artifact}.zarr.zip", GRID_FIELDS[spec.kind]
+        for spec in held:
+            if spec.kind == "network":
+                add(f"{spec.artifact}.zarr.zip", "train", recipe=spec.name)
+        for spec in specs:
+            if spec.kind == "network":
+                for ending in ("onnx", "pt2"):
+                    add(f"export/{spec.name}.{ending}", "export_network", recipe=spec.name)
+        for spec in held:
+            path, content = f"{spec.artifact}.zarr.zip", GRID_FIELDS.get(spec.kind)
+            if spec.kind in PLANE_FIELDS:
+                add(path, "support_planes")
+            if content is None:
+                continue
             if spec.size == "auto":
                 add(path, "bake_auto", kind=spec.kind)
             elif content == "spline":
                 add(path, "bake_spline", size=str(spec.size))
             else:
                 add(path, "bake", content=content, size=str(spec.size))
-        for spec in grids:
+        for spec in specs:
+            if spec.kind not in GRID_FIELDS:
+                continue
             if "onnx" in spec.exports:
                 add(f"export/{spec.name}.onnx", "export_grid", field=spec.name)
             if self.entries[mesh].bake.vti:
@@ -170,8 +185,8 @@ class Plan:
 
     def field_artifacts(self, wildcards):
         """Return the artifacts of all fields of a mesh but its own mesh file."""
-        stems = dict.fromkeys(s.artifact for s in self.specs(wildcards.mesh) if s.kind != "exact")
-        return [f"results/{wildcards.mesh}/{stem}.zarr.zip" for stem in stems]
+        held = self.held(wildcards.mesh)
+        return [f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip" for spec in held]
 
     def grid_artifact(self, wildcards):
         """Return the grid that a grid field is exported from."""
@@ -180,8 +195,9 @@ class Plan:
 
     def unexported(self, wildcards):
         """Return the artifacts of the fields that are timed from the library itself."""
-        specs = [s for s in self.specs(wildcards.mesh) if s.kind != "exact" and not s.exports]
-        return [f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip" for spec in specs]
+        stems = [s.artifact for s in self.specs(wildcards.mesh) if not s.exports]
+        stems = [stem for stem in dict.fromkeys(stems) if stem != "mesh"]
+        return [f"results/{wildcards.mesh}/{stem}.zarr.zip" for stem in stems]
 
     def exports(self, wildcards):
         """Return the exported files of a mesh."""
@@ -202,8 +218,8 @@ class Plan:
         found = []
         for mesh in self.entries:
             stems = ["mesh", "trajectory", "evaluation", "timing", "hardware"]
-            stems += [spec.artifact for spec in self.specs(mesh) if spec.kind != "exact"]
-            if any(spec.kind == "network" for spec in self.specs(mesh)):
+            stems += [spec.artifact for spec in self.held(mesh)]
+            if any(spec.kind == "network" for spec in self.held(mesh)):
                 stems.append("samples")
             found += [f"results/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
         return found
@@ -265,6 +281,8 @@ class Plan:
                 return grid | {"band": band, "chunk": entry.bake.chunk}
             case "bake_spline":
                 return {"size": int(wildcards["size"]), "band": band, "seed": seed}
+            case "support_planes":
+                return {}
             case "bake_auto":
                 kind = wildcards["kind"]
                 target = entry.bake.auto[kind].model_dump()
@@ -284,7 +302,8 @@ class Plan:
                     "stiffness": stiffness,
                 }
             case "timing":
-                return entry.timing.model_dump() | {"fields": entry.fields}
+                own = [spec.name for spec in self.specs(mesh) if not spec.exports]
+                return entry.timing.model_dump() | {"in_python": own}
             case "validate":
                 return {
                     **entry.hardware.model_dump(),

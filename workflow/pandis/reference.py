@@ -1,8 +1,9 @@
 """Generates what the documentation repeats: schema, option tables, measured figures.
 
 ``make docs`` writes all of it; ``make figures`` first takes the figures of the
-last default run from results/ into docs/figures. A test fails when a file
-differs from what this module would write.
+last default run from results/ into docs/figures (``make figures RUN=sphere``:
+those of config/sphere.yaml). A test fails when a file differs from what this
+module would write.
 """
 
 import json
@@ -19,6 +20,7 @@ OPTIONS = ROOT / "config" / "README.md"
 README = ROOT / "README.md"
 REPAIR = ROOT / "docs" / "repair.md"
 BENCHMARKS = ROOT / "docs" / "benchmarks.md"
+SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
 END = "<!-- end of generated -->"
 
@@ -94,6 +96,7 @@ def generated():
         SCHEMA: schema_text(),
         OPTIONS: with_generated(OPTIONS, options=option_tables()),
         README: with_generated(README, bunny=measured.bunny_table()),
+        SPHERE: with_generated(SPHERE, sphere=measured.sphere_table()),
         REPAIR: with_generated(REPAIR, repair=measured.repair_table()),
         BENCHMARKS: with_generated(
             BENCHMARKS,
@@ -110,26 +113,28 @@ def generated():
     }
 
 
-def take_figures():
-    """Copy the summary of the last default run, with command, machine and commit."""
+def take_figures(name):
+    """Copy the summary of the last run, with command, machine and commit."""
     summary = (ROOT / "results" / "summary.csv").read_text(encoding="utf-8")
     git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
     machine = describe()
+    command = (
+        "make all" if name == "default" else f"snakemake -j2 all --configfile config/{name}.yaml"
+    )
     notes = [
-        "command: make all",
+        f"command: {command}",
         f"machine: {machine['processor']}, {machine['cores']} cores, shared",
         f"commit: {commit}",
     ]
-    (measured.FOLDER / "default.csv").write_text(
-        "".join(f"# {note}\n" for note in notes) + summary, encoding="utf-8"
-    )
+    text = "".join(f"# {note}\n" for note in notes) + summary
+    (measured.FOLDER / f"{name}.csv").write_text(text, encoding="utf-8")
 
 
 def main(arguments):
     """Write all generated files."""
-    if "figures" in arguments:
-        take_figures()
+    if arguments[:1] == ["figures"]:
+        take_figures(*arguments[1:] or ["default"])
     for path, text in generated().items():
         path.write_text(text, encoding="utf-8")
         print(f"wrote {path.relative_to(ROOT)}", file=sys.stderr)

@@ -3,8 +3,11 @@
 import numpy as np
 
 from pandis.errors import PandisError
+from pandis.mesh.shapes import Sphere
 
 _TRIES = 24
+#: Turns of a spiral.
+TURNS = 6
 
 
 def trace(surface, engine, options, progress):
@@ -34,8 +37,11 @@ def trace(surface, engine, options, progress):
     Raises
     ------
     PandisError
-        No place on the mesh is thick enough for the depths asked for.
+        No place on the mesh is thick enough for the depths asked for, or a spiral is asked
+        for on something else than a sphere.
     """
+    if options["kind"] == "spiral":
+        return _spiral(engine, options["samples"])
     rng = np.random.default_rng(options["seed"])
     count, step = options["samples"], options["step"]
     depth = _depths(count, options["shallow"], options["deep"], rng)
@@ -103,6 +109,21 @@ class _Tracer:
                     return state, heading
             heading = heading + rng.normal(0, 0.3 * (attempt + 1), 3)
         return None, None
+
+
+def _spiral(engine, count):
+    """Return a path of six turns around a sphere, 2 to 5 % of its radius deep."""
+    shape = getattr(engine, "shape", None)
+    if not isinstance(shape, Sphere):
+        raise PandisError("trajectory.kind: a spiral is for analytic:sphere; set it to surface")
+    radius = shape.radius * engine.frame.scale
+    share = np.arange(count) / max(count - 1, 1)
+    polar, around = np.pi * share, 2 * np.pi * TURNS * share
+    depth = radius * (0.035 + 0.015 * np.sin(2 * np.pi * 3 * share))
+    direction = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
+    points = (radius - depth)[:, None] * np.stack(direction, axis=1)
+    distance, normal = engine.distance_and_normal(points)
+    return {"points": points, "distance": distance, "normal": normal}
 
 
 def _depths(count, shallow, deep, rng):

@@ -65,6 +65,8 @@ def evaluate(fields, trajectory, probe_sets, progress):
         scale[name] = float(np.linalg.norm(exact, axis=1).mean())
     for index, field in enumerate(fields):
         for name, (points, distance, normal) in sets.items():
+            if field.ordered and name != "trajectory":
+                continue  # its points are no path
             exact = penalty_force(distance, normal)
             force = penalty_force(*field.answer(points))
             errors[name][field.name] = statistics(force, exact)

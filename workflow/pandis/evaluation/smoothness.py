@@ -82,7 +82,7 @@ def smoothness(fields, engine, lines):
         largest as a share of the exact field's.
     """
     answers = {REFERENCE: engine.distance_and_normal}
-    answers |= {field.name: field.answer for field in fields}
+    answers |= {field.name: field.answer for field in fields if not field.ordered}
     table = {}
     for name, answer in answers.items():
         change = force_steps(answer, lines)

@@ -38,7 +38,11 @@ class Field:
     frame : pandis.frame.Frame
     bytes : int
         What a program must hold in memory to answer.
+    ordered : bool
+        Answers depend on the way: the points of a call are a path, from out of contact.
     """
+
+    ordered = False
 
     def __init__(self, name, frame, size):
         self.name, self.frame, self.bytes = name, frame, size

@@ -65,27 +65,10 @@ class GridField(Field):
 
     def _interpolate(self, points):
         """Return distance and normal at points in the box."""
-        value = self._trilinear(points)
+        value = trilinear(self.values, points)
         if self.content == "force":
             return -np.linalg.norm(value, axis=1), normalise(value)
         return value[:, 0], normalise(value[:, 1:])
-
-    def _trilinear(self, points):
-        corners, t = self._corners(points)
-        x, y, z = t.T[..., None]
-        line = [[corners[0, b, c] * (1 - x) + corners[1, b, c] * x for b in (0, 1)] for c in (0, 1)]
-        plane = [line[c][0] * (1 - y) + line[c][1] * y for c in (0, 1)]
-        return plane[0] * (1 - z) + plane[1] * z
-
-    def _corners(self, points):
-        """Return the values at the corners of the cells, by offset, and where in them (n, 3)."""
-        size = len(self.values)
-        position = (points + 1.0) * ((size - 1) / 2)
-        base = np.minimum(np.floor(position), size - 2).astype(np.int64)
-        i, j, k = base.T
-        values = self.values if self.values.ndim == 4 else self.values[..., None]
-        corners = {o: values[i + o[0], j + o[1], k + o[2]] for o in np.ndindex(2, 2, 2)}
-        return corners, position - base
 
 
 class NearestField(GridField):
@@ -101,7 +84,7 @@ class GradientField(GridField):
     """The distance trilinearly, the normal as its own gradient: it jumps from cell to cell."""
 
     def _interpolate(self, points):
-        corners, t = self._corners(points)
+        corners, t = _corners(self.values, points)
         x, y, z = t.T
         c = {offset: value[:, 0].astype(np.float64) for offset, value in corners.items()}
 
@@ -138,3 +121,23 @@ class TricubicField(GridField):
         within = np.clip(points, -1 + 1e-12, 1 - 1e-12)
         value, gradient = self.lattice.evaluate(self.coefficients, within)
         return value, normalise(gradient)
+
+
+def trilinear(values, points):
+    """Interpolate values (n, n, n) or (n, n, n, c) at points (m, 3) in the box; (m, c)."""
+    corners, t = _corners(values, points)
+    x, y, z = t.T[..., None]
+    line = [[corners[0, b, c] * (1 - x) + corners[1, b, c] * x for b in (0, 1)] for c in (0, 1)]
+    plane = [line[c][0] * (1 - y) + line[c][1] * y for c in (0, 1)]
+    return plane[0] * (1 - z) + plane[1] * z
+
+
+def _corners(values, points):
+    """Return the values at the corners of the cells, by offset, and where in them (m, 3)."""
+    size = len(values)
+    position = (points + 1.0) * ((size - 1) / 2)
+    base = np.minimum(np.floor(position), size - 2).astype(np.int64)
+    i, j, k = base.T
+    values = values if values.ndim == 4 else values[..., None]
+    corners = {o: values[i + o[0], j + o[1], k + o[2]] for o in np.ndindex(2, 2, 2)}
+    return corners, position - base

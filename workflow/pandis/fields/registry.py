@@ -4,12 +4,16 @@ A new field is one module beside this one, its options in `pandis.config`, its
 name in `pandis.catalogue`, and one line here.
 """
 
-from pandis.catalogue import parse_field
+from pandis.catalogue import ALGEBRAIC, PLANE_FIELDS, parse_field
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import GRID_OPENERS
+from pandis.fields.implicit import AlgebraicField
+from pandis.fields.planes import PlanesField
+from pandis.fields.proxy import ProxyField
 from pandis.fields.siren import SirenField
 
-_OPENERS = GRID_OPENERS | {"exact": ExactField, "network": SirenField}
+_OPENERS = GRID_OPENERS | {"exact": ExactField, "network": SirenField, ALGEBRAIC: AlgebraicField}
+_OPENERS |= dict.fromkeys(PLANE_FIELDS, PlanesField)
 
 
 class Fields(list):
@@ -36,6 +40,7 @@ def open_fields(names, mesh, artifacts):
     Fields
     """
     held = {artifact.path.name.removesuffix(".zarr.zip"): artifact for artifact in artifacts}
+    held["mesh"] = mesh
     recipes = [stem.removeprefix("model-") for stem in held if stem.startswith("model-")]
     exact = ExactField("exact", mesh)
     specs = [parse_field(name, recipes) for name in names]
@@ -45,4 +50,6 @@ def open_fields(names, mesh, artifacts):
 
 def open_field(spec, artifact):
     """Return the field of a `pandis.catalogue.FieldSpec`, from the artifact that holds it."""
+    if spec.through:
+        return ProxyField(spec.name, open_field(spec.through, artifact))
     return _OPENERS[spec.kind](spec.name, artifact)

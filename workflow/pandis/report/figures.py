@@ -7,6 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from pandis.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
 from pandis.forces import penalty_force
 from pandis.report.render import VIEW, render
 
@@ -23,6 +24,12 @@ _COLOURS = {
     "trilinear-gradient": "#5fa8d3",
     "tricubic": "#3a56c5",
     "spline": "#111111",
+    "kim": "#8d6e63",
+    "kim-ray": "#a1887f",
+    "kim-cell": "#bcaaa4",
+    ALGEBRAIC: "#d7ccc8",
+    PROXY: "#00897b",
+    **dict(zip(PLANE_FIELDS, ("#b0bec5", "#90a4ae", "#607d8b"), strict=True)),
 }
 _KEPT, _CAP = (176, 190, 214), (60, 160, 90)
 _NETWORKS = ("#b5179e", "#d62828", "#7209b7", "#f3722c")

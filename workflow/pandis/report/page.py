@@ -6,7 +6,7 @@ import jinja2
 import numpy as np
 
 from pandis import __version__
-from pandis.catalogue import parse_field
+from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
 from pandis.frame import Frame
@@ -86,7 +86,7 @@ def _best(specs, rows):
     """Return the names of the best network and the best grid, for the quiver plot."""
     error = {row["field"]: row["trajectory_mean"] for row in rows}
     networks = [s.name for s in specs if s.kind == "network"]
-    grids = [s.name for s in specs if s.kind not in ("exact", "network")]
+    grids = [s.name for s in specs if s.kind in GRID_FIELDS]
     return [min(group, key=error.get) for group in (grids, networks) if group]
 
 

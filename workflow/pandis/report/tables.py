@@ -10,6 +10,7 @@ COLUMNS = {
     "field": "Field",
     "bytes": "Bytes",
     "trajectory_mean": "Error on the trajectory, mean",
+    "trajectory_percent": "% of the mean force",
     "trajectory_p99": "p99",
     "trajectory_max": "max",
     "shallow_mean": "Shallow probes, mean",
@@ -56,20 +57,24 @@ def summary_rows(mesh, evaluation, timing, hardware):
         Keys of COLUMNS; what a field does not have is empty.
     """
     rows = []
-    measured = evaluation["errors"]["trajectory"]
+    measured, mean_force = (
+        evaluation["errors"]["trajectory"],
+        evaluation["mean_force"]["trajectory"],
+    )
     names = [n for field in evaluation["fields"] for n in (field, field + UNNORMALISED)]
     for field in filter(measured.__contains__, names):
-        errors = {name: table[field] for name, table in evaluation["errors"].items()}
+        errors = {n: table[field] for n, table in evaluation["errors"].items() if field in table}
         row = dict.fromkeys(COLUMNS, "")
         row |= {
             "mesh": mesh,
             "field": field,
             "bytes": evaluation["bytes"].get(field, ""),
             "trajectory_mean": errors["trajectory"]["mean"],
+            "trajectory_percent": 100 * errors["trajectory"]["mean"] / mean_force,
             "trajectory_p99": errors["trajectory"]["p99"],
             "trajectory_max": errors["trajectory"]["max"],
-            "shallow_mean": errors["shallow"]["mean"],
-            "deep_mean": errors["deep"]["mean"],
+            "shallow_mean": errors["shallow"]["mean"] if "shallow" in errors else "",
+            "deep_mean": errors["deep"]["mean"] if "deep" in errors else "",
             "trajectory_angle": errors["trajectory"]["angle"],
             "trajectory_newtons": 1e3 * errors["trajectory"]["mean"] * evaluation["newtons"],
         }

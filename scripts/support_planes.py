@@ -1,0 +1,13 @@
+"""Lay support planes around a mesh. Writes method-support-planes.zarr.zip."""
+
+from pandis.distance import open_distance
+from pandis.frame import Frame
+from pandis.grids.planes import build_planes
+from pandis.stage import stage
+
+with stage(snakemake) as job:
+    mesh = job.read("mesh", "mesh")
+    frame = mesh.attributes["frame"]
+    vertices = Frame.from_attributes(frame).to_unit(mesh.arrays["vertices"])
+    arrays = build_planes(vertices, open_distance(mesh), job.progress)
+    job.write("planes", arrays, {"frame": frame})
