@@ -1,5 +1,6 @@
 """Compare all fields of a mesh with the exact one. Writes evaluation.zarr.zip."""
 
+from pandis.evaluation.beyond import beyond
 from pandis.evaluation.errors import evaluate
 from pandis.evaluation.smoothness import line_probes, smoothness
 from pandis.fields.registry import open_fields
@@ -17,6 +18,7 @@ with stage(snakemake) as job:
     arrays, attributes = evaluate(fields, path, sets, job.progress)
     lines = line_probes(surface, job.options["lines"], job.options["size"], seed)
     attributes["smoothness"] = smoothness(fields, engine, lines)
+    attributes["beyond"] = beyond(fields, engine, seed)
     newtons = fields.exact.frame.newtons(job.options["size"], job.options["stiffness"])
     physical = {key: job.options[key] for key in ("size", "stiffness", "lines")} | {
         "newtons": newtons

@@ -9,7 +9,9 @@ mesh:recipe:key=value,key=value…, the keys those of the recipe: for instance
 bunny:pandis-exact:steps=4500,threads=2 or dragon:pandis:steps=280000,device=cuda. A run that was
 interrupted goes on from its checkpoint, beside the table, where its weights and its curve go.
 Errors are means of ‖F - F_exact‖ at k = 1 in the unit frame: 50,000 points 0 to 0.01 (shallow)
-and 0 to 0.04 (deep) below the surface, and the trajectory of the default configuration.
+and 0 to 0.04 (deep) below the surface, and the trajectory of the default configuration. Of
+points uniform in the box: the largest force in free space (ghost), its share of such points
+(ghosts), and the error below the band of training as a share of the force there (core).
 """
 
 import csv
@@ -36,7 +38,7 @@ from pandis.training.trainer import Trainer
 from pandis.trajectories import trace
 
 COLUMNS = ("mesh", "recipe", "options", "device", "steps", "seconds", "points_per_s", "bytes")
-COLUMNS += ("shallow", "deep", "trajectory", "restarts")
+COLUMNS += ("shallow", "deep", "trajectory", "ghost", "ghosts", "core", "restarts")
 
 
 class Scan:
@@ -52,6 +54,10 @@ class Scan:
         arrays = {key: np.concatenate([shard[key] for shard in shards]) for key in shards[0]}
         self.samples = Artifact(None, "samples", arrays, self.strata.attributes(), {}, "")
         self.sets = probes(surface, engine, 50_000, seed=1)
+        box = np.random.default_rng(3).uniform(-1, 1, (50_000, 3))
+        distance, normal = engine.distance_and_normal(box)
+        core = distance < -law["depth"]
+        self.free, self.core = box[distance > 0], (box[core], distance[core], normal[core])
         path = trace(
             surface, engine, TrajectoryOptions().model_dump() | {"seed": 2}, silent_progress
         )
@@ -63,6 +69,11 @@ class Scan:
         for name, (points, distance, normal) in self.sets.items():
             off = penalty_force(*field.answer(points)) - penalty_force(distance, normal)
             found[name] = float(np.linalg.norm(off, axis=1).mean())
+        ghost = np.linalg.norm(penalty_force(*field.answer(self.free)), axis=1)
+        found |= {"ghost": float(ghost.max()), "ghosts": float((ghost > 0).mean())}
+        points, distance, normal = self.core
+        off = penalty_force(*field.answer(points)) - penalty_force(distance, normal)
+        found["core"] = float(np.linalg.norm(off, axis=1).mean() / -distance.mean())
         return found
 
 

@@ -1,9 +1,11 @@
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pandis.config import HardwareOptions, TimingOptions
+from pandis.evaluation.beyond import beyond
 from pandis.evaluation.errors import UNNORMALISED, evaluate, statistics
 from pandis.evaluation.smoothness import force_steps, line_probes, smoothness
 from pandis.evaluation.timing import summarise, time_queries
@@ -67,6 +69,27 @@ def test_evaluation_rows_and_forces():
     assert kept == pytest.approx(attributes["mean_force"]["trajectory"])
     assert np.array_equal(arrays["force_exact"], arrays["exact_force"])
     assert set(attributes["bytes"]) == {"exact", "off", "net"}
+
+
+def test_beyond_finds_ghosts_missed_contacts_and_a_wrong_core():
+    class Faulty(Ball):
+        name = "faulty"
+
+        def answer(self, points):
+            distance, normal = super().answer(points)
+            distance = np.where(points[:, 0] > 0.95, -0.02, distance)  # a contact in free space
+            distance = np.where((points[:, 1] > 0.5) & (distance < 0), 0.0, distance)  # none inside
+            return np.maximum(distance, -0.3), normal  # and too soft in the middle
+
+    faulty = Faulty()
+    faulty.name = "faulty"
+    engine = SimpleNamespace(distance_and_normal=Ball().answer)
+    table = beyond([Ball(), faulty], engine, seed=0)
+    assert table["ball"] == {"ghost": 0, "ghosts": 0, "missed": 0, "core": 0}
+    assert table["faulty"]["ghost"] == pytest.approx(0.02)
+    assert table["faulty"]["ghosts"] == pytest.approx(0.01875 / (1 - 0.9**3 * np.pi / 6), rel=0.1)
+    assert 0.1 < table["faulty"]["missed"] < 0.2
+    assert 0.1 < table["faulty"]["core"] < 0.9
 
 
 class Box:

@@ -120,7 +120,7 @@ def test_network_module_edited_bakes_nothing(rerun):
 def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
     edit(rerun / "workflow/pandis/training/paper_loss.py", "clamp(max=80.0)", "clamp(max=81.0)")
     assert plan(rerun) == set()  # the configuration trains pandis-exact alone
-    edit(rerun / "workflow/pandis/training/exact_loss.py", "(weight * error)", "(error * weight)")
+    edit(rerun / "workflow/pandis/training/exact_loss.py", "off + options", "+off + options")
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
     assert plan(rerun) == network | all_of(*DOWNSTREAM) | LAST
 

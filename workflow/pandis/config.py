@@ -201,6 +201,14 @@ class ExactRecipe(Recipe):
     near: Positive = Field(
         0.02, description="a point at distance d weighs near / (near + |d|) (unit frame)"
     )
+    far: float = Field(
+        0.3,
+        ge=0,
+        le=1,
+        description="least weight of a point's distance, however far it is (a third of it for its "
+        "normal); with 0 the network errs a tenth less near the surface and makes contacts in "
+        "free space",
+    )
     normal_weight: Positive = Field(0.05, description="weight of the normal's error in the loss")
 
 

@@ -195,6 +195,24 @@ def _pair(row):
     return " / ".join(f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep"))
 
 
+def far_table():
+    """Return the table of what weights far from the surface are worth, and what they cost."""
+    notes, rows = _figures("far")
+    table = [
+        "| mesh | steps | `far` | its normal's | shallow | deep "
+        "| largest ghost | ghosts (%) | deeper (%) |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        changes = dict(pair.split("=") for pair in row["options"].split())
+        cells = [row["mesh"], f"{int(row['steps']):,}"]
+        cells += [f"{float(changes.get(key, 0)):g}" for key in ("far", "far_normal")]
+        cells += [f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep", "ghost")]
+        cells += [f"{100 * float(row[key]):.2g}" for key in ("ghosts", "core")]
+        table.append("| " + " | ".join(cells) + " |")
+    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+
+
 def throughput_table():
     """Return the table of points per second, on two cores and on a GPU."""
     parts = []

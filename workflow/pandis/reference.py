@@ -108,6 +108,7 @@ def generated():
             TRAINING,
             training=measured.training_table(),
             budgets=measured.budget_table(),
+            far=measured.far_table(),
             throughput=measured.throughput_table(),
         ),
     }

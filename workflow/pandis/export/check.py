@@ -9,9 +9,6 @@ POINTS = 100_000
 #: Bounds in the unit frame: force errors where the direction had at least a tenth of unit
 #: length, those of the unit normal where it had half of it; below, rounding turns it.
 DISTANCE, FORCE, NORMAL = 5e-6, 5e-6, 2e-5
-#: A grid's direction is a difference of distances that are nearly equal: deep inside the shape,
-#: where it is multiplied by the whole depth, it is known to fewer digits.
-GRID_FORCE = 2e-5
 FORCE_LENGTH, NORMAL_LENGTH = 0.1, 0.5
 
 
@@ -23,7 +20,7 @@ def check_points(frame, seed=0):
     return frame.to_mesh(unit)
 
 
-def check(answer, reference, frame, force_bound=FORCE):
+def check(answer, reference, frame, rounding=1.0):
     """Compare an exported model with its field.
 
     Parameters
@@ -35,7 +32,8 @@ def check(answer, reference, frame, force_bound=FORCE):
         ``length`` (n,) is that of the direction before it was made a unit vector: ‖Ψ‖ of a
         network.
     frame : Frame
-    force_bound : float
+    rounding : float
+        By how much more the force may differ: what a direction made from differences loses.
 
     Returns
     -------
@@ -61,7 +59,7 @@ def check(answer, reference, frame, force_bound=FORCE):
         "normal": float((normal_off * (length >= NORMAL_LENGTH)).max()),
         "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),
     }
-    bounds = {"distance": DISTANCE, "force": force_bound, "normal": NORMAL, "length": 1e-5}
+    bounds = {"distance": DISTANCE, "force": FORCE * rounding, "normal": NORMAL, "length": 1e-5}
     for key, bound in bounds.items():
         if not differences[key] <= bound:  # NaN fails too
             raise PandisError(

@@ -4,7 +4,7 @@ import numpy as np
 from onnx import TensorProto
 
 from pandis.catalogue import parse_field
-from pandis.export.check import FORCE_LENGTH, GRID_FORCE, check
+from pandis.export.check import FORCE_LENGTH, check
 from pandis.export.graphs import Graph, enter, leave, split
 from pandis.export.session import Session
 from pandis.fields.grids import open_field
@@ -202,9 +202,12 @@ def export_grid(name, artifact, provenance, log):
     def reference(points):
         # a grid's direction may jump between cells, and rounding decides which cell it is:
         # compare the force, not the normal
-        return *field.answer(points), np.full(len(points), FORCE_LENGTH)
+        length = np.minimum(field.direction_length(points), FORCE_LENGTH)
+        return *field.answer(points), length
 
     answer = Session(model).distance_and_normal
-    differences = check(answer, reference, field.frame, GRID_FORCE)
+    # a direction made of differences between nodes: the closer they are the more digits go
+    rounding = max(1.0, len(field.values) / 32) if field.content == "distance" else 1.0
+    differences = check(answer, reference, field.frame, rounding)
     log(f"agrees with the field: {differences}")
     return model

@@ -38,10 +38,20 @@ class GridField(Field):
         """
         clamped, outside = clamp_to_box(points)
         bad = np.isnan(clamped).any(axis=1)
-        distance, normal = self._interpolate(np.where(bad[:, None], 0.0, clamped))
+        distance, direction = self._interpolate(np.where(bad[:, None], 0.0, clamped))
         if self.content != "force":
             distance = distance + outside
+        normal = normalise(direction)
         return np.where(bad, np.nan, distance), np.where(bad[:, None], np.nan, normal)
+
+    def direction_length(self, points):
+        """Return how long the direction (n,) is before it is made a unit vector; 1 of a force.
+
+        Where it is short two walls are equally near, and rounding turns the normal.
+        """
+        if self.content == "force":
+            return np.ones(len(points))
+        return np.linalg.norm(self._interpolate(clamp_to_box(points)[0])[1], axis=1)
 
     def query(self, points):
         """Answer with flags."""
@@ -64,11 +74,11 @@ class GridField(Field):
         return np.where(distance < 0, self.band.inside, edge)
 
     def _interpolate(self, points):
-        """Return distance and normal at points in the box."""
+        """Return the distance and a direction of any length at points in the box."""
         value = trilinear(self.values, points)
         if self.content == "force":
-            return -np.linalg.norm(value, axis=1), normalise(value)
-        return value[:, 0], normalise(value[:, 1:])
+            return -np.linalg.norm(value, axis=1), value
+        return value[:, 0], value[:, 1:]
 
 
 class NearestField(GridField):
@@ -77,7 +87,7 @@ class NearestField(GridField):
     def _interpolate(self, points):
         i, j, k = np.floor((points + 1.0) * ((len(self.values) - 1) / 2) + 0.5).astype(np.int64).T
         value = self.values[i, j, k].astype(np.float64)
-        return -np.linalg.norm(value, axis=1), normalise(value)
+        return -np.linalg.norm(value, axis=1), value
 
 
 class GradientField(GridField):
@@ -99,7 +109,7 @@ class GradientField(GridField):
             mix(line[1, 0] - line[0, 0], line[1, 1] - line[0, 1], z),
             mix(line[0, 1] - line[0, 0], line[1, 1] - line[1, 0], y),
         ]
-        return value, normalise(np.stack(gradient, axis=1))
+        return value, np.stack(gradient, axis=1) * ((len(self.values) - 1) / 2)
 
 
 class TricubicField(GridField):
@@ -120,7 +130,7 @@ class TricubicField(GridField):
         # the outermost faces belong to the last cells
         within = np.clip(points, -1 + 1e-12, 1 - 1e-12)
         value, gradient = self.lattice.evaluate(self.coefficients, within)
-        return value, normalise(gradient)
+        return value, gradient
 
 
 def trilinear(values, points):

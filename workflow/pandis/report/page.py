@@ -7,6 +7,7 @@ import numpy as np
 
 from pandis import __version__
 from pandis.catalogue import GRID_FIELDS, parse_field
+from pandis.evaluation.beyond import POINTS
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
 from pandis.frame import Frame
@@ -144,7 +145,12 @@ def build(sections):
     environment.filters["number"] = _number
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(
-        sections=sections, columns=COLUMNS, version=__version__, rays=THICKNESS_RAYS, jump=JUMP
+        sections=sections,
+        columns=COLUMNS,
+        version=__version__,
+        rays=THICKNESS_RAYS,
+        jump=JUMP,
+        points=POINTS,
     )
 
 

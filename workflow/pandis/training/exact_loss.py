@@ -7,7 +7,9 @@ def exact_loss(phi, direction, distance, normal, options):
     """Return the regression loss on exact distance and normal.
 
     The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
-    both parts are of L1 kind and weighted toward the surface, where probes are.
+    both parts are of L1 kind and weighted toward the surface, where probes are; far from
+    it the weights have a floor, without which Φ goes to zero there and makes contacts
+    where there are none.
 
     Parameters
     ----------
@@ -17,8 +19,10 @@ def exact_loss(phi, direction, distance, normal, options):
     distance : Tensor, shape (n,)
     normal : Tensor, shape (n, 3)
     options : dict
-        ``near`` and ``normal_weight`` of `pandis.config.ExactRecipe`.
+        ``near``, ``far`` and ``normal_weight`` of `pandis.config.ExactRecipe`.
     """
-    weight = options["near"] / (options["near"] + distance.abs())
-    error = (phi - distance).abs() + options["normal_weight"] * length(direction - normal)
-    return (weight * error).mean()
+    near, far = options["near"], options["far"]
+    weight = near / (near + distance.abs())
+    off = weight.clamp(min=far) * (phi - distance).abs()
+    turned = weight.clamp(min=far / 3) * length(direction - normal)
+    return (off + options["normal_weight"] * turned).mean()
