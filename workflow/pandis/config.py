@@ -206,8 +206,8 @@ class ExactRecipe(Recipe):
         ge=0,
         le=1,
         description="least weight of a point's distance, however far it is (a third of it for its "
-        "normal); with 0 the network errs a tenth less near the surface and makes contacts in "
-        "free space",
+        "normal); with 0 the network errs up to a tenth less near the surface and makes "
+        "contacts in free space",
     )
     normal_weight: Positive = Field(0.05, description="weight of the normal's error in the loss")
 

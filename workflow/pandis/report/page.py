@@ -50,6 +50,7 @@ def mesh_section(name, artifacts, field_names):
     return {
         "name": name,
         "rows": rows,
+        "columns": {k: title for k, title in COLUMNS.items() if any(row[k] != "" for row in rows)},
         "mesh": mesh.attributes,
         "frame": frame,
         "evaluation": evaluation.attributes,
@@ -146,7 +147,6 @@ def build(sections):
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(
         sections=sections,
-        columns=COLUMNS,
         version=__version__,
         rays=THICKNESS_RAYS,
         jump=JUMP,
