@@ -7,6 +7,15 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "figures"
 
 
+def _row(cells):
+    return "| " + " | ".join(cells) + " |"
+
+
+def _noted(lines, notes):
+    """Return lines as a text, and below them how they were measured."""
+    return "\n".join([*lines, "", f"({'; '.join(notes)}.)"])
+
+
 def bunny_table():
     """Return the README's table: the default run's figures for ``bunny``."""
     notes, rows = _figures("default")
@@ -20,7 +29,7 @@ def bunny_table():
             cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
             time = f"{float(row['one_p50_us']):.0f} µs"
             table.append(f"| `{row['field']}` | {int(row['bytes']):,} | {cells} | {time} |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+    return _noted(table, notes)
 
 
 def _figures(name):
@@ -60,8 +69,8 @@ def sphere_table():
             cells = [f"`{row['field']}`", f"{int(row['bytes']) / 1e3:,.0f}"]
             cells.append(f"{float(row['trajectory_mean']) / 0.9:.2g}")
             cells += [f"{float(row['trajectory_percent']):.2g}", f"{expected}", printed]
-            table.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+            table.append(_row(cells))
+    return _noted(table, notes)
 
 
 def repair_table():
@@ -84,14 +93,14 @@ def repair_table():
             figures = ["–"] * 4
         cells = [f"{row['folder']}/{row['file']}", outcome, row["rungs"] or "–", *figures]
         cells += [f"{float(row['seconds']):.0f}", f"{float(row['memory_mb']):.0f}"]
-        table.append("| " + " | ".join(cells) + " |")
+        table.append(_row(cells))
     valid = sum(row["outcome"] == "valid" for row in rows)
     asked = sum(row["outcome"] == "valid with option" for row in rows)
     summary = (
         f"Of {len(rows)} files {valid} end valid with the default options, {asked} more with the "
         f"option that the refusal names, {len(rows) - valid - asked} are refused."
     )
-    return "\n".join([summary, "", *table, "", f"({'; '.join(notes)}.)"])
+    return _noted([summary, "", *table], notes)
 
 
 def field_table():
@@ -111,8 +120,8 @@ def field_table():
         row += [f"{1e3 * float(f['shallow']):.2f} / {1e3 * float(f['deep']):.2f}" for f in found]
         row.append(f"{min(float(f['build_s']) for f in found):.1f}"
                    f"–{max(float(f['build_s']) for f in found):.1f}")  # fmt: skip
-        table.append("| " + " | ".join(row) + " |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+        table.append(_row(row))
+    return _noted(table, notes)
 
 
 def distance_table():
@@ -124,7 +133,7 @@ def distance_table():
         text = f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
         ratio = f"{float(row['ratio']):.2f}" if row["ratio"] else ""
         table.append(f"| {row['what']} | {row['case']} | {text} {row['unit']} | {ratio} |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+    return _noted(table, notes)
 
 
 def training_table():
@@ -140,8 +149,8 @@ def training_table():
         cells += [f"{int(row['steps']):,}", f"{float(row['seconds']):.0f}"]
         cells += [f"{float(row['points_per_s']):,.0f}", f"{int(row['bytes']) / 1e3:,.0f}"]
         cells += [f"{1e3 * float(row[k]):.3g}" for k in ("shallow", "deep", "trajectory")]
-        table.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+        table.append(_row(cells))
+    return _noted(table, notes)
 
 
 def full_table():
@@ -166,8 +175,8 @@ def full_table():
         cells.append(f"{path:.2f} ± {interval:.2f}")
         ratio = [float(row[key]) for key in ("of_trilinear_64", "of_trilinear_64_interval")]
         cells.append("{:.2f} ± {:.2f}".format(*ratio))
-        table.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+        table.append(_row(cells))
+    return _noted(table, notes)
 
 
 def budget_table():
@@ -188,7 +197,7 @@ def budget_table():
         spread = (max(found) - min(found)) / min(found)
         cells.append(f"{len(seeded)} × {int(seeded[0]['steps']):,}: {100 * spread:.1f} %")
         table.append(f"| {mesh} | " + " | ".join(cells) + " |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+    return _noted(table, notes)
 
 
 def _pair(row):
@@ -209,8 +218,8 @@ def far_table():
         cells += [f"{float(changes.get(key, 0)):g}" for key in ("far", "far_normal")]
         cells += [f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep", "ghost")]
         cells += [f"{100 * float(row[key]):.2g}" for key in ("ghosts", "core")]
-        table.append("| " + " | ".join(cells) + " |")
-    return "\n".join([*table, "", f"({'; '.join(notes)}.)"])
+        table.append(_row(cells))
+    return _noted(table, notes)
 
 
 def throughput_table():
@@ -227,7 +236,7 @@ def throughput_table():
             cells.append(f"{float(row['points_per_s']):,.0f}" if row["points_per_s"] else "")
             cells += [f"{float(row['ratio']):.2f}" if row["ratio"] else ""]
             cells += [f"{float(row['gflops']):,.0f}" if row["gflops"] else ""]
-            parts.append("| " + " | ".join(cells) + " |")
+            parts.append(_row(cells))
         parts += ["", f"({'; '.join(notes)}.)", ""]
     return "\n".join(parts).rstrip()
 
