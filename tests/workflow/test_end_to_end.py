@@ -203,10 +203,11 @@ def test_quality_of_the_default_network(workspace):
     done = snakemake(workspace, "-j2", target, "--configfile", "config/bunny.yaml")
     assert done.returncode == 0, done.stdout
     errors = read_artifact(workspace / target).attributes["errors"]
-    for name, share in (("trajectory", 0.25), ("shallow", 0.12), ("deep", 0.4)):
+    bounds = {"trajectory": (0.25, 0.9), "shallow": (0.12, 0.8), "deep": (0.4, 0.8)}
+    for name, (share, of_tricubic) in bounds.items():
         mean = {field: found["mean"] for field, found in errors[name].items()}
         assert mean["pandis-exact"] <= share * mean["trilinear-64"]
-        assert mean["pandis-exact"] <= 0.8 * mean["tricubic-64"]
+        assert mean["pandis-exact"] <= of_tricubic * mean["tricubic-64"]
         assert mean["pandis-exact"] <= 0.35 * mean["pandis"]
     # the baseline itself: within 3 % of what this mesh gives
     assert errors["shallow"]["trilinear-64"]["mean"] == pytest.approx(3.10e-3, rel=0.03)
