@@ -124,8 +124,9 @@ def grids(vertices, faces, rows):
 def sample_memory(vertices, faces):
     """Write ten million samples of the Bunny."""
     engine = MeshDistance(vertices, faces)
-    counts = {"surface": 2, "offsets": 2, "shallow": 1, "penetration": 2, "bent": 1, "box": 2}
-    options = SampleOptions().model_dump() | {k: n * 1_000_000 for k, n in counts.items()}
+    counts = {"surface": 2, "offsets": 2, "shallow": 1, "penetration": 2, "bent": 1, "core": 0}
+    counts = {k: n * 1_000_000 for k, n in counts.items()} | {"box": 2_000_000}
+    options = SampleOptions().model_dump() | counts
     strata = Strata(Surface(engine.vertices, engine.faces), engine, options | {"seed": 0})
     path = Path(tempfile.mkdtemp()) / "samples.zarr.zip"
     with ArtifactWriter(path, "samples") as writer:

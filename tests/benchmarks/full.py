@@ -24,6 +24,7 @@ from pandis.fields.grids import GRID_OPENERS
 from pandis.fields.siren import SirenField
 from pandis.frame import Frame
 from pandis.stage import silent_progress
+from pandis.training.network import usual_omega
 from pandis.trajectories import trace
 
 SEEDS = range(2, 10)
@@ -51,6 +52,7 @@ def network(path):
     options = eval(str(found["options"]), {"__builtins__": {}})  # written by training.py
     arrays = {key: found[key] for key in found.files if key != "options"}
     shape = {key: options[key] for key in ("width", "depth", "omega")}
+    shape["omega"] = shape["omega"] or usual_omega(shape["width"])
     artifact = Artifact(None, "model", arrays, {"architecture": shape} | UNIT, {}, "")
     return SirenField(options["recipe"], artifact), options["steps"]
 

@@ -21,6 +21,7 @@ from pandis.fields.registry import open_fields
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
 from pandis.frame import Frame
+from pandis.grids.base import fit_base
 from pandis.grids.dense import DenseGrid
 from pandis.mesh.shapes import SHAPES
 from pandis.stage import silent_progress
@@ -37,12 +38,14 @@ def grid(content, size):
     return artifact("grid", {"values": values}, made.attributes() | {"frame": FRAME.attributes()})
 
 
-def model(width=16, depth=2, omega=15.0, outputs=4, seed=0):
+def model(width=16, depth=2, omega=15.0, outputs=4, seed=0, base=False):
     network = Siren(width, depth, omega, outputs, torch.Generator().manual_seed(seed))
     arrays = {"curve": np.zeros((0, 3))}
     for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
         arrays[f"weight_{index}"] = weight.detach().numpy()
         arrays[f"bias_{index}"] = bias.detach().numpy()
+    if base:
+        arrays["base"] = fit_base(ENGINE, 8).coefficients
     shape = {"width": width, "depth": depth, "omega": omega, "outputs": outputs}
     attributes = {"frame": FRAME.attributes(), "architecture": shape, "recipe": "exact"}
     attributes |= {"steps": 0, "held_out_error": {"mean": 0.1}}
@@ -126,7 +129,7 @@ def test_torch_network_is_rebuilt_bit_by_bit():
 
 def exported(kind):
     if kind.startswith("network"):
-        held, _ = model(32, 3, outputs=4 if kind == "network" else 1)
+        held, _ = model(32, 3, outputs=1 if "one" in kind else 4, base="base" in kind)
         return export_network("s", held, {"stage": "x"}, print), SirenField("s", held)
     held = grid(GRID_FIELDS[kind.removesuffix("-12")], 12)
     field = open_field(parse_field(kind, ()), held)
@@ -140,7 +143,9 @@ KINDS = [
     "trilinear-gradient-12",
     "tricubic-12",
     "network",
+    "network-on-a-base",
     "network-of-one-output",
+    "network-of-one-output-on-a-base",
 ]
 
 
@@ -187,9 +192,10 @@ def test_damaged_export_is_noticed(tmp_path):
         Session(path)
 
 
+@pytest.mark.parametrize("base", [False, True])
 @pytest.mark.parametrize("outputs", [1, 4])
-def test_program_answers_as_the_field_does(tmp_path, outputs):
-    held, _ = model(32, 3, outputs=outputs)
+def test_program_answers_as_the_field_does(tmp_path, outputs, base):
+    held, _ = model(32, 3, outputs=outputs, base=base)
     data = export_program("s", held, {"stage": "x"}, print)
     assert export_program("s", held, {"stage": "x"}, print) == data
     assert str(ROOT).encode() not in data  # no folders of this machine
@@ -198,7 +204,7 @@ def test_program_answers_as_the_field_does(tmp_path, outputs):
     assert read_program_metadata(path)["provenance"] == {"stage": "x"}
     program = torch.export.load(path).module()
     field = SirenField("s", held)
-    points = check_points(FRAME, seed=7)
+    points = np.concatenate([check_points(FRAME, seed=7), FRAME.to_mesh(np.eye(3))])
     for some in (points, points[:1], points[:2]):
         distance, normal = (part.numpy() for part in program(torch.from_numpy(some)))
         wanted_distance, wanted_normal = field.distance_and_normal(some)

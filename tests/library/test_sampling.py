@@ -16,7 +16,14 @@ from pandis.trajectories import trace
 from support import box_mesh, sample
 
 SMALL = SampleOptions(
-    surface=3000, offsets=3000, shallow=1000, penetration=2000, bent=1000, box=2000, held_out=1000
+    surface=3000,
+    offsets=3000,
+    shallow=1000,
+    penetration=2000,
+    bent=1000,
+    core=1000,
+    box=2000,
+    held_out=1000,
 )
 
 
@@ -47,7 +54,7 @@ def test_samples_are_labelled_exactly_where_they_lie(torus):
     surface, engine = torus
     arrays, attributes = sample(surface, engine, SMALL.model_dump() | {"seed": 5}, silent_progress)
     assert list(attributes["strata"]) == list(STRATA)
-    assert all(len(a) == 13_000 for a in arrays.values())
+    assert all(len(a) == 14_000 for a in arrays.values())
     on_surface = slice(*attributes["strata"]["surface"])
     rest = slice(on_surface.stop, None)
     distance, normal = engine.distance_and_normal(arrays["points"][rest].astype(float))
@@ -62,6 +69,10 @@ def test_samples_are_labelled_exactly_where_they_lie(torus):
         < arrays["distance"][deep].max()
         < 1e-6
     )
+    core = slice(*attributes["strata"]["core"])
+    assert (arrays["offset"][core] < -SMALL.depth * 0.999).all()
+    assert -1 <= arrays["offset"][core].min() < -0.9
+    assert np.abs(arrays["points"][core]).max() <= 1
     box = slice(*attributes["strata"]["box"])
     assert np.abs(arrays["points"][box]).max() <= 1
 
@@ -87,7 +98,7 @@ def test_shards_do_not_show(torus, monkeypatch):
     """Fewer points at once: other random numbers, but strata of the same law, in one order."""
     monkeypatch.setattr("pandis.strata.SHARD", 256)
     arrays, attributes = sample(*torus, SMALL.model_dump() | {"seed": 5}, silent_progress)
-    assert all(len(a) == 13_000 for a in arrays.values())
+    assert all(len(a) == 14_000 for a in arrays.values())
     start, stop = attributes["strata"]["surface"]
     rank = np.empty(len(torus[0].order), int)
     rank[torus[0].order] = np.arange(len(rank))

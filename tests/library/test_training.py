@@ -31,6 +31,7 @@ def samples():
         "penetration": 4000,
         "depth": 0.05,
         "bent": 0,
+        "core": 500,
         "box": 2000,
         "held_out": 2000,
         "seed": 1,

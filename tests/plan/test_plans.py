@@ -104,8 +104,8 @@ def test_baking_module_edited_trains_nothing(rerun):
 def test_grid_module_edited_bakes_and_trains_nothing(rerun):
     edit(
         rerun / "workflow/pandis/fields/grid.py",
-        "size = len(self.values)",
-        "size = +len(self.values)",
+        "Lattice.around_box(len(self.values) - 1)",
+        "Lattice.around_box(+len(self.values) - 1)",
     )
     grids = {("export_grid", m, "trilinear-24") for m in BOTH}
     assert plan(rerun) == grids | all_of(*DOWNSTREAM) | LAST

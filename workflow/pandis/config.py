@@ -113,6 +113,12 @@ class SampleOptions(Options):
         "angles between neighbouring faces, per 0.05 of length",
     )
     depth: Positive = Field(0.045, description="largest depth below the surface")
+    core: int = Field(
+        50_000,
+        ge=0,
+        description="points deeper than `depth` along the normal, up to 1: behind thin parts they "
+        "come out again",
+    )
     box: int = Field(50_000, ge=0, description="points uniform in the box [-1, 1]³")
     held_out: Annotated[int, Field(ge=100)] = Field(
         20_000, description="points never trained on: half at most 0.01 deep, half at most 0.04"
@@ -177,10 +183,19 @@ class ExactRecipe(Recipe):
         "force all but conservative and the error smaller, or three outputs of their own, which "
         "shortens a query",
     )
+    width: Count = Field(
+        248, description="units of each sine layer; 248 and the base are as large as the paper's"
+    )
+    base: Annotated[int, Field(ge=4, le=64)] | None = Field(
+        16,
+        description="cells per axis of a tricubic spline of the distance over the whole box, to "
+        "which the network adds what it lacks; null: the network alone, which makes contacts in "
+        "free space",
+    )
     omega: Positive | None = Field(
         None,
         description="ω0, the factor inside every sine: the finer the shape, the larger; null: "
-        "60·√(width / 256)",
+        "80·√(width / 256)",
     )
     force_error: Positive | None = Field(
         None,
@@ -206,8 +221,7 @@ class ExactRecipe(Recipe):
         ge=0,
         le=1,
         description="least weight of a point's distance, however far it is (a third of it for its "
-        "normal); with 0 the network errs up to a tenth less near the surface and makes "
-        "contacts in free space",
+        "normal)",
     )
     normal_weight: Positive = Field(0.05, description="weight of the normal's error in the loss")
 

@@ -10,9 +10,11 @@ import numpy as np
 from pandis.native.bvh import TIED
 from pandis.sampling import PROBE_DEPTHS
 
-STRATA = ("surface", "offset", "shallow", "penetration", "bent", "box", "held-out")
+STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
 #: Depths of the shallow stratum: from just outside to somewhat beyond the shallow probes.
 SHALLOW = (-0.001, 0.0115)
+#: How far along the inward normal the core stratum reaches.
+DEEPEST = 1.0
 #: Points drawn, labelled and stored at once.
 SHARD = 1 << 16
 
@@ -54,6 +56,7 @@ class Strata:
             "shallow": options["shallow"],
             "penetration": options["penetration"],
             "bent": options["bent"],
+            "core": options["core"],
             "box": options["box"],
             "held-out": options["held_out"],
         }
@@ -135,10 +138,14 @@ class Strata:
             offset = -rng.uniform(*SHALLOW, size)
         elif stratum == "held-out":
             offset = -rng.uniform(0, np.array(list(PROBE_DEPTHS.values()))[index % 2])
+        elif stratum == "core":
+            offset = rng.random(size)  # a share of the way, by its logarithm
         else:
             offset = -rng.uniform(0, options["depth"], size)
         drawn = self.surface.draw(size, rng, start, total, bent=stratum == "bent")
         points, normals, face, barycentrics = drawn
+        if stratum == "core":
+            offset = -(options["depth"] ** (1 - offset)) * _way(points, -normals) ** offset
         return points + offset[:, None] * normals, offset, face, barycentrics
 
     def _label(self, index, points, offset, face, barycentrics, ties=True):
@@ -159,3 +166,10 @@ class Strata:
             "barycentrics": barycentrics,
             "offset": offset,
         }
+
+
+def _way(points, direction):
+    """Return how far it is (n,) to the edge of the box, or to `DEEPEST` if that is less."""
+    with np.errstate(divide="ignore"):
+        way = (np.copysign(1.0, direction) - points) / direction
+    return np.minimum(np.where(direction == 0, np.inf, way).min(axis=1), DEEPEST)

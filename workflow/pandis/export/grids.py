@@ -7,6 +7,7 @@ from pandis.catalogue import parse_field
 from pandis.export.check import FORCE_LENGTH, check
 from pandis.export.graphs import Graph, enter, leave, split
 from pandis.export.session import Session
+from pandis.export.splines import tricubic
 from pandis.fields.grids import open_field
 
 
@@ -26,7 +27,7 @@ def grid_graph(field, kind):
     graph = Graph()
     clamped, outside = enter(graph, field.frame)
     if kind == "tricubic":
-        distance, gradient = _tricubic(graph, field, clamped)
+        distance, gradient = tricubic(graph, field.lattice, field.coefficients, clamped)
         leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
         return graph
     if kind == "trilinear-gradient":
@@ -44,57 +45,6 @@ def grid_graph(field, kind):
         vector = graph.apply("Slice", value, *_columns(graph, 1, 4))
         leave(graph, field.frame, graph.apply("Add", flat, outside), vector)
     return graph
-
-
-def _tricubic(graph, field, clamped):
-    """Add a tricubic B-spline; return the names of value (n,) and gradient (n, 3)."""
-    lattice, double = field.lattice, np.float64
-    size = lattice.size
-    table = graph.constant("coefficients", field.coefficients.reshape(-1))
-    edge = 1 - 1e-12
-    within = graph.apply("Clip", clamped, graph.scalar(-edge, double), graph.scalar(edge, double))
-    shifted = graph.apply("Sub", within, graph.scalar(lattice.low, double))
-    position = graph.apply("Mul", shifted, graph.scalar(lattice.per_step, double))
-    cell = graph.apply("Floor", position)
-    t = graph.apply("Cast", graph.apply("Sub", position, cell), to=TensorProto.FLOAT)
-    # the 64 nodes around the cell
-    strides = graph.constant("strides", np.array([size * size, size, 1], np.int64))
-    index = graph.apply("Mul", graph.apply("Cast", cell, to=TensorProto.INT64), strides)
-    first = graph.apply("ReduceSum", index, graph.constant("last", [1]), keepdims=1)
-    around = np.stack(np.meshgrid(*[np.arange(-1, 3)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    steps = graph.constant("around", (around @ [size * size, size, 1])[None])
-    nodes = graph.apply("Gather", table, graph.apply("Add", first, steps))
-    cube = graph.apply("Reshape", nodes, graph.constant("cube", np.array([-1, 4, 4, 4])))
-    # weights (n, 3, 4) of the four nodes per axis, and their derivatives
-    column = graph.apply("Unsqueeze", t, graph.constant("two", np.array([2])))
-    one = graph.apply("Add", graph.apply("Mul", column, graph.scalar(0.0)), graph.scalar(1.0))
-    square = graph.apply("Mul", column, column)
-    third = graph.apply("Mul", square, column)
-    powers = graph.apply("Concat", one, column, square, third, axis=2)
-    basis = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
-    slope = np.vstack([basis[1:] * [[1], [2], [3]], np.zeros(4)]) * lattice.per_step
-    axes = []
-    for name, matrix in (("basis", basis), ("slope", slope)):
-        weights = graph.apply("MatMul", powers, graph.constant(name, matrix.astype(np.float32)))
-        axes.append(split(graph, weights, [1, 1, 1], prefix=name))
-
-    def contract(value, weights, shape):
-        """Sum the last axis of (n, …, 4) with weights (n, 1, 4)."""
-        name = f"shape{len(graph.constants)}"
-        spread = graph.apply("Reshape", weights, graph.constant(name, np.array(shape)))
-        product = graph.apply("Mul", value, spread)
-        last = graph.constant(f"axis{len(graph.constants)}", [len(shape) - 1])
-        return graph.apply("ReduceSum", product, last, keepdims=0)
-
-    (wx, wy, wz), (dx, dy, dz) = axes
-    flat, rise = (contract(cube, w, [-1, 1, 1, 4]) for w in (wz, dz))
-    line, turn, lift = (contract(v, w, [-1, 1, 4]) for v, w in ((flat, wy), (flat, dy), (rise, wy)))
-    value, gx, gy, gz = (
-        contract(v, w, [-1, 4]) for v, w in ((line, wx), (line, dx), (turn, wx), (lift, wx))
-    )
-    last = graph.constant("gradient_axis", np.array([1]))
-    gradient = [graph.apply("Unsqueeze", g, last) for g in (gx, gy, gz)]
-    return value, graph.apply("Concat", *gradient, axis=1)
 
 
 def _interpolate(graph, values, nearest, clamped):

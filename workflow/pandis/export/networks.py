@@ -7,8 +7,9 @@ from onnx import TensorProto
 from pandis.export.check import check
 from pandis.export.graphs import Graph, enter, leave, split
 from pandis.export.session import Session
+from pandis.export.splines import tricubic
 from pandis.fields.base import clamp_to_box, normalise
-from pandis.fields.siren import load_layers
+from pandis.fields.siren import load_base, load_layers
 from pandis.frame import Frame
 from pandis.training.network import Siren
 
@@ -45,6 +46,11 @@ def network_graph(artifact):
     else:
         phi, direction = split(graph, h, [1, 3])
     phi = graph.apply("Squeeze", phi, graph.constant("one", np.array([1], np.int64)))
+    base = load_base(artifact)
+    if base is not None:
+        value, gradient = tricubic(graph, base.lattice, base.coefficients, clamped)
+        phi = graph.apply("Add", phi, value)
+        direction = graph.apply("Add", direction, gradient)
     leave(graph, frame, graph.apply("Add", phi, outside), direction)
     return graph
 
@@ -79,7 +85,7 @@ def compare(answer, artifact, what, log):
     PandisError
         They differ by more than rounding.
     """
-    network = torch_network(artifact)
+    network, base = torch_network(artifact), load_base(artifact)
 
     def reference(points):
         clamped, outside = clamp_to_box(points)
@@ -88,8 +94,12 @@ def compare(answer, artifact, what, log):
         output, direction = output.double().numpy(), direction.double().numpy()
         if output.shape[1] > 1:
             direction = output[:, 1:]
+        phi = output[:, 0]
+        if base is not None:
+            value, gradient = base.evaluate(clamped)
+            phi, direction = phi + value, direction + gradient
         length = (direction**2).sum(axis=1) ** 0.5
-        return output[:, 0] + outside, normalise(direction), length
+        return phi + outside, normalise(direction), length
 
     frame = Frame.from_attributes(artifact.attributes["frame"])
     log(f"{what} agrees with the network: {check(answer, reference, frame)}")

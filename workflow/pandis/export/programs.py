@@ -7,8 +7,48 @@ import torch
 
 from pandis.artifact import seal_zip
 from pandis.export.networks import compare, describe
-from pandis.fields.siren import load_layers
+from pandis.export.splines import AROUND, BASIS, SLOPE
+from pandis.fields.siren import load_base, load_layers
 from pandis.frame import Frame
+from pandis.native.spline import EDGE
+
+
+class Spline(torch.nn.Module):
+    """A tricubic B-spline over the box: value (n,) and gradient (n, 3), float32, at points.
+
+    Parameters
+    ----------
+    lattice : pandis.native.spline.Lattice
+    coefficients : ndarray, shape (lattice.size,) * 3, float32
+    """
+
+    def __init__(self, lattice, coefficients):
+        super().__init__()
+        self.low, self.per_step = lattice.low, lattice.per_step
+        strides = torch.tensor([lattice.size**2, lattice.size, 1])
+        self.register_buffer("coefficients", torch.from_numpy(coefficients.reshape(-1)))
+        self.register_buffer("strides", strides)
+        self.register_buffer("around", torch.from_numpy(AROUND) @ strides)
+        self.register_buffer("powers", torch.arange(4.0))
+        self.register_buffer("basis", torch.from_numpy(BASIS).float())
+        self.register_buffer("slope", torch.from_numpy(SLOPE * self.per_step).float())
+
+    def forward(self, points):
+        """Return value and gradient at points (n, 3), float64, in the box."""
+        position = (points.clamp(-EDGE, EDGE) - self.low) * self.per_step
+        cell = position.floor()
+        powers = ((position - cell).float())[:, :, None] ** self.powers
+        first = (cell.long() * self.strides).sum(1)
+        cube = self.coefficients[first[:, None] + self.around].reshape(-1, 4, 4, 4)
+        (wx, wy, wz), (dx, dy, dz) = (
+            (powers @ matrix).unbind(1) for matrix in (self.basis, self.slope)
+        )
+        flat, rise = ((cube * w[:, None, None]).sum(3) for w in (wz, dz))
+        line, turn, lift = (
+            (part * w[:, None]).sum(2) for part, w in ((flat, wy), (flat, dy), (rise, wy))
+        )
+        gradient = [(part * w).sum(1) for part, w in ((line, dx), (turn, wx), (lift, wx))]
+        return (line * wx).sum(1), torch.stack(gradient, 1)
 
 
 class Program(torch.nn.Module):
@@ -33,6 +73,8 @@ class Program(torch.nn.Module):
         for weight, bias in load_layers(artifact):
             self.weights.append(torch.from_numpy(weight))
             self.biases.append(torch.from_numpy(bias))
+        base = load_base(artifact)
+        self.base = None if base is None else Spline(base.lattice, base.coefficients)
         self.requires_grad_(False)
 
     def forward(self, points):
@@ -53,10 +95,14 @@ class Program(torch.nn.Module):
                 reversed(list(self.weights[:-1])), reversed(slopes), strict=True
             ):
                 direction = (direction * slope) @ weight
+        phi = output[:, 0]
+        if self.base is not None:
+            value, gradient = self.base(clamped)
+            phi, direction = phi + value, direction + gradient
         length = direction.norm(dim=1, keepdim=True)
         nowhere = length == 0
         normal = torch.where(nowhere, self.up, direction / torch.where(nowhere, 1.0, length))
-        return (output[:, 0] + outside) / self.scale, normal
+        return (phi + outside) / self.scale, normal
 
 
 def export_program(name, artifact, provenance, log):

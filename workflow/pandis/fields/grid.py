@@ -10,7 +10,7 @@ from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, clamp_to_box, 
 from pandis.frame import Frame
 from pandis.grids.band import Band
 from pandis.grids.dense import REACH, complete, covered_cells
-from pandis.native.spline import Lattice
+from pandis.native.spline import EDGE, Lattice
 
 
 class GridField(Field):
@@ -120,15 +120,13 @@ class TricubicField(GridField):
 
     def __init__(self, name, artifact):
         super().__init__(name, artifact)
-        size = len(self.values)
         coefficients = spline_filter(self.values, order=3, output=np.float32, mode="mirror")
         # one node more on every side, so that the cells at the border have theirs
         self.coefficients = np.pad(coefficients, 1, mode="reflect")
-        self.lattice = Lattice(size + 2, -1 - 2 / (size - 1))
+        self.lattice = Lattice.around_box(len(self.values) - 1)
 
     def _interpolate(self, points):
-        # the outermost faces belong to the last cells
-        within = np.clip(points, -1 + 1e-12, 1 - 1e-12)
+        within = np.clip(points, -EDGE, EDGE)
         value, gradient = self.lattice.evaluate(self.coefficients, within)
         return value, gradient
 

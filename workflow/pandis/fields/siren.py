@@ -8,6 +8,7 @@ import numpy as np
 
 from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.frame import Frame
+from pandis.grids.base import BaseSpline
 
 
 def load_layers(artifact):
@@ -28,19 +29,39 @@ def load_layers(artifact):
     return layers
 
 
+def load_base(artifact):
+    """Return the `BaseSpline` that the network of a model artifact adds to, or None."""
+    held = artifact.arrays.get("base")
+    return None if held is None else BaseSpline(held)
+
+
 class SirenField(Field):
-    """A trained sine network: (Φ, Ψ) at a point in one pass, or Φ and its gradient."""
+    """A trained sine network: (Φ, Ψ) at a point in one pass, or Φ and its gradient.
+
+    It may add to a coarse spline of the distance, whose value and gradient are parts of them then.
+    """
 
     def __init__(self, name, artifact):
         self.layers = load_layers(artifact)
+        self.base = load_base(artifact)
         size = sum(weight.nbytes + bias.nbytes for weight, bias in self.layers)
+        if self.base is not None:
+            size += self.base.coefficients.nbytes
         super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), size)
 
     def raw(self, points):
-        """Return Φ (n,) and the direction (n, 3) as the network gives them, at points in the box.
+        """Return Φ (n,) and the direction (n, 3), of any length, at points in the box.
 
-        The direction is Ψ, or ∇Φ where Φ is the only output; float32.
+        The direction is Ψ, or ∇Φ where Φ is the only output.
         """
+        phi, direction = self._network(points)
+        if self.base is None:
+            return phi, direction
+        value, gradient = self.base.evaluate(points)
+        return phi + value, direction + gradient
+
+    def _network(self, points):
+        """Return what the network gives, float32."""
         h, slopes = np.asarray(points, np.float32), []
         last, bias = self.layers[-1]
         own_gradient = len(last) == 1

@@ -6,7 +6,7 @@ from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, clamp_to_box, 
 from pandis.frame import Frame
 from pandis.grids.band import Band
 from pandis.grids.spline import box_lattice
-from pandis.native.spline import BLOCK, Lattice, SparseSpline, block_count
+from pandis.native.spline import BLOCK, EDGE, Lattice, SparseSpline, block_count
 
 
 class SplineField(Field):
@@ -46,8 +46,7 @@ class SplineField(Field):
         Its size is at least the band's depth on that side.
         """
         clamped, outside = clamp_to_box(points)
-        # the outermost faces belong to the last cells
-        clamped = np.clip(clamped, -1 + 1e-12, 1 - 1e-12)
+        clamped = np.clip(clamped, -EDGE, EDGE)
         value, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
         kept = self._levels[0].add(clamped, value, gradient)
         self._levels[1].add(clamped, value, gradient)

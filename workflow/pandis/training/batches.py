@@ -69,7 +69,7 @@ def surface_batches(samples, size, seed, device):
     return Batches(make, size, per_block, device)
 
 
-def fresh_batches(strata, size, seed, device):
+def fresh_batches(strata, base, size, seed, device):
     """Return batches of points that are drawn and labelled for them, and shown once.
 
     A label costs a thirtieth of what learning from it does, and a network that sees the
@@ -78,12 +78,25 @@ def fresh_batches(strata, size, seed, device):
     Parameters
     ----------
     strata : pandis.strata.Strata
+    base : pandis.grids.base.BaseSpline or None
+        See `with_base`.
     """
     per_block = max(1, FRESH // size)
 
     def make(block):
         rows = strata.fresh(block, per_block * size + 16)  # rounding may take a few away
         order = np.random.default_rng([seed, 1, block]).permutation(len(rows))
-        return np.ascontiguousarray(rows[order])
+        return np.ascontiguousarray(with_base(rows, base)[order])
 
     return Batches(make, size, per_block, device)
+
+
+def with_base(rows, base):
+    """Append to rows (n, 7) what the base says there, value and gradient: (n, 11).
+
+    It is no part of what is learnt, so that it need be known at the points of a batch alone.
+    """
+    if base is None:
+        return rows
+    value, gradient = base.evaluate(rows[:, :3].astype(np.float64))
+    return np.column_stack([rows, value, gradient]).astype(np.float32)

@@ -14,7 +14,7 @@ from pandis.training.products import product
 
 def usual_omega(width):
     """Return ω0 for exact supervision: what a few units can carry are coarser waves."""
-    return 60.0 * (width / 256) ** 0.5
+    return 80.0 * (width / 256) ** 0.5
 
 
 class Siren(torch.nn.Module):

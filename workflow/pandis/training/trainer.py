@@ -10,7 +10,8 @@ import numpy as np
 import torch
 
 from pandis.errors import PandisError
-from pandis.training.batches import fresh_batches, surface_batches
+from pandis.grids.base import fit_base
+from pandis.training.batches import fresh_batches, surface_batches, with_base
 from pandis.training.exact_loss import exact_loss
 from pandis.training.network import Siren, usual_omega
 from pandis.training.optimiser import Optimiser
@@ -58,10 +59,12 @@ class Trainer:
         self.paper = options["loss"] == "paper"
         self.own_gradient = options["direction"] == "gradient"
         batch, seed = options["batch"], options["seed"]
+        cells = options.get("base")
+        self.base = fit_base(strata.engine, cells) if cells else None
         if self.paper:
             self.batches = surface_batches(samples, batch, seed, self.device)
         else:
-            self.batches = fresh_batches(strata, batch, seed, self.device)
+            self.batches = fresh_batches(strata, self.base, batch, seed, self.device)
         low, high = samples.attributes["strata"]["held-out"]
         columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
         self.held_out = self._rows_of(*columns)
@@ -87,18 +90,22 @@ class Trainer:
 
     # --- one step ----------------------------------------------------------------
 
-    def _answer(self, points):
+    def _answer(self, rows):
         """Return Φ (n,) and the direction (n, 3), not yet of unit length."""
+        points = rows[:, :3]
         if self.own_gradient:
-            output, gradient = self.network.forward_with_gradient(points)
-            return output[:, 0], gradient
-        output = self.network(points)
-        return output[:, 0], output[:, 1:]
+            output, direction = self.network.forward_with_gradient(points)
+        else:
+            output = self.network(points)
+            direction = output[:, 1:]
+        if self.base is None:
+            return output[:, 0], direction
+        return output[:, 0] + rows[:, 7], direction + rows[:, 8:]
 
     def _loss(self, rows):
         points, distance, normal = rows[:, :3], rows[:, 3], rows[:, 4:7]
         if not self.paper:
-            return exact_loss(*self._answer(points), distance, normal, self.options)
+            return exact_loss(*self._answer(rows), distance, normal, self.options)
         n = len(points)
         output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:]]))
         return paper_loss(output[:n], gradient[:n], output[n:], gradient[n:], normal, self.options)
@@ -254,6 +261,8 @@ class Trainer:
         for index in range(count):
             arrays[f"weight_{index}"] = self.parameters[index].detach().cpu().numpy()
             arrays[f"bias_{index}"] = self.parameters[count + index].detach().cpu().numpy()
+        if self.base is not None:
+            arrays["base"] = self.base.coefficients
         arrays["curve"] = np.array(self.curve, np.float64).reshape(-1, 3)
         return arrays, {
             "architecture": self.shape,
@@ -279,19 +288,19 @@ class Trainer:
 
     def _rows_of(self, *columns):
         rows = np.column_stack(columns).astype(np.float32)
-        return torch.from_numpy(rows).to(self.device)
+        return torch.from_numpy(with_base(rows, self.base)).to(self.device)
 
     @torch.no_grad()
     def _force_error(self, rows):
-        phi, direction = self._answer(rows[:, :3])
+        phi, direction = self._answer(rows)
         force = -phi.clamp(max=0)[:, None] * torch.nn.functional.normalize(direction)
-        exact = -rows[:, 3:4].clamp(max=0) * rows[:, 4:]
+        exact = -rows[:, 3:4].clamp(max=0) * rows[:, 4:7]
         error = (force - exact).norm(dim=1).double()
         return {"mean": error.mean().item(), "p99": error.quantile(0.99).item()}
 
     @torch.no_grad()
     def _direction_length(self):
-        size = self._answer(self.held_out[:, :3])[1].norm(dim=1).double()
+        size = self._answer(self.held_out)[1].norm(dim=1).double()
         return {"mean": size.mean().item(), "std": size.std(correction=0).item()}
 
     # --- states and checkpoints ----------------------------------------------------

@@ -14,6 +14,8 @@ from pandis.native.threads import in_threads
 #: Nodes along an axis of a block, blocks along an axis of a brick.
 BLOCK, BRICK = 2, 4
 _NO_BRICK = 65535
+#: The outermost faces of the box [-1, 1]³ belong to its last cells: points are clipped to this.
+EDGE = 1 - 1e-12
 #: Parallel sums are made over so many parts, so that threads do not show in the result.
 _PARTS = 2
 
@@ -51,6 +53,11 @@ class Lattice:
         self.per_step = (self.size - 1) / (-2 * self.low)
         self.step = 1 / self.per_step
         self._library = library()
+
+    @classmethod
+    def around_box(cls, cells):
+        """Return the lattice that answers in the box [-1, 1]³, with ``cells`` per axis there."""
+        return cls(cells + 3, -1 - 2 / cells)
 
     def places(self, nodes):
         """Return the places (n, 3) of flat node indices (n,)."""
