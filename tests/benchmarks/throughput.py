@@ -37,8 +37,8 @@ KERNELS = ("gemm", "elementwise", "reduce", "adam")
 class Plain:
     """The loop that one would write first."""
 
-    def __init__(self, options, device):
-        width, self.omega, self.options = options["width"], options["omega"], options
+    def __init__(self, options, omega, device):
+        width, self.omega, self.options = options["width"], omega, options
         sizes = [3, *[width] * options["depth"], 1]
         layers = [torch.nn.Linear(a, b) for a, b in itertools.pairwise(sizes)]
         self.layers = torch.nn.ModuleList(layers).to(device)
@@ -97,7 +97,8 @@ class Same:
 def works_of(trainer, options, device):
     """Return what to measure: a function, and how often to call it, by what it is."""
     fresh, rows = trainer.batches, trainer.batches.batch(0).clone()
-    plain, same, blocks = Plain(options, device), Same(rows), itertools.count()
+    plain, same = Plain(options, trainer.shape["omega"], device), Same(rows)
+    blocks = itertools.count()
 
     def ours(batches):
         trainer.batches = batches

@@ -317,6 +317,13 @@ def test_divergence_restarts_from_the_last_good_state(samples, tmp_path, harm):
     assert (np.diff(arrays["curve"][:, 0]) > 0).all()
 
 
+def test_a_base_that_is_all_but_right_is_no_reason_to_restart(samples, tmp_path):
+    run = trainer(samples, tmp_path)
+    run.least = 1e-3 * run.force
+    assert not run._diverged(0.5, 0.09 * run.force)  # ninety times worse, and still good
+    assert run._diverged(0.5, 0.11 * run.force)
+
+
 def test_checkpoint_that_cannot_be_written_does_not_stop_the_run(samples, tmp_path, monkeypatch):
     monkeypatch.setattr("pandis.training.trainer.CHECKPOINT_SECONDS", 0.0)
     (tmp_path / "file").write_text("in the way")

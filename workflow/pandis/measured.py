@@ -204,18 +204,18 @@ def _pair(row):
     return " / ".join(f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep"))
 
 
-def far_table():
-    """Return the table of what weights far from the surface are worth, and what they cost."""
-    notes, rows = _figures("far")
+def base_table():
+    """Return the table of what the base is worth, near the surface and away from it."""
+    notes, rows = _figures("base")
     table = [
-        "| mesh | steps | `far` | its normal's | shallow | deep "
+        "| mesh | steps | base, cells | `far` | KB | shallow | deep "
         "| largest ghost | ghosts (%) | deeper (%) |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     for row in rows:
         changes = dict(pair.split("=") for pair in row["options"].split())
-        cells = [row["mesh"], f"{int(row['steps']):,}"]
-        cells += [f"{float(changes.get(key, 0)):g}" for key in ("far", "far_normal")]
+        cells = [row["mesh"], f"{int(row['steps']):,}", changes["base"].replace("None", "none")]
+        cells += [changes.get("far", "0.3"), f"{int(row['bytes']) / 1e3:,.0f}"]
         cells += [f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep", "ghost")]
         cells += [f"{100 * float(row[key]):.2g}" for key in ("ghosts", "core")]
         table.append(_row(cells))

@@ -108,7 +108,7 @@ def generated():
             TRAINING,
             training=measured.training_table(),
             budgets=measured.budget_table(),
-            far=measured.far_table(),
+            base=measured.base_table(),
             throughput=measured.throughput_table(),
         ),
     }

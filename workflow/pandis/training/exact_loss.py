@@ -8,8 +8,7 @@ def exact_loss(phi, direction, distance, normal, options):
 
     The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
     both parts are of L1 kind and weighted toward the surface, where probes are; far from
-    it the weights have a floor, without which Φ goes to zero there and makes contacts
-    where there are none.
+    it the weights have a floor, so that what is deep inside is learnt, too.
 
     Parameters
     ----------

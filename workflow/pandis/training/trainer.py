@@ -21,8 +21,9 @@ from pandis.training.products import keep_freed_memory
 CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100
 QUICK = 4000
-#: A run whose error exceeds the least so far by this factor has diverged; not judged early on.
-DIVERGED, EARLY = 4.0, 0.05
+#: A run whose error exceeds the least so far by this factor has diverged; not judged early on,
+#: nor while it is below this share of the force: a base may be all but right before any step.
+DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
 #: Steps on a GPU before they are recorded as a graph.
 _EAGER_STEPS = 3
@@ -68,6 +69,7 @@ class Trainer:
         low, high = samples.attributes["strata"]["held-out"]
         columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
         self.held_out = self._rows_of(*columns)
+        self.force = float(np.maximum(-columns[1], 0).mean())
         generator = torch.Generator().manual_seed(seed)
         self.shape = {key: options[key] for key in ("width", "depth", "omega")}
         if options["omega"] is None:
@@ -227,7 +229,8 @@ class Trainer:
         if not self._finite():
             return True
         # the paper's loss knows no distances, and its error comes and goes
-        return not self.paper and share > EARLY and error > DIVERGED * self.least
+        harmful = max(DIVERGED * self.least, HARMLESS * self.force)
+        return not self.paper and share > EARLY and error > harmful
 
     def _finite(self):
         return all(torch.isfinite(p).all() for p in self.parameters)
