@@ -46,6 +46,30 @@ rule evaluate:
         "../scripts/evaluate.py"
 
 
+rule stress:
+    input:
+        mesh="results/{mesh}/mesh.zarr.zip",
+        fields=plan.field_artifacts,
+    output:
+        "results/{mesh}/stress.zarr.zip",
+    log:
+        "results/logs/{mesh}/stress.log",
+    benchmark:
+        "results/benchmarks/{mesh}/stress.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=3000,
+        runtime=30,
+    params:
+        options=plan.options("stress"),
+        code=plan.code("stress"),
+    message:
+        "{wildcards.mesh}: press, shake and mislead all fields"
+    script:
+        "../scripts/stress.py"
+
+
 rule timing:
     input:
         mesh="results/{mesh}/mesh.zarr.zip",

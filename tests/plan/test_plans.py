@@ -10,10 +10,12 @@ from support import edit, plan
 
 FAST = "config/fast.yaml"
 DOWNSTREAM = {"evaluate", "timing", "validate"}
+#: What a change of a field reaches; the stress suite needs no path.
+DEPENDENT = DOWNSTREAM | {"stress"}
 LAST = {("summary", None), ("report", None)}
 BOTH = ("sphere", "torus")
 EVERYTHING = (
-    {(stage, mesh) for stage in ("mesh", "sample", "trajectory", *DOWNSTREAM) for mesh in BOTH}
+    {(stage, mesh) for stage in ("mesh", "sample", "trajectory", *DEPENDENT) for mesh in BOTH}
     | {(stage, mesh, "pandis-exact") for stage in ("train", "export_network") for mesh in BOTH}
     | {("bake", mesh, "force", "24") for mesh in BOTH}
     | {("export_grid", mesh, "trilinear-24") for mesh in BOTH}
@@ -39,7 +41,7 @@ def all_of(*stages, meshes=("sphere", "torus")):
 
 def test_fresh_plan_has_every_job_once(workspace):
     assert plan(workspace) == EVERYTHING
-    assert len(EVERYTHING) + 1 <= 26  # with `all`
+    assert len(EVERYTHING) + 1 <= 28  # with `all`
 
 
 def test_finished_run_has_nothing_to_do(rerun):
@@ -52,12 +54,12 @@ def test_training_option_of_one_mesh(rerun):
         meshes={"torus": {"source": "analytic:torus", "train": {"pandis-exact": {"steps": 301}}}},
     )
     network = {("train", "torus", "pandis-exact"), ("export_network", "torus", "pandis-exact")}
-    assert plan(rerun) == network | all_of(*DOWNSTREAM, meshes=["torus"]) | LAST
+    assert plan(rerun) == network | all_of(*DEPENDENT, meshes=["torus"]) | LAST
 
 
 def test_new_mesh(rerun):
     change(rerun, meshes={"box": {"source": "analytic:box"}})
-    own = all_of("mesh", "sample", "trajectory", *DOWNSTREAM, meshes=["box"])
+    own = all_of("mesh", "sample", "trajectory", *DEPENDENT, meshes=["box"])
     own |= {("train", "box", "pandis-exact"), ("export_network", "box", "pandis-exact")}
     own |= {("bake", "box", "force", "24"), ("export_grid", "box", "trilinear-24")}
     assert plan(rerun) == own | LAST
@@ -91,14 +93,14 @@ def test_script_edited(rerun):
 def test_field_module_edited_restales_no_other_field(rerun):
     edit(rerun / "workflow/pandis/training/trainer.py", "QUICK = 4000", "QUICK = 4001")
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
-    assert plan(rerun) == network | all_of(*DOWNSTREAM) | LAST
+    assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
 
 
 def test_baking_module_edited_trains_nothing(rerun):
     edit(rerun / "workflow/pandis/grids/dense.py", "(1 << 18)", "(1 << 17)")
     grids = {("bake", m, "force", "24") for m in BOTH}
     grids |= {("export_grid", m, "trilinear-24") for m in BOTH}
-    assert plan(rerun) == grids | all_of(*DOWNSTREAM) | LAST
+    assert plan(rerun) == grids | all_of(*DEPENDENT) | LAST
 
 
 def test_grid_module_edited_bakes_and_trains_nothing(rerun):
@@ -108,13 +110,13 @@ def test_grid_module_edited_bakes_and_trains_nothing(rerun):
         "Lattice.around_box(+len(self.values) - 1)",
     )
     grids = {("export_grid", m, "trilinear-24") for m in BOTH}
-    assert plan(rerun) == grids | all_of(*DOWNSTREAM) | LAST
+    assert plan(rerun) == grids | all_of(*DEPENDENT) | LAST
 
 
 def test_network_module_edited_bakes_nothing(rerun):
     edit(rerun / "workflow/pandis/fields/siren.py", "h = np.sin(", "h = +np.sin(")
     networks = {("export_network", m, "pandis-exact") for m in BOTH}
-    assert plan(rerun) == networks | all_of(*DOWNSTREAM) | LAST
+    assert plan(rerun) == networks | all_of(*DEPENDENT) | LAST
 
 
 def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
@@ -122,7 +124,7 @@ def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
     assert plan(rerun) == set()  # the configuration trains pandis-exact alone
     edit(rerun / "workflow/pandis/training/exact_loss.py", "off + options", "+off + options")
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
-    assert plan(rerun) == network | all_of(*DOWNSTREAM) | LAST
+    assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
 
 
 def test_config_module_edited_reruns_nothing(rerun):
@@ -176,7 +178,7 @@ def test_swapped_values_are_noticed(rerun):
     samples["offsets"], samples["box"] = samples["box"], samples["offsets"]
     (rerun / FAST).write_text(yaml.safe_dump(config))
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
-    assert plan(rerun) == all_of("sample", *DOWNSTREAM) | network | LAST
+    assert plan(rerun) == all_of("sample", *DEPENDENT) | network | LAST
 
 
 def test_field_added(rerun):
@@ -189,14 +191,14 @@ def test_field_added(rerun):
         for m in ("sphere", "torus")
         for f in ("nearest-24", "trilinear-normal-8")
     }
-    assert plan(rerun) == own | all_of(*DOWNSTREAM) | LAST
+    assert plan(rerun) == own | all_of(*DEPENDENT) | LAST
 
 
 @pytest.mark.parametrize("field", ["trilinear-24", "pandis-exact"])
 def test_field_taken_off(rerun, field):
     kept = [f for f in ("exact", "trilinear-24", "pandis-exact") if f != field]
     change(rerun, fields=kept)
-    assert plan(rerun) == all_of(*DOWNSTREAM) | LAST
+    assert plan(rerun) == all_of(*DEPENDENT) | LAST
 
 
 def test_no_network_means_no_samples(workspace):
@@ -206,7 +208,7 @@ def test_no_network_means_no_samples(workspace):
 
 def test_upstream_missing_reruns_what_follows(rerun):
     (rerun / "results/torus/samples.zarr.zip").unlink()
-    own = all_of("sample", *DOWNSTREAM, meshes=["torus"])
+    own = all_of("sample", *DEPENDENT, meshes=["torus"])
     own |= {(s, "torus", "pandis-exact") for s in ("train", "export_network")}
     assert plan(rerun) == own | LAST
 

@@ -110,7 +110,7 @@ def test_floors_import_downwards_only():
         {"fields", "trajectories"},
         {"training"},
         {"export"},
-        {"evaluation", "hardware"},
+        {"evaluation", "hardware", "stress"},
         {"report", "verification"},
     ]  # fmt: skip
     level = {name: index for index, floor in enumerate(floors) for name in floor}

@@ -21,6 +21,7 @@ STAGES = {
     "export_grid": "sphere/export/trilinear-24.onnx",
     "trajectory": "sphere/trajectory.zarr.zip",
     "evaluate": "sphere/evaluation.zarr.zip",
+    "stress": "sphere/stress.zarr.zip",
     "timing": "sphere/timing.zarr.zip",
     "validate": "sphere/hardware.zarr.zip",
     "summary": "summary.csv",

@@ -299,6 +299,26 @@ class EvaluationOptions(Options):
     )
 
 
+class StressOptions(Options):
+    """The stress suite: every field under a device and a hand. Nominal values of a Touch."""
+
+    mass: Positive = Field(0.045, description="moving mass at the tip, kg")
+    damping: float = Field(0.1, ge=0, description="viscous damping of the device, Ns/m")
+    friction: float = Field(0.26, ge=0, description="Coulomb friction of the device, N")
+    encoder: Positive = Field(55e-6, description="step of the position that it reports, m")
+    delay: int = Field(0, ge=0, le=20, description="ticks by which a force comes late")
+    force_limit: Positive = Field(3.3, description="largest force, N")
+    hand_stiffness: float = Field(20.0, ge=0, description="of the hand that holds it, N/m")
+    hand_damping: float = Field(3.0, ge=0, description="likewise, Ns/m")
+    press: Positive = Field(0.5, description="force with which the hand presses, N")
+    loops: Annotated[int, Field(ge=2)] = Field(
+        20, description="closed loops around which the work is measured"
+    )
+    ticks: Annotated[int, Field(ge=1000)] = Field(
+        1_000_000, description="ticks of the long run: a random walk"
+    )
+
+
 class TimingOptions(Options):
     """One-query and batch times."""
 
@@ -357,6 +377,7 @@ class StageOptions(Options):
     evaluation: EvaluationOptions = Field(
         default_factory=EvaluationOptions, description="force errors"
     )
+    stress: StressOptions = Field(default_factory=StressOptions, description="the stress suite")
     timing: TimingOptions = Field(default_factory=TimingOptions, description="query times")
     hardware: HardwareOptions = Field(
         default_factory=HardwareOptions, description="the 1 kHz validation"

@@ -26,7 +26,7 @@ TARGETS = {
     "models": ("train",),
     "exports": ("export_grid", "export_network", "export_vti"),
     "grids": ("bake", "bake_spline", "bake_auto", "support_planes"),
-    "evaluations": ("trajectory", "evaluate", "timing"),
+    "evaluations": ("trajectory", "evaluate", "stress", "timing"),
     "hardware": ("validate",),
 }
 DEFAULT_CONFIG = "config/config.yaml"
@@ -151,6 +151,7 @@ class Plan:
                 add(f"export/{spec.name}.vti", "export_vti", field=spec.name)
         add("trajectory.zarr.zip", "trajectory")
         add("evaluation.zarr.zip", "evaluate")
+        add("stress.zarr.zip", "stress")
         add("timing.zarr.zip", "timing")
         add("hardware.zarr.zip", "validate")
         add("hardware.json", "validate")
@@ -217,7 +218,7 @@ class Plan:
         """Return everything that the report reads."""
         found = []
         for mesh in self.entries:
-            stems = ["mesh", "trajectory", "evaluation", "timing", "hardware"]
+            stems = ["mesh", "trajectory", "evaluation", "stress", "timing", "hardware"]
             stems += [spec.artifact for spec in self.held(mesh)]
             if any(spec.kind == "network" for spec in self.held(mesh)):
                 stems.append("samples")
@@ -301,6 +302,9 @@ class Plan:
                     "size": size,
                     "stiffness": stiffness,
                 }
+            case "stress":
+                own = {"fields": entry.fields, "seed": seed, "size": size, "stiffness": stiffness}
+                return entry.stress.model_dump() | own
             case "timing":
                 own = [spec.name for spec in self.specs(mesh) if not spec.exports]
                 return entry.timing.model_dump() | {"in_python": own}

@@ -33,6 +33,7 @@ _SECTIONS = {
     "bake": config.BakeOptions,
     "trajectory": config.TrajectoryOptions,
     "evaluation": config.EvaluationOptions,
+    "stress": config.StressOptions,
     "timing": config.TimingOptions,
     "hardware": config.HardwareOptions,
 }

@@ -6,6 +6,7 @@ import io
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.spatial import cKDTree
 
 from pandis.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
 from pandis.forces import penalty_force
@@ -83,18 +84,46 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
     colours[origin == 2] = _CAP
     figure = Figure(figsize=(11, 5), layout="constrained")
     for index, view in enumerate((VIEW, [-v for v in VIEW])):
-        axes = figure.add_subplot(1, 2, index + 1)
-        image = render(vertices, faces, size=720, view=view, colours=colours)
-        rows, columns = (np.flatnonzero(image[..., 3].any(axis=k)) for k in (1, 0))
-        axes.imshow(image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
-        axes.set_axis_off()
-        axes.set_title(("front", "back")[index])
+        _show(figure.add_subplot(1, 2, index + 1), vertices, faces, view, colours)
     for colour, name in ((_KEPT, "kept"), (_CAP, "cap of a hole")):
-        axes.plot([], [], "s", color=np.array(colour) / 255, label=name)
+        figure.axes[0].plot([], [], "s", color=np.array(colour) / 255, label=name)
     figure.legend(frameon=False, loc="outside lower center", ncols=2)
     bar = figure.colorbar(mpl.cm.ScalarMappable(norm, "plasma"), ax=figure.axes, shrink=0.7)
     bar.set_label("cut or moved: distance to the source\n(% of the diagonal)")
     return save(figure, "png")
+
+
+def holding(vertices, faces, pushed, holding_newtons):
+    """Draw how hard the walls of a mesh hold, from two sides.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray
+        Unit frame.
+    pushed : ndarray, shape (n, 3)
+        Points of the surface, unit frame.
+    holding_newtons : ndarray, shape (n,)
+        The largest force there.
+    """
+    _, nearest = cKDTree(pushed).query(vertices[faces].mean(axis=1), k=3)
+    newtons = holding_newtons[nearest].mean(axis=1)
+    norm = mpl.colors.LogNorm(max(holding_newtons.min(), 1e-2), max(holding_newtons.max(), 2e-2))
+    colours = 255 * mpl.colormaps["viridis"](norm(newtons))[:, :3]
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    for index, view in enumerate((VIEW, [-v for v in VIEW])):
+        _show(figure.add_subplot(1, 2, index + 1), vertices, faces, view, colours)
+    bar = figure.colorbar(mpl.cm.ScalarMappable(norm, "viridis"), ax=figure.axes, shrink=0.7)
+    bar.set_label("largest force against a push (N)")
+    return save(figure, "png")
+
+
+def _show(axes, vertices, faces, view, colours):
+    """Draw a mesh without the empty margin."""
+    image = render(vertices, faces, size=720, view=view, colours=colours)
+    rows, columns = (np.flatnonzero(image[..., 3].any(axis=k)) for k in (1, 0))
+    axes.imshow(image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
+    axes.set_axis_off()
+    axes.set_title("front" if list(view) == list(VIEW) else "back")
 
 
 def quiver(fields, size=46, half=1.0):

@@ -15,6 +15,20 @@ from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures
 from pandis.report.tables import COLUMNS, summary_rows
 
+#: The figure of every question of the stress suite that stands in the table.
+_SHOWN = {
+    "work": "work",
+    "stiffness": "steep",
+    "jumps": "jumps",
+    "contacts": "ghost_n",
+    "hold": "of_exact",
+    "closed_loop": "stable_n_m",
+    "endurance": "bad",
+    "invariance": "distance",
+    "precision": "newtons",
+    "special": "bad",
+}
+
 
 def mesh_section(name, artifacts, field_names):
     """Prepare one mesh for the template.
@@ -23,7 +37,7 @@ def mesh_section(name, artifacts, field_names):
     ----------
     name : str
     artifacts : list of pandis.artifact.Artifact
-        Mesh, trajectory, evaluation, timing, hardware, the artifact of every field, and the
+        Mesh, trajectory, evaluation, stress, timing, hardware, the artifact of every field, and the
         samples where there are networks.
     field_names : list of str
 
@@ -54,12 +68,15 @@ def mesh_section(name, artifacts, field_names):
         "mesh": mesh.attributes,
         "frame": frame,
         "evaluation": evaluation.attributes,
+        "stress": artifacts["stress"].attributes,
+        "verdicts": _verdicts(artifacts["stress"].attributes),
         "timing": artifacts["timing"].attributes,
         "hardware": hardware.attributes,
         "models": {n: m.attributes | {"note": _training(m)} for n, m in models.items()},
         "sentence": _sentence(rows, networks, bool(mesh.attributes["shape"])),
         "picture": figures.picture(vertices, mesh.arrays["faces"], trajectory),
         "heat": _heat_map(mesh, vertices),
+        "holding": figures.holding(vertices, mesh.arrays["faces"], **artifacts["stress"].arrays),
         "repair": [r["operation"] for r in mesh.attributes["rungs"] if r["kept"]],
         "quiver": figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
         "path": figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
@@ -73,6 +90,30 @@ def mesh_section(name, artifacts, field_names):
         )
         if compute
         else None,
+    }
+
+
+def _verdicts(stress):
+    """Say of every field what it failed, and by how much, in a sentence."""
+    said = {
+        "work": "a circling hand gains up to {push_n:.2g} N ({limit:.2g} allowed)",
+        "stiffness": "{steep:.2%} of the points below the surface are steeper than twice k "
+        "({limit:.2%} allowed)",
+        "jumps": "the force jumps on {jumps:.2%} of the ways of 0.1 mm ({limit:.2%} allowed), on "
+        "a thousandth by {mm01_p999:.2g} N or more",
+        "contacts": "up to {ghost_n:.2g} N further than 0.5 mm outside, at {ghosts:.2%} of the "
+        "points there; none at {missed:.2%} of those as deep inside",
+        "hold": "walls hold {of_exact:.0%} of what the exact ones do",
+        "closed_loop": "a device shakes from {stable_n_m:.0f} N/m on (wanted: {limit:.0f})",
+        "endurance": "{bad:,} answers of {ticks:,} are no numbers, {drift:,} changed",
+        "invariance": "distances change by {distance:.1e} with units or place",
+        "precision": "float32 positions change the force by {newtons:.2g} N",
+        "special": "{bad:,} special points and {unflagged:,} that are none are not answered",
+    }
+    return {
+        field: "; ".join(said[question].format(**rows[question]) for question in failed)
+        for field, failed in stress["failed"].items()
+        for rows in [stress["fields"][field]]
     }
 
 
@@ -151,6 +192,7 @@ def build(sections):
         rays=THICKNESS_RAYS,
         jump=JUMP,
         points=POINTS,
+        shown=_SHOWN,
     )
 
 

@@ -1,0 +1,269 @@
+"""The stress suite: known figures, and for every question a field that must fail it."""
+
+import numpy as np
+import pytest
+
+from pandis.distance import MeshDistance, ShapeDistance
+from pandis.fields.base import OK, Answer, Field
+from pandis.fields.grids import GRID_OPENERS
+from pandis.forces import penalty_force
+from pandis.frame import Frame
+from pandis.grids.dense import DenseGrid
+from pandis.mesh.shapes import SHAPES
+from pandis.sampling import Surface
+from pandis.stage import silent_progress
+from pandis.stress.contact import holding
+from pandis.stress.coupled import LADDER, simulate, stable_stiffness
+from pandis.stress.physical import Device, Scale
+from pandis.stress.robust import CHUNK, walk
+from pandis.stress.stiffness import jacobians
+from pandis.stress.suite import QUESTIONS, Suite, stress
+from pandis.stress.work import DEPTHS, loop_work, loops
+from support import artifact, box_mesh
+
+R = 0.9
+FRAME = Frame((0.0, 0.0, 0.0), R)
+ENGINE = ShapeDistance(SHAPES["sphere"], FRAME)
+TOUCH = {
+    "mass": 0.045, "damping": 0.1, "friction": 0.26, "encoder": 55e-6, "delay": 0,
+    "force_limit": 3.3, "hand_stiffness": 20.0, "hand_damping": 3.0, "press": 0.5,
+}  # fmt: skip
+OPTIONS = TOUCH | {"loops": 20, "ticks": 60_000, "size": 0.1, "stiffness": 400.0, "seed": 0}
+SCALE = Scale(0.1, 400.0)
+
+
+class Exact(Field):
+    """The sphere, and what the controls below are made of."""
+
+    def __init__(self, name="exact"):
+        super().__init__(name, FRAME, 0)
+
+    def answer(self, points):
+        return self.spoil(points, *ENGINE.distance_and_normal(points))
+
+    def spoil(self, points, distance, normal):
+        return distance, normal
+
+
+class Seam(Exact):
+    """Half of it is a millimetre larger."""
+
+    def spoil(self, points, distance, normal):
+        return distance - 0.018 * (points[:, 0] > 0), normal
+
+
+class Kink(Exact):
+    """Four times as stiff below a depth."""
+
+    def spoil(self, points, distance, normal):
+        return np.where(distance < -0.02, 4 * distance + 0.06, distance), normal
+
+
+class SignError(Exact):
+    """Inside out at one end."""
+
+    def spoil(self, points, distance, normal):
+        return np.where(points[:, 2] > 0.8, -distance, distance), normal
+
+
+class Turned(Exact):
+    """The direction is ten degrees off: no gradient of anything."""
+
+    def spoil(self, points, distance, normal):
+        c, s = np.cos(np.radians(10)), np.sin(np.radians(10))
+        return distance, normal @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+
+
+class Weak(Exact):
+    """It gives way below a few millimetres."""
+
+    def spoil(self, points, distance, normal):
+        return distance, np.where(distance[:, None] < -0.1, -normal, normal)
+
+
+class Hard(Exact):
+    """Three hundred times as stiff as it should be."""
+
+    def spoil(self, points, distance, normal):
+        return 300 * distance, normal
+
+
+class Tired(Exact):
+    """Every call answers a little less."""
+
+    calls = 0
+
+    def spoil(self, points, distance, normal):
+        self.calls += 1
+        return distance * (1 - 1e-9 * self.calls), normal
+
+
+class Gap(Exact):
+    """No number next to an axis."""
+
+    def spoil(self, points, distance, normal):
+        return np.where(np.abs(points[:, 0]) < 1e-4, np.nan, distance), normal
+
+
+class SinglePrecision(Exact):
+    """Mesh units are rounded to float32 before the centre is taken off."""
+
+    def distance_and_normal(self, points):
+        return super().distance_and_normal(points.astype(np.float32).astype(np.float64))
+
+
+class Nervous(Exact):
+    """The eighth digit of a coordinate matters."""
+
+    def spoil(self, points, distance, normal):
+        return distance + 1e-3 * np.sin(1e9 * np.clip(points[:, 0], -2, 2)), normal
+
+
+class Confident(Exact):
+    """NaN is at the origin, and no flag says so."""
+
+    def query(self, points):
+        distance, normal = self.answer(np.nan_to_num(points, posinf=0, neginf=0))
+        return Answer(distance, normal, np.full(len(points), OK, np.uint8))
+
+
+CONTROLS = {
+    "work": Turned,
+    "stiffness": Kink,
+    "jumps": Seam,
+    "contacts": SignError,
+    "hold": Weak,
+    "closed_loop": Hard,
+    "endurance": Tired,
+    "invariance": SinglePrecision,
+    "precision": Nervous,
+    "special": Confident,
+}
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    vertices, faces = SHAPES["sphere"].tessellation()
+    mesh = artifact("mesh", {"vertices": vertices, "faces": faces}, {"shape": "sphere"})
+    surface = Surface(FRAME.to_unit(vertices), faces, ENGINE)
+    return Suite(mesh, surface, ENGINE, OPTIONS)
+
+
+def test_the_exact_sphere_passes_everything(sphere):
+    arrays, attributes = stress([Exact()], sphere, silent_progress)
+    assert attributes["failed"] == {"exact": []}
+    assert list(attributes["fields"]["exact"]) == list(QUESTIONS)
+    assert arrays["holding_newtons"] == pytest.approx(400 * 0.05, rel=0.03)
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_every_question_catches_its_control(sphere, question):
+    found = sphere.ask(CONTROLS[question](), silent_progress)
+    assert not found[question]["passed"], found[question]
+
+
+def test_what_is_no_number_is_caught(sphere):
+    found = sphere.ask(Gap(), silent_progress)
+    assert found["endurance"]["bad"] > 0
+    assert not found["special"]["passed"]
+
+
+def test_fields_that_need_a_path_are_skipped_with_a_reason(sphere):
+    field = Exact("salisbury")
+    field.ordered = True
+    attributes = stress([field], sphere, silent_progress)[1]
+    assert attributes["fields"] == {}
+    assert "way" in attributes["skipped"]["salisbury"]
+
+
+# --- known figures ----------------------------------------------------------------------
+
+
+def grid(kind, content, size):
+    made = DenseGrid(ENGINE, content, size, (0.09, 0.02), silent_progress)
+    values = np.concatenate(list(made.slabs(8)))
+    held = artifact("grid", {"values": values}, made.attributes() | {"frame": FRAME.attributes()})
+    return GRID_OPENERS[kind](f"{kind}-{size}", held)
+
+
+def test_loop_work_is_that_of_the_literature_notes(sphere):
+    """0.75, 0.021 and 4e-16 at 32³, 0.36 and 0.0033 at 64³; how loops are drawn is left open."""
+    paths = loops(sphere.surface, ENGINE, 100, np.random.default_rng(3))
+
+    def share(field):
+        found = loop_work(field.answer, paths)[0]
+        return np.sqrt((found**2).mean()) / (np.mean(DEPTHS) ** 2 / 2)
+
+    assert share(Exact()) < 2e-15
+    assert 0.75 / 2 < share(grid("nearest", "force", 32)) < 0.75 * 2
+    assert 0.36 / 2 < share(grid("nearest", "force", 64)) < 0.36 * 2
+    assert 0.021 < share(grid("trilinear", "force", 32)) < 0.021 * 6
+    assert 0.0033 / 2 < share(grid("trilinear", "force", 64)) < 0.0033 * 3
+
+
+@pytest.mark.parametrize(("late", "wanted"), [(0, 200), (1, 67), (2, 40)])
+def test_largest_stable_stiffness_is_that_of_the_theory(late, wanted):
+    """b / (T/2 + n·T) at b = 0.1 Ns/m, T = 1 ms."""
+    bare = {"friction": 0.0, "encoder": 0.0, "hand_stiffness": 0.0, "hand_damping": 0.0}
+    device = Device(**TOUCH | bare | {"delay": late, "force_limit": 1e9})
+
+    def wall(points):
+        normal = np.zeros_like(points)
+        normal[:, 2] = 1
+        return points[:, 2], normal
+
+    stiffness = wanted * np.array([0.93, 1.07])
+    point, normal = np.zeros((2, 3)), np.tile([0.0, 0, 1], (2, 1))
+    start = -0.9 * device.press / stiffness[:, None]  # in contact: theory knows no leaving
+    swing, energy = simulate(wall, point, normal, stiffness, SCALE, device, 12_000, start)
+    assert swing[0] < 1e-4
+    assert swing[1] > 1e-4
+    assert energy[1] < 0  # the wall gives what damping takes
+
+
+def test_friction_lets_a_wall_be_stiffer():
+    device = Device(**TOUCH | {"hand_damping": 0.0})
+    points = R * np.eye(3)
+    found = []
+    for friction in (0.0, 0.26):
+        one = device._replace(friction=friction)
+        found.append(stable_stiffness(ENGINE.distance_and_normal, points, np.eye(3), SCALE, one))
+    assert found[0] < 300
+    assert found[1] >= 1000
+    assert set(found) <= {0.0, *(LADDER * 400)}
+
+
+def test_stiffness_of_a_sphere_is_known():
+    """Normal k; tangential k·d/(R − d), a push to the side."""
+    depth = np.array([0.01, 0.1, 0.3])
+    points = (R - depth)[:, None] * np.array([0.6, 0.0, 0.8])
+    found = np.linalg.eigvalsh(jacobians(ENGINE.distance_and_normal, points, 1e-5))
+    assert found[:, 0] == pytest.approx(-1, abs=1e-6)
+    assert found[:, 1:] == pytest.approx(np.repeat((depth / (R - depth))[:, None], 2, 1), rel=1e-6)
+
+
+def test_a_plate_holds_half_its_thickness():
+    vertices, faces = box_mesh()
+    plate = (vertices - vertices.mean(axis=0)) / np.ptp(vertices, axis=0) * [1.8, 1.8, 0.1]
+    engine = MeshDistance(plate, faces)
+    found = holding(engine.distance_and_normal, np.array([[0.1, 0.2, 0.05]]), np.eye(3)[2:], SCALE)
+    assert found == pytest.approx(400 * 0.05 / SCALE.metre, rel=0.4)  # to a step of the ray
+    assert found <= 400 * 0.05 / SCALE.metre
+
+
+def test_a_walk_stays_in_the_box_and_goes_at_its_pace():
+    chunks = list(walk(CHUNK + 500, np.random.default_rng(0)))
+    assert [len(chunk) for chunk in chunks] == [CHUNK, 500]
+    path = np.concatenate(chunks)
+    assert np.abs(path).max() <= 1
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    assert np.sqrt((steps**2).mean()) == pytest.approx(0.018, rel=0.02)
+    assert (path.min(axis=0) < -0.5).all()
+    assert (path.max(axis=0) > 0.5).all()
+
+
+def test_same_seed_same_figures(sphere):
+    again = Suite(sphere.mesh, sphere.surface, ENGINE, OPTIONS)
+    field = grid("tricubic", "distance", 24)
+    assert again.ask(field, silent_progress) == sphere.ask(field, silent_progress)
+    assert np.abs(penalty_force(*field.answer(again.shell))).max() > 0

@@ -1,0 +1,179 @@
+"""Long runs, other units, lost digits, special places, no numbers: what must change nothing."""
+
+import copy
+import itertools
+
+import numpy as np
+
+from pandis.distance import MeshDistance
+from pandis.fields.base import OK
+from pandis.forces import penalty_force
+from pandis.frame import Frame
+
+#: Points of a long run that are asked at once; and again at its end.
+CHUNK = 50_000
+#: How far the probe moves in a tick of a long run (unit frame): 1 m/s on an object of 0.1 m.
+PACE = 0.018
+#: Factors on the mesh's units, and offsets in lengths of its longest side.
+SCALES, OFFSETS = (1e-6, 1e-3, 1e3, 1e6), (1e3, 1e6)
+#: Distances may differ by so much between them (unit frame), and the force at all but a
+#: hundredth of the points, where two walls are all but equally near.
+SAME = 1e-7
+#: What is no place, or none in any workspace.
+_NOWHERE = (np.nan, np.inf, -np.inf, 1e300, -1e300)
+#: Moving a point by float32's rounding may change the force by so many times k times the way.
+STEEP = 5.0
+
+
+def walk(count, rng):
+    """Yield the points (up to CHUNK, 3) of a random walk in the box, tick by tick."""
+    place = np.zeros(3)
+    for start in range(0, count, CHUNK):
+        steps = rng.normal(size=(min(CHUNK, count - start), 3)) * PACE / np.sqrt(3)
+        path = place + np.cumsum(steps, axis=0)
+        path = 1 - np.abs((path + 1) % 4 - 2)  # reflected at the faces
+        yield path
+        place = path[-1]
+
+
+def endurance(answer, count, rng, report):
+    """Ask along a random walk of ``count`` ticks, and the first of it again at the end.
+
+    Returns
+    -------
+    dict
+        ``ticks``; ``bad``: answers that are no number, or normals not of unit length;
+        ``drift``: answers at the same points that differ at the end; ``passed``.
+    """
+    bad, first, done = 0, None, 0
+    for points in walk(count, rng):
+        distance, normal = answer(points)
+        off = np.abs(np.linalg.norm(normal, axis=1) - 1)
+        bad += int((~np.isfinite(distance) | ~(off < 1e-5)).sum())
+        first = first or (points, distance, normal)
+        done += len(points)
+        report.update(done)
+    points, *before = first
+    changed = np.zeros(len(points), bool)
+    for old, new in zip(before, answer(points), strict=True):
+        changed |= (old != new).reshape(len(points), -1).any(axis=1)
+    drift = int(changed.sum())
+    return {"ticks": count, "bad": bad, "drift": drift, "passed": bad == 0 and drift == 0}
+
+
+class Placed:
+    """A field as it would be, had its mesh come in other units and at another place."""
+
+    def __init__(self, field, factor, offset):
+        old = field.frame
+        centre = tuple(factor * (np.array(old.centre) + offset))
+        self.field = copy.copy(field)
+        self.field.frame = Frame(centre, old.scale / factor)
+
+    def distance_and_normal(self, points):
+        """Answer in these units."""
+        return self.field.distance_and_normal(points)
+
+
+class PlacedExact:
+    """The exact field of the mesh itself, its vertices moved and scaled before anything else."""
+
+    def __init__(self, mesh, factor, offset):
+        vertices = factor * (mesh.arrays["vertices"] + offset)
+        self.frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
+        self.engine = MeshDistance(self.frame.to_unit(vertices), mesh.arrays["faces"])
+
+    def distance_and_normal(self, points):
+        """Answer in these units."""
+        distance, normal = self.engine.distance_and_normal(self.frame.to_unit(points), check=False)
+        return distance / self.frame.scale, normal
+
+
+def invariance(place, field, points):
+    """Ask a field in other units and far from the origin.
+
+    Parameters
+    ----------
+    place : callable
+        Makes the field as it would be with a factor and an offset (3,), mesh units.
+    field : pandis.fields.base.Field
+    points : ndarray, shape (n, 3), unit frame
+
+    Returns
+    -------
+    dict
+        ``distance``: the largest difference of distances; ``force``: the 99th percentile of
+        that of forces (both unit frame, k = 1); ``limit``, ``passed``.
+    """
+    frame = field.frame
+    wanted_distance, wanted_normal = field.answer(points)
+    wanted = penalty_force(wanted_distance, wanted_normal)
+    length, off, turned = 1.8 / frame.scale, 0.0, 0.0
+    cases = [(f, 0.0) for f in SCALES] + [(1.0, o) for o in OFFSETS]
+    for factor, offset in cases:
+        move = np.array([1.0, -0.5, 0.25]) * offset * length
+        there = factor * (frame.to_mesh(points) + move)
+        distance, normal = place(factor, move).distance_and_normal(there)
+        distance = distance * frame.scale / factor
+        off = max(off, float(np.abs(distance - wanted_distance).max()))
+        change = np.linalg.norm(penalty_force(distance, normal) - wanted, axis=1)
+        turned = max(turned, float(np.percentile(change, 99)))
+    passed = off <= SAME and turned <= SAME
+    return {"distance": off, "force": turned, "limit": SAME, "passed": passed}
+
+
+def precision(answer, points, scale):
+    """Round points to float32, as a host program may hold them.
+
+    Returns
+    -------
+    dict
+        ``newtons``: the 99th percentile of the change of force; ``limit``: STEEP times k times
+        the largest rounding; ``passed``.
+    """
+    rounded = points.astype(np.float32).astype(np.float64)
+    one, other = (penalty_force(*answer(p)) for p in (points, rounded))
+    change = np.percentile(np.linalg.norm(one - other, axis=1), 99) * scale.newtons
+    limit = STEEP * np.linalg.norm(points - rounded, axis=1).max() * scale.newtons
+    # what is computed in float32 has digits of its own size to lose
+    limit = max(limit, 2**-18 * scale.newtons)
+    return {"newtons": float(change), "limit": float(limit), "passed": bool(change <= limit)}
+
+
+def special_points(engine, vertices, faces, points, normals):
+    """Return points (n, 3) where there is something to stumble over.
+
+    Vertices, edges and faces of the mesh, the medial axis (between the walls below surface
+    points), corners, edges and faces of the box, the origin.
+    """
+    corners = vertices[faces[:: max(1, len(faces) // 1000)]]
+    edges = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2
+    box = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=3)))
+    low, high = np.zeros(len(points)), np.full(len(points), 0.9)
+    for _ in range(40):  # the nearest wall is the one above, or no longer
+        middle = (low + high) / 2
+        inside = points - middle[:, None] * normals
+        own = np.abs(engine.distance_and_normal(inside)[0] + middle) < 1e-6
+        low, high = np.where(own, middle, low), np.where(own, high, middle)
+    medial = points - low[:, None] * normals
+    return np.concatenate([corners.reshape(-1, 3), edges, corners.mean(axis=1), medial, box])
+
+
+def special(field, points):
+    """Ask at special points, and at what is no point.
+
+    Returns
+    -------
+    dict
+        ``bad``: answers that are no number, or normals not of unit length; ``unflagged``: what
+        is no finite point, or far beyond any, and is not flagged, or pushed; ``passed``.
+    """
+    distance, normal = field.answer(points)
+    off = np.abs(np.linalg.norm(normal, axis=1) - 1)
+    bad = int((~np.isfinite(distance) | ~(off < 1e-5)).sum())
+    lost = [[v if k == axis else 0.1 for k in range(3)] for axis in range(3) for v in _NOWHERE]
+    with np.errstate(over="ignore"):  # how far 1e300 is, no one need know
+        answer = field.query(np.array(lost))
+    push = np.nan_to_num(penalty_force(answer.distance, answer.normal)).any(axis=1)
+    unflagged = int((push | (answer.flag == OK)).sum())
+    return {"bad": bad, "unflagged": unflagged, "passed": bad == 0 and unflagged == 0}
