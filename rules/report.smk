@@ -2,6 +2,7 @@ rule summary:
     input:
         evaluations=plan.results("evaluation.zarr.zip"),
         timings=plan.results("timing.zarr.zip"),
+        stresses=plan.results("stress.zarr.zip"),
         hardware=plan.results("hardware.zarr.zip"),
     output:
         report(

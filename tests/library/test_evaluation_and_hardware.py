@@ -226,13 +226,16 @@ def test_summary_has_every_column_and_the_configs_order():
         "newtons": 2.0,
         "mean_force": {"trajectory": 2.0},
     }
-    timing = {"fields": {"a": {"one_p50_us": 1.0, "one_p99_us": 2.0, "batch_us": 3.0}}}
+    times = {"one_p50_us": 1.0, "one_p99_us": 2.0, "one_p999_us": 2.5, "batch_us": 3.0}
+    timing = {"fields": {"a": times}}
+    jumps = {"mm01_max": 0.5, "mm01_rms": 0.1}
+    stress = {"fields": {"a": {"jumps": jumps}}, "failed": {"a": ["work", "hold"]}}
     hardware = {"fields": {"a": {"compute_us": {"p99.9": 4.0}, "misses": 0, "verdict": "pass"}}}
-    rows = summary_rows("m", evaluation, timing, hardware)
+    rows = summary_rows("m", evaluation, timing, stress, hardware)
     assert [row["field"] for row in rows] == ["b", "a", "a" + UNNORMALISED]
     lines = to_csv(rows).splitlines()
     assert lines[0] == ",".join(COLUMNS)
-    assert lines[2].endswith("4,0,pass")
+    assert lines[2].endswith("0.5,0.1,2,yes,4,0,pass")
     assert rows[0]["trajectory_newtons"] == pytest.approx(1000)
     assert rows[0]["trajectory_percent"] == pytest.approx(25)
 
@@ -246,7 +249,8 @@ def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
     _, attributes = evaluate(fields, truth(), sets, silent_progress)
     assert "path" in attributes["errors"]["trajectory"]
     assert "path" not in attributes["errors"]["shallow"]
-    rows = summary_rows("m", attributes | {"newtons": 1.0}, {"fields": {}}, {"fields": {}})
+    nothing = [{"fields": {}}] * 3
+    rows = summary_rows("m", attributes | {"newtons": 1.0}, *nothing)
     assert [row["shallow_mean"] for row in rows] == [0, ""]
 
 

@@ -102,7 +102,7 @@ class _Checker:
         try:
             read = (
                 [read_artifact(name) for name in self.plan.results(f"{stem}.zarr.zip")]
-                for stem in ("evaluation", "timing", "hardware")
+                for stem in ("evaluation", "timing", "stress", "hardware")
             )
             text = to_csv(summarise(*read))
         except PandisError:

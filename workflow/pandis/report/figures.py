@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from pandis.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
+from pandis.evaluation.front import pareto
 from pandis.forces import penalty_force
 from pandis.report.render import VIEW, render
 
@@ -107,7 +108,9 @@ def holding(vertices, faces, pushed, holding_newtons):
     """
     _, nearest = cKDTree(pushed).query(vertices[faces].mean(axis=1), k=3)
     newtons = holding_newtons[nearest].mean(axis=1)
-    norm = mpl.colors.LogNorm(max(holding_newtons.min(), 1e-2), max(holding_newtons.max(), 2e-2))
+    strongest = max(holding_newtons.max(), 2e-2)
+    weakest = min(max(holding_newtons.min(), 1e-2), strongest / 4)
+    norm = mpl.colors.LogNorm(weakest, strongest)
     colours = 255 * mpl.colormaps["viridis"](norm(newtons))[:, :3]
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     for index, view in enumerate((VIEW, [-v for v in VIEW])):
@@ -224,24 +227,33 @@ def _spherical(force):
 
 
 def error_against_time(rows, specs, networks):
-    """Draw mean error on the trajectory against the time of one query."""
-    figure = Figure(figsize=(6.4, 4.4))
-    axes = figure.add_subplot()
+    """Draw mean error on the trajectory against the time of one query, and against jumps.
+
+    The line joins the fields that no other one beats in both.
+    """
+    figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     by_name = {spec.name: spec for spec in specs}
-    shown = [row for row in rows if row["field"] in by_name and row["one_p50_us"] != ""]
-    floor = min((r["trajectory_mean"] for r in shown if r["trajectory_mean"] > 0), default=1) / 5
-    for row in shown:
-        exact = row["trajectory_mean"] == 0  # zero has no place on a logarithmic axis
-        at = (row["one_p50_us"], floor if exact else row["trajectory_mean"])
-        spec = by_name[row["field"]]
-        axes.loglog(*at, "v" if exact else "o", color=colour(spec, networks), ms=7)
-        note = row["field"] + (" (error 0)" if exact else "")
-        axes.annotate(note, at, textcoords="offset points", xytext=(7, -3), fontsize=7)
-    axes.axvline(1000, color="#999999", ls=":", lw=1)
-    axes.text(960, axes.get_ylim()[1], "1 kHz", ha="right", va="top", color="#777777")
-    axes.set(xlabel="one query, median (µs)", ylabel="mean force error (unit frame, k = 1)")
-    axes.grid(True, which="major", alpha=0.25)
-    axes.margins(x=0.25)
+    known = [row for row in rows if row["field"] in by_name]
+    floor = min((r["trajectory_mean"] for r in known if r["trajectory_mean"] > 0), default=1) / 5
+    axes = [figure.add_subplot(1, 2, k + 1) for k in (0, 1)]
+    for panel, key in zip(axes, ("one_p50_us", "jump_rms_newtons"), strict=True):
+        shown, best = [row for row in known if row[key] != "" and row[key] > 0], []
+        for row, unbeaten in zip(shown, pareto(shown, ("trajectory_mean", key)), strict=True):
+            exact = row["trajectory_mean"] == 0  # zero has no place on a logarithmic axis
+            at = (row[key], floor if exact else row["trajectory_mean"])
+            best += [at] if unbeaten else []
+            look = colour(by_name[row["field"]], networks)
+            panel.loglog(*at, "v" if exact else "o", color=look, ms=7 if unbeaten else 5)
+            note = row["field"] + (" (error 0)" if exact else "")
+            panel.annotate(note, at, textcoords="offset points", xytext=(7, -3), fontsize=7)
+        line = np.array(sorted(best, key=lambda at: (at[0], -at[1]))).reshape(-1, 2)
+        panel.plot(*line.T, color="#888888", lw=1, zorder=0)
+        panel.grid(True, which="major", alpha=0.25)
+        panel.margins(x=0.3)
+    axes[0].axvline(1000, color="#999999", ls=":", lw=1)
+    axes[0].text(960, axes[0].get_ylim()[1], "1 kHz", ha="right", va="top", color="#777777")
+    axes[0].set(xlabel="one query, median (µs)", ylabel="mean force error (unit frame, k = 1)")
+    axes[1].set(xlabel="RMS change of force per 0.1 mm (N)")
     return save(figure)
 
 

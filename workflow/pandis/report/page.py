@@ -8,12 +8,14 @@ import numpy as np
 from pandis import __version__
 from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.evaluation.beyond import POINTS
+from pandis.evaluation.front import PRICES, recommend
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
 from pandis.frame import Frame
 from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures
 from pandis.report.tables import COLUMNS, summary_rows
+from pandis.stress.suite import QUESTIONS
 
 #: The figure of every question of the stress suite that stands in the table.
 _SHOWN = {
@@ -53,7 +55,7 @@ def mesh_section(name, artifacts, field_names):
     frame = Frame.from_attributes(mesh.attributes["frame"])
     trajectory = artifacts["trajectory"].arrays["points"]
     rows = summary_rows(
-        name, *(artifacts[k].attributes for k in ("evaluation", "timing", "hardware"))
+        name, *(artifacts[k].attributes for k in ("evaluation", "timing", "stress", "hardware"))
     )
     shown = [parse_field("exact", ()), *(s for s in specs if s.name in _best(specs, rows))]
     vertices = frame.to_unit(mesh.arrays["vertices"])
@@ -73,6 +75,7 @@ def mesh_section(name, artifacts, field_names):
         "timing": artifacts["timing"].attributes,
         "hardware": hardware.attributes,
         "models": {n: m.attributes | {"note": _training(m)} for n, m in models.items()},
+        "advice": recommend([row for row in rows if row["bytes"] != ""]),
         "sentence": _sentence(rows, networks, bool(mesh.attributes["shape"])),
         "picture": figures.picture(vertices, mesh.arrays["faces"], trajectory),
         "heat": _heat_map(mesh, vertices),
@@ -193,6 +196,8 @@ def build(sections):
         jump=JUMP,
         points=POINTS,
         shown=_SHOWN,
+        prices=PRICES,
+        questions=QUESTIONS,
     )
 
 

@@ -4,6 +4,7 @@ import csv
 import io
 
 from pandis.evaluation.errors import UNNORMALISED
+from pandis.evaluation.front import pareto
 
 COLUMNS = {
     "mesh": "Mesh",
@@ -19,37 +20,46 @@ COLUMNS = {
     "trajectory_newtons": "Error (mN)",
     "one_p50_us": "One query, p50 (µs)",
     "one_p99_us": "One query, p99 (µs)",
+    "one_p999_us": "p99.9",
     "libtorch_p50_us": "In LibTorch, p50 (µs)",
     "batch_us": "In a batch (µs)",
+    "jump_max_newtons": "Largest jump per 0.1 mm (N)",
+    "jump_rms_newtons": "RMS",
+    "stress": "Stress: failed",
+    "front": "Unbeaten",
     "hardware_p999_us": "At 1 kHz, p99.9 (µs)",
     "misses": "Misses",
     "verdict": "Verdict",
 }
 
 
-def summarise(evaluations, timings, hardware):
+#: What a field that is unbeaten is compared by.
+AXES = ("trajectory_mean", "one_p50_us", "bytes", "jump_rms_newtons")
+
+
+def summarise(evaluations, timings, stresses, hardware):
     """Return the rows of all meshes.
 
     Parameters
     ----------
-    evaluations, timings, hardware : list of pandis.artifact.Artifact
+    evaluations, timings, stresses, hardware : list of pandis.artifact.Artifact
         One of each per mesh, in the same order. The folder is the mesh's name.
     """
     rows = []
-    for found in zip(evaluations, timings, hardware, strict=True):
+    for found in zip(evaluations, timings, stresses, hardware, strict=True):
         (mesh,) = {artifact.path.parent.name for artifact in found}
         rows += summary_rows(mesh, *(artifact.attributes for artifact in found))
     return rows
 
 
-def summary_rows(mesh, evaluation, timing, hardware):
+def summary_rows(mesh, evaluation, timing, stress, hardware):
     """Return the rows of one mesh.
 
     Parameters
     ----------
     mesh : str
-    evaluation, timing, hardware : dict
-        The attributes of the three artifacts.
+    evaluation, timing, stress, hardware : dict
+        The attributes of the four artifacts.
 
     Returns
     -------
@@ -79,8 +89,13 @@ def summary_rows(mesh, evaluation, timing, hardware):
             "trajectory_newtons": 1e3 * errors["trajectory"]["mean"] * evaluation["newtons"],
         }
         if times := timing["fields"].get(field):
-            row |= {key: times[key] for key in ("one_p50_us", "one_p99_us", "batch_us")}
+            keys = ("one_p50_us", "one_p99_us", "one_p999_us", "batch_us")
+            row |= {key: times[key] for key in keys}
             row["libtorch_p50_us"] = times.get("libtorch_p50_us", "")
+        if found := stress["fields"].get(field):
+            row["jump_max_newtons"] = found["jumps"]["mm01_max"]
+            row["jump_rms_newtons"] = found["jumps"]["mm01_rms"]
+            row["stress"] = len(stress["failed"][field])
         if verdict := hardware["fields"].get(field):
             row |= {
                 "hardware_p999_us": verdict["compute_us"]["p99.9"],
@@ -88,6 +103,8 @@ def summary_rows(mesh, evaluation, timing, hardware):
                 "verdict": verdict["verdict"],
             }
         rows.append(row)
+    for row, unbeaten in zip(rows, pareto(rows, AXES), strict=True):
+        row["front"] = "yes" if unbeaten else ""
     return rows
 
 

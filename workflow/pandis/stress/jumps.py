@@ -28,7 +28,8 @@ def jumps(answer, exact, points, along, scale, device):
     -------
     dict
         In newtons, over an encoder step (``encoder``), 0.1 mm (``mm01``: what a tick at 0.1 m/s
-        covers), and a tick at 0.5 and 1 m/s: ``…_p999`` and ``…_max``; ``jumps``, the share of
+        covers), and a tick at 0.5 and 1 m/s: ``…_p999``, ``…_max``
+        and ``…_rms``; ``jumps``, the share of
         ways of 0.1 mm with one; ``limit``: how many there may be; ``passed``.
     """
     found = {}
@@ -37,6 +38,7 @@ def jumps(answer, exact, points, along, scale, device):
         change = _changes(answer, points[part], along[part], way * scale.metre)
         found[f"{name}_p999"] = float(np.percentile(change, 99.9) * scale.newtons)
         found[f"{name}_max"] = float(change.max() * scale.newtons)
+        found[f"{name}_rms"] = float(np.sqrt((change**2).mean()) * scale.newtons)
         if name == _COUNTED:
             reference = _changes(exact, points, along, way * scale.metre)
             flat = STEEP * way * scale.metre

@@ -126,7 +126,6 @@ def stress(fields, suite, progress):
         failed[field.name] = [q for q, row in found[field.name].items() if not row["passed"]]
     arrays = {"pushed": suite.pushed[0], "holding_newtons": suite.wanted}
     return arrays, {
-        "questions": QUESTIONS,
         "fields": found,
         "failed": failed,
         "skipped": skipped,

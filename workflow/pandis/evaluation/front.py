@@ -1,0 +1,60 @@
+"""Which field to use: what no other beats, and the best for a given error."""
+
+#: Errors that a user may allow, percent of the mean force on the trajectory.
+ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+#: What is paid: keys of a summary's rows, and what each is called.
+PRICES = {"one_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}
+
+
+def pareto(rows, keys):
+    """Tell which rows no other row beats.
+
+    Parameters
+    ----------
+    rows : list of dict
+    keys : sequence of str
+        What should be small. A row without one of them is not compared.
+
+    Returns
+    -------
+    list of bool
+        False for a row that another one equals or beats in every key, and beats in one.
+    """
+    known = [tuple(row[key] for key in keys) for row in rows]
+    known = [point if "" not in point else None for point in known]
+
+    def beaten(point):
+        return any(
+            other != point and all(a <= b for a, b in zip(other, point, strict=True))
+            for other in known
+            if other is not None
+        )
+
+    return [point is not None and not beaten(point) for point in known]
+
+
+def recommend(rows):
+    """Return the fastest, smallest and smoothest field for each error that may be allowed.
+
+    Parameters
+    ----------
+    rows : list of dict
+        Of a summary: one mesh's fields.
+
+    Returns
+    -------
+    list of dict
+        ``percent``: the error; and by `PRICES`'s names the row to take, or None. An error that
+        changes no recommendation is left out.
+    """
+    table = []
+    for percent in ERRORS:
+        good = [row for row in rows if row["trajectory_percent"] <= percent]
+        picks = {}
+        for key, name in PRICES.items():
+            priced = [row for row in good if row[key] != ""]
+            picks[name] = min(priced, key=lambda row: row[key]) if priced else None
+        same = table and all(table[-1][name] is picks[name] for name in picks)
+        if any(picks.values()) and not same:
+            table.append({"percent": percent, **picks})
+    return table
