@@ -6,7 +6,7 @@ import shutil
 import pytest
 import yaml
 
-from support import edit, plan
+from support import edit, plan, snakemake
 
 FAST = "config/fast.yaml"
 DOWNSTREAM = {"evaluate", "timing", "validate"}
@@ -63,6 +63,20 @@ def test_new_mesh(rerun):
     own |= {("train", "box", "pandis-exact"), ("export_network", "box", "pandis-exact")}
     own |= {("bake", "box", "force", "24"), ("export_grid", "box", "trilinear-24")}
     assert plan(rerun) == own | LAST
+
+
+def test_auto_builds_one_field_and_trains_nothing_beside_it(rerun):
+    change(rerun, fields="auto", budget={"force_error": 1e-3})
+    assert plan(rerun) == all_of("choose", *DEPENDENT) | LAST
+
+
+def test_query_times_are_an_input_of_the_choice(rerun):
+    change(rerun, fields="auto", budget={"force_error": 1e-3})
+    snakemake(rerun, "-j2", "all", "--configfile", FAST)
+    assert plan(rerun) == set()
+    table = rerun / "config/query-times.csv"
+    table.write_text(table.read_text().replace("network,512,", "network,512,1"))
+    assert plan(rerun) == all_of("choose", *DEPENDENT) | LAST
 
 
 def test_evaluation_option_trains_nothing(rerun):

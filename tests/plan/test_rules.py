@@ -18,7 +18,7 @@ RULES = {
 }
 HEAVY = ("torch", "trimesh", "igl", "pymeshlab", "onnx", "onnxruntime", "matplotlib", "numpy")
 #: The only stages that may load torch.
-TORCH = {"train", "export_network", "evaluate"}
+TORCH = {"train", "export_network", "evaluate", "choose", "calibrate"}
 
 
 def test_there_are_rules():
@@ -50,7 +50,7 @@ def test_every_script_has_a_rule():
 
 
 def test_clocked_rules_claim_all_cores():
-    for name in ("timing", "validate"):
+    for name in ("timing", "validate", "calibrate"):
         assert "threads: all_cores" in RULES[name]
 
 
@@ -90,7 +90,7 @@ def test_planning_imports_nothing_heavy():
 
 
 @pytest.mark.parametrize("name", sorted(RULES))
-def test_only_three_stages_may_import_torch(name):
+def test_few_stages_may_import_torch(name):
     source = (ROOT / "scripts" / f"{name}.py").read_text(encoding="utf-8")
     imports = "; ".join(re.findall(r"^from pandis.*$", source, re.M))
     heavy = loaded_by(imports)
@@ -109,7 +109,7 @@ def test_floors_import_downwards_only():
         {"grids"},
         {"fields", "trajectories"},
         {"training"},
-        {"export"},
+        {"export", "choice"},
         {"evaluation", "hardware", "stress"},
         {"report", "verification"},
     ]  # fmt: skip

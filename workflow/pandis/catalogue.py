@@ -30,6 +30,8 @@ PLANE_FIELDS = ("support-planes-only", "support-planes-distance", "support-plane
 PROXY = "salisbury"
 #: The paper's [10] on x² + y² + z² - 1, on the unit sphere.
 ALGEBRAIC = "kim-algebraic"
+#: The cheapest field that meets a budget, whichever it is.
+AUTO = "auto"
 #: Most nodes per axis.
 LARGEST = {"spline": 320}
 LARGEST_DENSE = 512
@@ -44,7 +46,7 @@ class FieldSpec(NamedTuple):
         As the user wrote it.
     kind : str
         ``exact``, a key of GRID_FIELDS, ``network``, or one of the paper's other methods:
-        PROXY, ALGEBRAIC, one of PLANE_FIELDS.
+        PROXY, ALGEBRAIC, one of PLANE_FIELDS; or AUTO: its artifact says.
     artifact : str
         Stem of the artifact that holds it: ``results/{mesh}/{artifact}.zarr.zip``.
     size : int, "auto" or None
@@ -71,7 +73,7 @@ def is_grid_field(name):
 def is_builtin_field(name):
     """Tell whether ``name`` is taken by a field that is not a recipe."""
     method = name in PLANE_FIELDS or name.startswith((PROXY, ALGEBRAIC))
-    return name == "exact" or is_grid_field(name) or method
+    return name in ("exact", AUTO) or is_grid_field(name) or method
 
 
 def parse_field(name, recipes):
@@ -91,6 +93,8 @@ def parse_field(name, recipes):
     """
     if name == "exact":
         return FieldSpec(name, "exact", "mesh", None, ())
+    if name == AUTO:
+        return FieldSpec(name, AUTO, "choice", None, ())
     if name in PLANE_FIELDS:
         return FieldSpec(name, name, "method-support-planes", None, ())
     if name == PROXY or name.startswith(f"{PROXY}-"):

@@ -14,9 +14,24 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
-from pandis.catalogue import GRID_FIELDS, MESH_NAME, RESERVED_NAMES, is_builtin_field, parse_field
+from pandis.catalogue import (
+    AUTO,
+    GRID_FIELDS,
+    MESH_NAME,
+    RESERVED_NAMES,
+    is_builtin_field,
+    parse_field,
+)
 from pandis.errors import PandisError
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -245,6 +260,20 @@ class GridTarget(Options):
 TARGETS = {"spline": {"bytes": 800_000}}
 
 
+class BudgetOptions(Options):
+    """What the field named `auto` should achieve: the cheapest to build that does is built."""
+
+    force_error: Positive | None = Field(
+        None, description="mean force error (unit frame, k = 1) on held-out points 0 to 0.04 deep"
+    )
+    query_time: Positive | None = Field(
+        None,
+        description="seconds of one query, median, by `config/query-times.csv` (`snakemake "
+        "calibrate` measures it on your machine)",
+    )
+    bytes: Count | None = Field(None, description="bytes that a program holds in memory")
+
+
 class BakeOptions(Options):
     """Grids. Lengths are in the unit frame (longest side 1.8)."""
 
@@ -341,12 +370,18 @@ class HardwareOptions(Options):
     misses: float = Field(0.001, ge=0, lt=1, description="share of misses a pass allows")
 
 
+_NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
+FieldNames = Annotated[
+    list[str], Field(min_length=1), WithJsonSchema({"anyOf": [{"const": AUTO}, _NAMES]})
+]
+
+
 class StageOptions(Options):
     """All options of all stages. A mesh may override any of them."""
 
     seed: int = Field(0, ge=0, description="root of all random numbers")
     device: DeviceOptions = Field(default_factory=DeviceOptions, description="physical scale")
-    fields: Annotated[list[str], Field(min_length=1)] = Field(
+    fields: FieldNames = Field(
         [
             "exact",
             "nearest-32",
@@ -361,7 +396,11 @@ class StageOptions(Options):
         ],
         description="what to build and compare: `exact`, "
         + ", ".join(f"`{kind}-N`" for kind in GRID_FIELDS)
-        + " (N nodes per axis, or `auto`: see `bake.auto`), or any recipe under `train`",
+        + " (N nodes per axis, or `auto`: see `bake.auto`), or any recipe under `train`; "
+        "`fields: auto` builds the one that `budget` asks for, and nothing else",
+    )
+    budget: BudgetOptions = Field(
+        default_factory=BudgetOptions, description="what `fields: auto` should achieve"
     )
     mesh: MeshOptions = Field(default_factory=MeshOptions, description="loading and repair")
     samples: SampleOptions = Field(default_factory=SampleOptions, description="training points")
@@ -382,6 +421,11 @@ class StageOptions(Options):
     hardware: HardwareOptions = Field(
         default_factory=HardwareOptions, description="the 1 kHz validation"
     )
+
+    @field_validator("fields", mode="before")
+    @classmethod
+    def _one_word(cls, value):
+        return [value] if value == AUTO else value
 
     @model_validator(mode="before")
     @classmethod
@@ -568,6 +612,7 @@ def _name_faults(values):
     """Yield path and message for every recipe and field whose name cannot be."""
     recipes = values.get("train") or {}
     names = values.get("fields", StageOptions.model_fields["fields"].default)
+    names = [names] if names == AUTO else names
     if not isinstance(recipes, dict) or not isinstance(names, list):
         return  # the models have said so
     for name in recipes:
@@ -586,6 +631,12 @@ def _name_faults(values):
         except ValueError as error:
             yield f"fields.{index}", str(error)
             continue
+        budget = values.get("budget") or {}
+        if spec.kind == AUTO and not (isinstance(budget, dict) and budget.get("force_error")):
+            yield (
+                f"fields.{index}",
+                "auto needs to know what to achieve: add budget.force_error, such as 0.001",
+            )
         if spec.size == "auto" and spec.kind not in _targets(values):
             yield (
                 f"fields.{index}",

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from pandis.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.catalogue import AUTO, GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.config import check_yaml, load_config, plain, recipe_options
 from pandis.errors import PandisError
 from pandis.provenance import CodeDigests, unused_modules
@@ -23,13 +23,16 @@ from pandis.provenance import CodeDigests, unused_modules
 TARGETS = {
     "meshes": ("mesh",),
     "samples": ("sample",),
-    "models": ("train",),
+    "models": ("train", "choose"),
     "exports": ("export_grid", "export_network", "export_vti"),
     "grids": ("bake", "bake_spline", "bake_auto", "support_planes"),
     "evaluations": ("trajectory", "evaluate", "stress", "timing"),
     "hardware": ("validate",),
 }
 DEFAULT_CONFIG = "config/config.yaml"
+QUERY_TIMES = "config/query-times.csv"
+#: The recipe of networks that `fields: auto` may come to.
+CHOSEN_RECIPE = "pandis-exact"
 SUMMARY = "results/summary.csv"
 REPORT = "results/report.html"
 
@@ -83,6 +86,9 @@ class Plan:
         self._options, self._train_digests = {}, {}
         self._start = time.time()
 
+    #: The table of query times that `fields: auto` goes by; `snakemake calibrate` renews it.
+    query_times = QUERY_TIMES
+
     @property
     def meshes(self):
         """Names of the meshes, in the order of the file."""
@@ -132,6 +138,8 @@ class Plan:
                     add(f"export/{spec.name}.{ending}", "export_network", recipe=spec.name)
         for spec in held:
             path, content = f"{spec.artifact}.zarr.zip", GRID_FIELDS.get(spec.kind)
+            if spec.kind == AUTO:
+                add(path, "choose")
             if spec.kind in PLANE_FIELDS:
                 add(path, "support_planes")
             if content is None:
@@ -259,6 +267,8 @@ class Plan:
         """Return what one stage of one mesh is asked, and nothing else, as a dict."""
         if stage == "verify":
             return {"configfiles": self.files}
+        if stage == "calibrate":
+            return {"table": self.query_times}
         if mesh is None:
             return {"fields": {name: entry.fields for name, entry in self.entries.items()}}
         entry = self.entries[mesh]
@@ -288,6 +298,11 @@ class Plan:
                 kind = wildcards["kind"]
                 target = entry.bake.auto[kind].model_dump()
                 return target | {"kind": kind, "band": band, "seed": seed}
+            case "choose":
+                recipe = recipe_options(entry, CHOSEN_RECIPE) | {"recipe": CHOSEN_RECIPE}
+                law = entry.samples.model_dump()
+                own = {"budget": entry.budget.model_dump(), "recipe": recipe, "samples": law}
+                return own | {"band": band, "seed": seed}
             case "export_network":
                 return {"field": wildcards["recipe"]}
             case "export_grid" | "export_vti":

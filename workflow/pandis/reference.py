@@ -30,6 +30,7 @@ _SECTIONS = {
     "samples": config.SampleOptions,
     "train.{recipe}, loss: exact": config.ExactRecipe,
     "train.{recipe}, loss: paper": config.PaperRecipe,
+    "budget": config.BudgetOptions,
     "bake": config.BakeOptions,
     "trajectory": config.TrajectoryOptions,
     "evaluation": config.EvaluationOptions,

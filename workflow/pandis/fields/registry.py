@@ -4,7 +4,7 @@ A new field is one module beside this one, its options in `pandis.config`, its
 name in `pandis.catalogue`, and one line here.
 """
 
-from pandis.catalogue import ALGEBRAIC, PLANE_FIELDS, parse_field
+from pandis.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, parse_field
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import GRID_OPENERS
 from pandis.fields.implicit import AlgebraicField
@@ -52,4 +52,8 @@ def open_field(spec, artifact):
     """Return the field of a `pandis.catalogue.FieldSpec`, from the artifact that holds it."""
     if spec.through:
         return ProxyField(spec.name, open_field(spec.through, artifact))
+    if spec.kind == AUTO:
+        chosen = artifact.attributes["choice"]["field"]
+        kind = parse_field(chosen, [chosen]).kind
+        return _OPENERS[kind](spec.name, artifact)
     return _OPENERS[spec.kind](spec.name, artifact)

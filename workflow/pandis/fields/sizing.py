@@ -40,7 +40,7 @@ class Sizing:
         self.options, self.progress, self.log = options, progress, log
         self.points, *exact = held_out(surface, engine, options["seed"])
         self.force = penalty_force(*exact)
-        self._made = {}
+        self.made = {}
         if kind == "spline":
             # a search over sizes draws once, for the largest
             budget = options["bytes"] or SPLINE_BYTES[-1]
@@ -53,11 +53,11 @@ class Sizing:
         what = f"{self.kind}-auto (bake.auto.{self.kind})"
         if wanted is not None:
             sizes = SPLINE_BYTES if self.kind == "spline" else SIZES
-            size, errors = coarsest(sizes, self._measure, wanted, what)
+            size, errors = coarsest(sizes, self.measure, wanted, what)
         else:
             size, errors = self._within(budget, what), {}
-            errors[size] = self._measure(size)
-        arrays, attributes = self._made[size]
+            errors[size] = self.measure(size)
+        arrays, attributes = self.made[size]
         tried = [
             {"size": s, "force_error": errors[s]} for s in sorted(errors) if errors[s] < np.inf
         ]
@@ -76,13 +76,13 @@ class Sizing:
             raise PandisError(f"{what}: no grid fits into {budget:,} bytes")
         return fitting[-1]
 
-    def _measure(self, size):
-        """Make the grid of a size and return its error on the held-out points."""
+    def measure(self, size):
+        """Make the grid of a size, keep it in ``made``, and return its error on held-out points."""
         made = self.make(size)
         if made is None:
             self.log(f"{self.kind} of size {size:,}: does not cover the band")
             return np.inf
-        self._made[size] = made
+        self.made[size] = made
         attributes = made[1] | {"frame": self.frame}
         artifact = Artifact(None, "grid", made[0], attributes, {}, "")
         error = force_error(GRID_OPENERS[self.kind](self.kind, artifact), self.points, self.force)

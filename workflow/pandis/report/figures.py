@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from pandis.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
+from pandis.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, PROXY
 from pandis.evaluation.front import pareto
 from pandis.forces import penalty_force
 from pandis.report.render import VIEW, render
@@ -31,6 +31,7 @@ _COLOURS = {
     "kim-cell": "#bcaaa4",
     ALGEBRAIC: "#d7ccc8",
     PROXY: "#00897b",
+    AUTO: "#e4572e",
     **dict(zip(PLANE_FIELDS, ("#b0bec5", "#90a4ae", "#607d8b"), strict=True)),
 }
 _KEPT, _CAP = (176, 190, 214), (60, 160, 90)

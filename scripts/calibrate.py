@@ -1,0 +1,12 @@
+"""Time every kind of field on this machine. Writes query-times.csv, and config/query-times.csv."""
+
+from pathlib import Path
+
+from pandis.artifact import write_atomically
+from pandis.evaluation.calibration import calibrate
+from pandis.stage import stage
+
+with stage(snakemake) as job:
+    table = calibrate(job.progress).encode()
+    job.write_file(table)
+    write_atomically(Path(job.options["table"]), table)  # the table that choices go by

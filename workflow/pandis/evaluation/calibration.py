@@ -1,0 +1,134 @@
+"""Query times of every kind of field on this machine: what `fields: auto` goes by."""
+
+import csv
+import io
+
+import numpy as np
+import torch
+
+from pandis.artifact import Artifact
+from pandis.catalogue import GRID_FIELDS, parse_field
+from pandis.choice import KINDS
+from pandis.distance import MeshDistance, ShapeDistance
+from pandis.evaluation.timing import time_queries
+from pandis.export.grids import grid_graph
+from pandis.export.networks import network_graph
+from pandis.export.session import Session
+from pandis.fields.grids import open_field
+from pandis.frame import Frame
+from pandis.grids.base import fit_base
+from pandis.grids.dense import DenseGrid
+from pandis.grids.spline import SplineFit, samples_for
+from pandis.machine import describe
+from pandis.mesh.shapes import SHAPES
+from pandis.sampling import Surface
+from pandis.stage import silent_progress
+from pandis.training.network import Siren
+
+#: What is timed: tessellations (faces), nodes per axis, bytes, units per layer.
+TORI, NODES, BYTES, WIDTHS = (
+    ((24, 12), (192, 96), (768, 384)),
+    (16, 64, 128),
+    (50_000, 800_000),
+    (16, 64, 128, 256, 512),
+)
+BAND, BASE, DEPTH = (0.045, 0.02), 16, 4
+#: Queries of each.
+QUERIES = 2000
+FRAME = Frame((0.0, 0.0, 0.0), 1.0)
+
+
+def calibrate(progress):
+    """Time one query of every kind of field at several sizes, on a torus.
+
+    Parameters
+    ----------
+    progress : callable
+        Makes a `pandis.stage.Progress`.
+
+    Returns
+    -------
+    str
+        The text of a CSV file for `pandis.choice.QueryTimes`.
+    """
+    vertices, faces = SHAPES["torus"].tessellation()
+    frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
+    engine = MeshDistance(frame.to_unit(vertices), faces)
+    surface = Surface(engine.vertices, engine.faces)
+    points = surface.draw(QUERIES, np.random.default_rng(0))[0] * 0.99
+    cases = [*_exact(), *_grids(engine), *_splines(engine, surface), *_networks(engine)]
+    report, rows = progress("fields", len(cases), "fields"), []
+    for index, (kind, size, make) in enumerate(cases):
+        single, _ = time_queries(make(), points, QUERIES, 1, 1)
+        rows.append((kind, size, f"{np.median(single) * 1e6:.3g}"))
+        report.update(index + 1)
+    machine = describe()
+    stream = io.StringIO()
+    stream.write("# One query, median, on one thread: grids and networks in ONNX Runtime, exact\n")
+    stream.write(
+        "# meshes and splines in C called from Python. Sizes: faces, nodes, bytes, units.\n"
+    )
+    stream.write(f"# command: snakemake -f calibrate\n# machine: {machine['processor']}\n")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(("kind", "size", "microseconds"))
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _exact():
+    yield "exact", 1, lambda: ShapeDistance(SHAPES["torus"], FRAME).distance_and_normal
+    for cuts in TORI:
+        vertices, faces = SHAPES["torus"].tessellation(*cuts)
+        yield "exact", len(faces), lambda v=vertices, f=faces: _placed(v, f)
+
+
+def _placed(vertices, faces):
+    frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
+    engine = MeshDistance(frame.to_unit(vertices), faces)
+    return lambda points: engine.distance_and_normal(points, check=False)
+
+
+def _grids(engine):
+    for kind in KINDS:
+        for size in NODES:
+            yield kind, size, lambda k=kind, n=size: _grid(engine, k, n)
+
+
+def _grid(engine, kind, size):
+    made = DenseGrid(engine, GRID_FIELDS[kind], size, BAND, silent_progress)
+    values = np.concatenate(list(made.slabs(32)))
+    attributes = made.attributes() | {"frame": FRAME.attributes()}
+    held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
+    field = open_field(parse_field(f"{kind}-{size}", ()), held)
+    return Session(grid_graph(field, kind).model(kind, {})).distance_and_normal
+
+
+def _splines(engine, surface):
+    for size in BYTES:
+        yield "spline", size, lambda n=size: _spline(engine, surface, n)
+
+
+def _spline(engine, surface, size):
+    fitted = SplineFit(engine, surface, BAND, 0, samples_for(budget=size))
+    arrays, attributes = fitted.build(fitted.choose_size(size), size, silent_progress)
+    attributes["frame"] = FRAME.attributes()
+    held = Artifact(None, "grid", arrays, attributes, {}, "")
+    return open_field(parse_field("spline-auto", ()), held).distance_and_normal
+
+
+def _networks(engine):
+    base = fit_base(engine, BASE).coefficients
+    for width in WIDTHS:
+        yield "network", width, lambda w=width: _network(base, w)
+
+
+def _network(base, width):
+    network = Siren(width, DEPTH, 30.0, 1, torch.Generator().manual_seed(0))
+    arrays = {"base": base}
+    for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        arrays[f"weight_{index}"] = weight.detach().numpy()
+        arrays[f"bias_{index}"] = bias.detach().numpy()
+    shape = {"width": width, "depth": DEPTH, "omega": 30.0, "outputs": 1}
+    attributes = {"architecture": shape, "frame": FRAME.attributes()}
+    graph = network_graph(Artifact(None, "model", arrays, attributes, {}, ""))
+    return Session(graph.model("network", {})).distance_and_normal
