@@ -9,6 +9,7 @@ from pandis.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.config import TrajectoryOptions
 from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
+from pandis.fields.base import BOUND
 from pandis.fields.proxy import ProxyField
 from pandis.fields.registry import open_field
 from pandis.forces import penalty_force
@@ -191,3 +192,13 @@ def test_bad_points_get_no_answer_and_far_ones_no_contact(name):
     assert np.isnan(normal[0]).all()
     assert penalty_force(distance[1:], normal[1:])[0].max() == 0
     assert np.allclose(np.linalg.norm(normal[1:], axis=1), 1)
+
+
+@pytest.mark.parametrize("name", ["support-planes-only", "support-planes-distance"])
+def test_planes_answer_far_away_and_at_what_is_no_point(name):
+    field = opened(name)
+    far = np.array([[1e300, 0, 0], [0, -np.inf, 0], [5.0, 5.0, 5.0]])
+    answer = field.query(far)
+    assert (answer.distance > 1).all()
+    assert (answer.flag == BOUND).all()
+    assert np.isnan(field.answer(np.array([[np.nan, 0, 0]]))[0]).all()

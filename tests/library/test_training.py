@@ -14,7 +14,7 @@ from pandis.stage import silent_progress
 from pandis.strata import Strata
 from pandis.training import exact_loss, vectors
 from pandis.training import paper_loss as losses
-from pandis.training.network import Siren
+from pandis.training.network import Siren, _sines
 from pandis.training.optimiser import orthogonal
 from pandis.training.products import product
 from pandis.training.trainer import Trainer
@@ -102,6 +102,28 @@ def test_hand_written_backward_is_that_of_double_backward(depth, outputs):
     plain(network, points).square().mean().backward()
     for ours, parameter in zip(by_hand, network.parameters(), strict=True):
         assert torch.allclose(ours, gradient_of(parameter), atol=1e-12)
+
+
+def test_sines_are_sines_whatever_the_threads():
+    z = torch.linspace(-300, 300, 9001).repeat(5, 1)
+    bias = torch.tensor([0.0, 1.0, -2.0, 100.0, 1e-6])
+    exact = (z + bias[:, None]).double()
+    found = []
+    for threads in (1, 2, 4):
+        torch.set_num_threads(threads)
+        found.append(_sines(z.clone(), bias))
+    torch.set_num_threads(1)
+    for sine, cosine in found:
+        assert (sine - exact.sin()).abs().max() < 1.5e-7
+        assert (cosine - exact.cos()).abs().max() < 1.5e-7
+        assert torch.equal(sine, found[0][0])
+        assert torch.equal(cosine, found[0][1])
+
+
+def test_sines_of_what_is_no_number_are_none():
+    z = torch.tensor([[torch.nan, torch.inf, -torch.inf, 0.5]])
+    for part in _sines(z.clone(), torch.zeros(1)):
+        assert part.isnan().tolist() == [[True, True, True, False]]
 
 
 def test_products_are_products():

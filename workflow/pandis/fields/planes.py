@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pandis.fields.base import Field, normalise
+from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.frame import Frame
 from pandis.grids.planes import plane_axes
 
@@ -37,7 +37,7 @@ class PlanesField(Field):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
         points = np.asarray(points, np.float64)
         bad = np.isnan(points).any(axis=1)
-        points = np.where(bad[:, None], 0.0, points)
+        points, outside = clamp_to_box(np.where(bad[:, None], 0.0, points))
         above = points @ self.normals.T - self.offsets
         nearest = above.argmax(axis=1)
         distance, normal = above[np.arange(len(points)), nearest], self.normals[nearest]
@@ -50,7 +50,7 @@ class PlanesField(Field):
             if self.tilted:
                 tilt = slope[:, :1] * one + slope[:, 1:] * other
                 normal = normalise(np.where(below[:, None], normal + tilt, normal))
-        return np.where(bad, np.nan, distance), np.where(bad[:, None], np.nan, normal)
+        return np.where(bad, np.nan, distance + outside), np.where(bad[:, None], np.nan, normal)
 
     def _look_up(self, plane, place):
         """Return depth (n,) and slope (n, 2) of the maps, by cubic convolution (Keys 1981)."""

@@ -9,6 +9,7 @@ import math
 
 import torch
 
+from pandis.native import waves
 from pandis.training.products import product
 
 
@@ -63,6 +64,18 @@ class Siren(torch.nn.Module):
         return _Pass.apply(points, self.omega, True, *self.weights, *self.biases)
 
 
+def _sines(z, bias):
+    """Return sin(z + bias) and its cosine; z (w, n) is used up, bias is (w,)."""
+    if z.device.type == "cpu" and z.dtype == torch.float32 and z.is_contiguous():
+        cosine, bias = torch.empty_like(z), bias.contiguous()
+        addresses = z.data_ptr(), bias.data_ptr(), cosine.data_ptr()
+        waves.sines(*addresses, *z.shape, torch.get_num_threads())
+        return z, cosine
+    z.add_(bias[:, None])
+    cosine = torch.cos(z)
+    return z.sin_(), cosine
+
+
 class _Pass(torch.autograd.Function):
     """Both passes through the network. Inside, a column is a point: the faster layout."""
 
@@ -74,9 +87,8 @@ class _Pass(torch.autograd.Function):
         h = points.T.contiguous()
         inputs, slopes, chains = [h], [], []
         for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
-            z = product(weight, h).add_((omega * bias)[:, None])
-            slopes.append(torch.cos(z))
-            h = z.sin_()
+            h, slope = _sines(product(weight, h), omega * bias)
+            slopes.append(slope)
             inputs.append(h)
         output = product(weights[-1], h).add_(biases[-1][:, None])
         gradient = None
