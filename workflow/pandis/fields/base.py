@@ -95,7 +95,8 @@ def clamp_to_box(points):
         a ghost contact far from its box.
     """
     clamped = np.clip(points, -1.0, 1.0)
-    return clamped, np.linalg.norm(points - clamped, axis=1)
+    with np.errstate(over="ignore"):  # beyond 1e154 the way is as good as infinite
+        return clamped, np.linalg.norm(points - clamped, axis=1)
 
 
 def normalise(vectors):

@@ -172,8 +172,7 @@ def special(field, points):
     off = np.abs(np.linalg.norm(normal, axis=1) - 1)
     bad = int((~np.isfinite(distance) | ~(off < 1e-5)).sum())
     lost = [[v if k == axis else 0.1 for k in range(3)] for axis in range(3) for v in _NOWHERE]
-    with np.errstate(over="ignore"):  # how far 1e300 is, no one need know
-        answer = field.query(np.array(lost))
+    answer = field.query(np.array(lost))
     push = np.nan_to_num(penalty_force(answer.distance, answer.normal)).any(axis=1)
     unflagged = int((push | (answer.flag == OK)).sum())
     return {"bad": bad, "unflagged": unflagged, "passed": bad == 0 and unflagged == 0}
