@@ -126,24 +126,65 @@ def test_report_is_one_file(finished):
     assert len(page) < 15e6
 
 
-def test_report_opens_in_a_browser(finished, tmp_path):
+def browse(page, folder, *arguments):
+    """Open a page in Chromium; the console must stay silent."""
     browser = shutil.which("chromium") or shutil.which("chromium-browser")
     if browser is None:
         pytest.skip("no Chromium here: apt-get install chromium")
     command = [
         browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
         "--disable-background-networking", "--disable-component-update", "--disable-sync",
-        "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}",
-        "--window-size=1300,3000", f"--screenshot={tmp_path / 'page.png'}",
-        (finished / "results/report.html").as_uri(),
+        "--enable-logging=stderr", f"--user-data-dir={folder / 'profile'}",
+        "--window-size=1300,3000", *arguments, page.as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     assert "CONSOLE" not in done.stderr
+    return done.stdout
+
+
+def test_report_opens_in_a_browser(finished, tmp_path):
+    page = finished / "results/report.html"
+    browse(page, tmp_path, f"--screenshot={tmp_path / 'page.png'}")
     import matplotlib.image
 
     image = matplotlib.image.imread(tmp_path / "page.png")
     assert image.shape[:2] == (3000, 1300)
     assert np.ptp(image[..., :3], axis=2).max() > 0.3  # there is colour on it
+
+
+def test_report_sorts_its_tables_and_saves_tables_and_figures(finished, tmp_path):
+    """By a script that does what a reader does, and writes down what is there then."""
+    reader = """
+    const table = document.querySelector("thead").parentElement, seen = {};
+    const heading = [...table.tHead.rows[0].cells].find((c) => c.textContent === "Bytes");
+    const at = heading.cellIndex, rows = table.tBodies[0].rows;
+    const column = () => [...rows].map((row) => row.cells[at].innerText);
+    heading.click(); seen.up = column();
+    heading.click(); seen.down = column();
+    const links = [...document.querySelectorAll("a[download]")];
+    const first = links.find((a) => a.download.endsWith(".csv"));
+    first.addEventListener("click", (event) => event.preventDefault());
+    first.click();
+    seen.saved = links.map((a) => [a.download, decodeURIComponent(a.href).slice(0, 2000)]);
+    document.querySelector("figure img").click();
+    seen.large = document.querySelectorAll("img.large").length;
+    document.body.textContent = JSON.stringify(seen);
+    """
+    page = (finished / "results/report.html").read_text()
+    read = tmp_path / "read.html"
+    read.write_text(page.replace("</body>", f"<script>{reader}</script></body>"))
+    text = browse(read, tmp_path, "--dump-dom")
+    seen = json.loads(re.search(r"<body>(.*)</body>", text, re.S)[1])
+    assert seen["up"] == ["0", "36,528", "165,888", ""]  # what has none stays at the end
+    assert seen["down"] == ["165,888", "36,528", "0", ""]
+    saved = dict(seen["saved"])
+    assert len(saved) == len(seen["saved"])  # each has a name of its own
+    table = saved["sphere-error-size-and-time.csv"]
+    assert table.startswith('data:text/csv;charset=utf-8,"Field","Bytes"')
+    assert '"trilinear-24","165888"' in table
+    assert saved["sphere-force-along-the-path.svg"].startswith("data:image/svg+xml;base64,")
+    assert {mesh + "-stress.csv" for mesh in ("sphere", "torus")} < set(saved)
+    assert seen["large"] == 1
 
 
 def test_snakemakes_own_report_builds(rerun):

@@ -187,6 +187,7 @@ def build(sections):
             lambda name: (resources.files("pandis.report") / name).read_text(encoding="utf-8")
         ),
     )
+    script = (resources.files("pandis.report") / "page.js").read_text(encoding="utf-8")
     environment.filters["number"] = _number
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(
@@ -198,6 +199,7 @@ def build(sections):
         shown=_SHOWN,
         prices=PRICES,
         questions=QUESTIONS,
+        script=script,
     )
 
 
