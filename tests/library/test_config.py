@@ -22,14 +22,24 @@ def faults(text, **meshes):
     return str(caught.value)
 
 
-def test_default_config_is_valid_and_names_its_schema():
-    for name in ("config", "fast"):
-        path = ROOT / "config" / f"{name}.yaml"
+def test_configs_that_come_along_are_valid_and_name_their_schema():
+    paths = sorted((ROOT / "config").glob("*.yaml"))
+    assert {"config.yaml", "fast.yaml", "front.yaml", "sphere.yaml"} <= {p.name for p in paths}
+    for path in paths:
         check_yaml(path)
         assert load_config(yaml.safe_load(path.read_text()))
         first = path.read_text().splitlines()[0]
         schema = re.search(r"\$schema=(\S+)", first)[1]
         assert (path.parent / schema).is_file()
+
+
+def test_auto_is_one_field_and_needs_to_know_what_to_achieve():
+    assert "fields.0: auto needs to know what to achieve" in faults("fields: auto")
+    assert "budget" in faults("fields: auto\nbudget: {bytes: 1000}")
+    entry = load("fields: auto\nbudget: {force_error: 1e-3}")["a"]
+    assert entry.fields == ["auto"]
+    assert load("fields: [exact, auto]\nbudget: {force_error: 1e-3}")["a"].fields[1] == "auto"
+    assert "train.auto" in faults("train: {auto: {width: 8}}")
 
 
 def test_all_faults_at_once_with_paths_and_suggestions():

@@ -244,7 +244,7 @@ def test_quality_of_the_default_network(workspace):
     done = snakemake(workspace, "-j2", target, "--configfile", "config/bunny.yaml")
     assert done.returncode == 0, done.stdout
     errors = read_artifact(workspace / target).attributes["errors"]
-    bounds = {"trajectory": (0.25, 0.9), "shallow": (0.12, 0.8), "deep": (0.4, 0.8)}
+    bounds = {"trajectory": (0.25, 0.8), "shallow": (0.12, 0.8), "deep": (0.4, 0.8)}
     for name, (share, of_tricubic) in bounds.items():
         mean = {field: found["mean"] for field, found in errors[name].items()}
         assert mean["pandis-exact"] <= share * mean["trilinear-64"]
@@ -264,6 +264,7 @@ def test_every_kind_of_grid(workspace):
             "auto": {"trilinear": {"force_error": 0.01}, "spline": {"bytes": 40_000}},
         },
         "evaluation": {"probes": 2000},
+        "stress": {"ticks": 5000, "loops": 2},
         "timing": {"queries": 100},
         "hardware": {"seconds": 0.2},
         # not in the order of the alphabet, which the summary once took for granted
