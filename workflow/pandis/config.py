@@ -323,6 +323,11 @@ class EvaluationOptions(Options):
     """The force error of every field against the exact force."""
 
     probes: Annotated[int, Field(ge=100)] = Field(50_000, description="points of each probe set")
+    paths: Count = Field(
+        1,
+        description="trajectories that errors are measured on; of more than one the report gives "
+        "means with 95 % intervals",
+    )
     lines: Annotated[int, Field(ge=10)] = Field(
         1000, description="lines of 1 mm along which the jumps of the force are counted"
     )

@@ -310,8 +310,10 @@ class Plan:
             case "trajectory":
                 return entry.trajectory.model_dump() | {"seed": seed}
             case "evaluate":
+                several = entry.evaluation.paths > 1
                 return {
                     **entry.evaluation.model_dump(),
+                    "trajectory": entry.trajectory.model_dump() if several else None,
                     "fields": entry.fields,
                     "seed": seed,
                     "size": size,

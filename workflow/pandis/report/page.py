@@ -9,6 +9,7 @@ from pandis import __version__
 from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.evaluation.beyond import POINTS
 from pandis.evaluation.front import PRICES, recommend
+from pandis.evaluation.paths import PRINTED, PRINTED_FIELDS, verdict
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
 from pandis.frame import Frame
@@ -80,6 +81,8 @@ def mesh_section(name, artifacts, field_names):
         "picture": figures.picture(vertices, mesh.arrays["faces"], trajectory),
         "heat": _heat_map(mesh, vertices),
         "holding": figures.holding(vertices, mesh.arrays["faces"], **artifacts["stress"].arrays),
+        "paths_said": verdict(evaluation.attributes["paths"], networks),
+        "printed": dict(zip(PRINTED_FIELDS, PRINTED.get(name, ()), strict=False)),
         "repair": [r["operation"] for r in mesh.attributes["rungs"] if r["kept"]],
         "quiver": figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
         "path": figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
