@@ -197,7 +197,7 @@ def test_plan_of_the_default_config():
     """Three meshes, ten fields: what the README promises."""
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     files = Plan(config, ROOT / "workflow").target("all")
-    assert len(files) == 3 * 24 + 2
+    assert len(files) == 3 * 25 + 2
     assert "results/bunny-holes/export/trilinear-normal-64.onnx" in files
 
 
