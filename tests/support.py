@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from pandis.artifact import Artifact
-from pandis.strata import COLUMNS, Strata
+from pandis.strata import Strata
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("workflow", "rules", "scripts", "config")
@@ -157,9 +157,4 @@ def write_obj(path, vertices, faces):
 def sample(surface, engine, options, progress):
     """Return the arrays and attributes of a samples artifact."""
     strata = Strata(surface, engine, options)
-    shards = list(strata.shards(progress))
-    arrays = {
-        name: np.concatenate([shard[name] for shard in shards]).astype(kind)
-        for name, (_, kind) in COLUMNS.items()
-    }
-    return arrays, strata.attributes()
+    return strata.arrays(progress), strata.attributes()

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from common import write
 from fields import dense, spline
-from scipy import stats
 from training import Scan, log
 
 from pandis.artifact import Artifact
 from pandis.config import TrajectoryOptions
+from pandis.evaluation.paths import interval
 from pandis.fields.grids import GRID_OPENERS
 from pandis.fields.siren import SirenField
 from pandis.frame import Frame
@@ -55,11 +55,6 @@ def network(path):
     shape["omega"] = shape["omega"] or usual_omega(shape["width"])
     artifact = Artifact(None, "model", arrays, {"architecture": shape} | UNIT, {}, "")
     return SirenField(options["recipe"], artifact), options["steps"]
-
-
-def interval(values):
-    """Return the half-width of the 95 % interval of a mean."""
-    return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
 
 
 def main(folder, *weights):

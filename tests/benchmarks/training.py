@@ -50,8 +50,7 @@ class Scan:
         surface = Surface(engine.vertices, engine.faces)
         law = SampleOptions().model_dump() | {"seed": 0}
         self.strata = Strata(surface, engine, law)
-        shards = list(self.strata.shards(silent_progress))
-        arrays = {key: np.concatenate([shard[key] for shard in shards]) for key in shards[0]}
+        arrays = self.strata.arrays(silent_progress)
         self.samples = Artifact(None, "samples", arrays, self.strata.attributes(), {}, "")
         self.sets = probes(surface, engine, 50_000, seed=1)
         box = np.random.default_rng(3).uniform(-1, 1, (50_000, 3))

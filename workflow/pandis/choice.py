@@ -14,7 +14,7 @@ from pandis.errors import PandisError
 from pandis.fields.sizing import SPLINE_BYTES, Sizing
 from pandis.grids.dense import CHANNELS
 from pandis.grids.search import SIZES, coarsest
-from pandis.strata import COLUMNS, Strata
+from pandis.strata import Strata
 from pandis.training.sizing import WIDTHS, train
 
 #: Dense grids that are tried.
@@ -178,10 +178,7 @@ class Chooser:
             return None
         law = self.options["samples"] | {"seed": self.options["seed"]}
         strata = Strata(self.surface, self.engine, law)
-        shards = list(strata.shards(self.progress))
-        drawn = {
-            k: np.concatenate([shard[k] for shard in shards]).astype(COLUMNS[k][1]) for k in COLUMNS
-        }
+        drawn = strata.arrays(self.progress)
         samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")
         wanted = {"force_error": self.budget["force_error"], "width": fit[-1]}
         own = recipe | wanted | {"seed": self.options["seed"]}

@@ -100,6 +100,14 @@ class Strata:
                 done += size
                 report.update(done)
 
+    def arrays(self, progress):
+        """Return the arrays of all shards: what a samples artifact holds."""
+        shards = list(self.shards(progress))
+        return {
+            name: np.concatenate([shard[name] for shard in shards]).astype(kind)
+            for name, (_, kind) in COLUMNS.items()
+        }
+
     def fresh(self, block, size):
         """Draw training points that are not among the stored ones, mixed as those are.
 

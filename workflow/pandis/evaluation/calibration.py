@@ -23,7 +23,7 @@ from pandis.machine import describe
 from pandis.mesh.shapes import SHAPES
 from pandis.sampling import Surface
 from pandis.stage import silent_progress
-from pandis.training.network import Siren
+from pandis.training.network import Siren, named_arrays
 
 #: What is timed: tessellations (faces), nodes per axis, bytes, units per layer.
 TORI, NODES, BYTES, WIDTHS = (
@@ -124,10 +124,7 @@ def _networks(engine):
 
 def _network(base, width):
     network = Siren(width, DEPTH, 30.0, 1, torch.Generator().manual_seed(0))
-    arrays = {"base": base}
-    for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        arrays[f"weight_{index}"] = weight.detach().numpy()
-        arrays[f"bias_{index}"] = bias.detach().numpy()
+    arrays = named_arrays(list(network.parameters())) | {"base": base}
     shape = {"width": width, "depth": DEPTH, "omega": 30.0, "outputs": 1}
     attributes = {"architecture": shape, "frame": FRAME.attributes()}
     graph = network_graph(Artifact(None, "model", arrays, attributes, {}, ""))

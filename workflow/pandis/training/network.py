@@ -18,6 +18,14 @@ def usual_omega(width):
     return 80.0 * (width / 256) ** 0.5
 
 
+def named_arrays(parameters):
+    """Return weights, then biases of all layers as the arrays of a model artifact."""
+    values = [p.detach().cpu().numpy() for p in parameters]
+    count = len(values) // 2
+    weights = {f"weight_{k}": value for k, value in enumerate(values[:count])}
+    return weights | {f"bias_{k}": value for k, value in enumerate(values[count:])}
+
+
 class Siren(torch.nn.Module):
     """x → sin(ω0·(W x + b)) … → (Φ, Ψ), or Φ alone.
 

@@ -13,7 +13,7 @@ from pandis.errors import PandisError
 from pandis.grids.base import fit_base
 from pandis.training.batches import fresh_batches, surface_batches, with_base
 from pandis.training.exact_loss import exact_loss
-from pandis.training.network import Siren, usual_omega
+from pandis.training.network import Siren, named_arrays, usual_omega
 from pandis.training.optimiser import Optimiser
 from pandis.training.paper_loss import paper_loss
 from pandis.training.products import keep_freed_memory
@@ -259,11 +259,7 @@ class Trainer:
     def _result(self):
         if not self._finite():
             raise self._divergence(f"at step {self.step}: its weights are not finite")
-        count = len(self.parameters) // 2
-        arrays = {}
-        for index in range(count):
-            arrays[f"weight_{index}"] = self.parameters[index].detach().cpu().numpy()
-            arrays[f"bias_{index}"] = self.parameters[count + index].detach().cpu().numpy()
+        arrays = named_arrays(self.parameters)
         if self.base is not None:
             arrays["base"] = self.base.coefficients
         arrays["curve"] = np.array(self.curve, np.float64).reshape(-1, 3)
