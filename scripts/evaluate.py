@@ -2,12 +2,11 @@
 
 from pandis.evaluation.beyond import beyond
 from pandis.evaluation.errors import evaluate
-from pandis.evaluation.paths import over_paths
+from pandis.evaluation.paths import over_paths, several
 from pandis.evaluation.smoothness import line_probes, smoothness
 from pandis.fields.registry import open_fields
 from pandis.sampling import open_surface, probes
 from pandis.stage import stage
-from pandis.trajectories import trace
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
@@ -23,11 +22,7 @@ with stage(snakemake) as job:
     attributes["beyond"] = beyond(fields, engine, seed)
     attributes["paths"] = {}
     if job.options["paths"] > 1:
-        paths = [path]
-        for index in range(1, job.options["paths"]):
-            options = job.options["trajectory"] | {"seed": [seed, 5, index]}
-            more = trace(surface, engine, options, job.progress)
-            paths.append(tuple(more[key] for key in ("points", "distance", "normal")))
+        paths = several(path, surface, engine, job.options, job.progress)
         attributes["paths"] = over_paths(fields, paths)
     newtons = fields.exact.frame.newtons(job.options["size"], job.options["stiffness"])
     physical = {key: job.options[key] for key in ("size", "stiffness", "lines")}

@@ -136,7 +136,9 @@ def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("untrained")
 def test_it_says_what_is_missing_where_nothing_will_do(tmp_path):
-    with pytest.raises(PandisError, match=r"no field meets the budget.*exact: .* bytes; .*spline"):
+    with pytest.raises(
+        PandisError, match=r"no field meets the budget.*exact: .* bytes at the least; .*spline"
+    ):
         choose(TORUS, tmp_path, force_error=1e-9, bytes=500)
 
 

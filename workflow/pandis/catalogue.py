@@ -101,6 +101,10 @@ def parse_field(name, recipes):
         inner = parse_field(name.removeprefix(PROXY).removeprefix("-") or "exact", recipes)
         if inner.through:
             raise ValueError(f"{name}: a contact point is tracked on a field, not on another one")
+        if inner.kind == AUTO:
+            raise ValueError(
+                f"{name}: a contact point is tracked on a field that is known: name it"
+            )
         if GRID_FIELDS.get(inner.kind) == "force":
             raise ValueError(
                 f"{name}: {inner.name} knows no distance outside of the surface, where "

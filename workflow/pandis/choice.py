@@ -42,11 +42,13 @@ class QueryTimes:
             with open(path, encoding="utf-8") as stream:
                 for row in csv.DictReader(line for line in stream if not line.startswith("#")):
                     entry = float(row["size"]), float(row["microseconds"])
+                    if not min(entry) > 0:
+                        raise ValueError(f"{row['kind']}: {entry} are not both above zero")
                     self.table.setdefault(row["kind"], []).append(entry)
         except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
             raise PandisError(
                 f"{path}: not a table of query times ({error}); measure one with "
-                "`snakemake calibrate`"
+                "`snakemake -f calibrate`"
             ) from error
 
     def seconds(self, kind, size):
@@ -59,7 +61,8 @@ class QueryTimes:
         """
         if kind not in self.table:
             raise PandisError(
-                f"{self.path}: no query times of '{kind}'; measure them with `snakemake calibrate`"
+                f"{self.path}: no query times of '{kind}'; measure them with "
+                "`snakemake -f calibrate`"
             )
         sizes, times = np.log(np.array(sorted(self.table[kind]))).T
         return float(np.exp(np.interp(np.log(max(size, 1)), sizes, times)) * 1e-6)
@@ -125,22 +128,21 @@ class Chooser:
         mesh, closed_form = self.mesh.arrays, bool(self.mesh.attributes.get("shape"))
         faces = len(mesh["faces"])
         size = 0 if closed_form else 12 * (len(mesh["vertices"]) + faces)
-        choice = {"field": "exact", "held_out_error": 0.0, "bytes": size}
-        if not self._affordable("exact", "exact", 1 if closed_form else faces, size, choice):
+        count = 1 if closed_form else faces
+        if not self._fitting("exact", {count: size}):
             return None
+        choice = {"field": "exact", "held_out_error": 0.0, "bytes": size}
         arrays = {key: mesh[key] for key in ("vertices", "faces")}
-        return arrays, {"shape": self.mesh.attributes.get("shape")}, choice, _nothing
+        attributes = {"shape": self.mesh.attributes.get("shape")}
+        return arrays, attributes, choice | self._time("exact", count), _nothing
 
     def _dense(self):
         passed = []
         for kind in KINDS:
             each = 4 * CHANNELS[GRID_FIELDS[kind]]
-            sizes = [n for n in SIZES if self._affordable(kind, None, n, each * n**3, {})]
-            if not sizes:
-                self._skip(kind, self._too_dear(kind, SIZES[0], each * SIZES[0] ** 3))
-                continue
+            sizes = self._fitting(kind, {n: each * n**3 for n in SIZES})
             sizing = self._sizing(kind, force_error=self.budget["force_error"])
-            found = self._coarsest(kind, sizes, sizing.measure)
+            found = self._coarsest(kind, sizes, sizing.measure) if sizes else None
             if found is None:
                 continue
             size, error = found
@@ -155,9 +157,8 @@ class Chooser:
         return arrays, attributes, choice, _nothing
 
     def _spline(self):
-        sizes = [n for n in SPLINE_BYTES if self._affordable("spline", None, n, n, {})]
+        sizes = self._fitting("spline", {n: n for n in SPLINE_BYTES})
         if not sizes:
-            self._skip("spline", self._too_dear("spline", SPLINE_BYTES[0], SPLINE_BYTES[0]))
             return None
         sizing = self._sizing("spline", force_error=None, bytes=sizes[-1])
         found = self._coarsest("spline", sizes, sizing.measure)
@@ -170,11 +171,8 @@ class Chooser:
     def _network(self):
         recipe = self.options["recipe"]
         widths = [w for w in WIDTHS if w < recipe["width"]] + [recipe["width"]]
-        fit = [w for w in widths if self._affordable("network", None, w, self._weights(w), {})]
+        fit = self._fitting("network", {w: self._weights(w) for w in widths})
         if not fit:
-            self._skip(
-                recipe["recipe"], self._too_dear("network", widths[0], self._weights(widths[0]))
-            )
             return None
         law = self.options["samples"] | {"seed": self.options["seed"]}
         strata = Strata(self.surface, self.engine, law)
@@ -216,7 +214,7 @@ class Chooser:
             size, _ = coarsest(sizes, measured, self.budget["force_error"], kind)
         except PandisError:
             best = min(errors, key=errors.get)
-            self._skip(kind, f"errs by {errors[best]:.3g} at size {best:,}, the largest that fits")
+            self._skip(kind, f"errs by {errors[best]:.3g} at best, at size {best:,}")
             return None
         return size, errors[size]
 
@@ -242,13 +240,13 @@ class Chooser:
             limits.append(f"{slow * 1e6:.0f} µs a query")
         return " and ".join(limits)
 
-    def _affordable(self, kind, name, size, bytes_, choice):
-        """Tell whether a field keeps to bytes and time; note it under ``name`` if not."""
-        why = self._too_dear(kind, size, bytes_)
-        if why and name:
-            self._skip(name, why)
-        choice |= self._time(kind, size)
-        return not why
+    def _fitting(self, kind, sizes):
+        """Return those of the sizes, with their bytes, that keep to the budget; note if none."""
+        dear = {size: self._too_dear(kind, size, bytes_) for size, bytes_ in sizes.items()}
+        if all(dear.values()):
+            name = self.options["recipe"]["recipe"] if kind == "network" else kind
+            self._skip(name, f"{next(iter(dear.values()))} at the least")
+        return [size for size, why in dear.items() if not why]
 
     def _skip(self, name, why):
         self.log(f"{name}: {why}")

@@ -636,6 +636,7 @@ def _name_faults(values):
         except ValueError as error:
             yield f"fields.{index}", str(error)
             continue
+        spec = spec.through or spec
         budget = values.get("budget") or {}
         if spec.kind == AUTO and not (isinstance(budget, dict) and budget.get("force_error")):
             yield (
@@ -645,7 +646,7 @@ def _name_faults(values):
         if spec.size == "auto" and spec.kind not in _targets(values):
             yield (
                 f"fields.{index}",
-                f"{name} needs to know what to achieve: add bake.auto.{spec.kind}, with "
+                f"{spec.name} needs to know what to achieve: add bake.auto.{spec.kind}, with "
                 "force_error or bytes",
             )
 

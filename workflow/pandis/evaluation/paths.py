@@ -4,6 +4,7 @@ import numpy as np
 from scipy import stats
 
 from pandis.forces import penalty_force
+from pandis.trajectories import trace
 
 #: What the paper's claim is about: its own network against this field.
 BASELINE = "trilinear-64"
@@ -19,6 +20,28 @@ PRINTED_FIELDS = ("nearest-32", "nearest-64", "trilinear-32", "trilinear-64", "p
 def interval(values):
     """Return the half-width of the 95 % interval of a mean (Student's t)."""
     return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
+
+
+def several(first, surface, engine, options, progress):
+    """Return the first trajectory and more of its kind.
+
+    Parameters
+    ----------
+    first : tuple (points, distance, normal)
+        Exact, unit frame.
+    surface, engine
+        See `pandis.trajectories.trace`.
+    options : dict
+        ``paths``: how many in all; ``trajectory``, ``seed``.
+    progress : callable
+        Makes a `pandis.stage.Progress`.
+    """
+    paths = [first]
+    for index in range(1, options["paths"]):
+        own = options["trajectory"] | {"seed": [options["seed"], 5, index]}
+        more = trace(surface, engine, own, progress)
+        paths.append(tuple(more[key] for key in ("points", "distance", "normal")))
+    return paths
 
 
 def over_paths(fields, paths):

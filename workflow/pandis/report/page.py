@@ -18,20 +18,6 @@ from pandis.report import figures
 from pandis.report.tables import COLUMNS, summary_rows
 from pandis.stress.suite import QUESTIONS
 
-#: The figure of every question of the stress suite that stands in the table.
-_SHOWN = {
-    "work": "work",
-    "stiffness": "steep",
-    "jumps": "jumps",
-    "contacts": "ghost_n",
-    "hold": "of_exact",
-    "closed_loop": "stable_n_m",
-    "endurance": "bad",
-    "invariance": "distance",
-    "precision": "newtons",
-    "special": "bad",
-}
-
 
 def mesh_section(name, artifacts, field_names):
     """Prepare one mesh for the template.
@@ -101,23 +87,10 @@ def mesh_section(name, artifacts, field_names):
 
 def _verdicts(stress):
     """Say of every field what it failed, and by how much, in a sentence."""
-    said = {
-        "work": "a circling hand gains up to {push_n:.2g} N ({limit:.2g} allowed)",
-        "stiffness": "{steep:.2%} of the points below the surface are steeper than twice k "
-        "({limit:.2%} allowed)",
-        "jumps": "the force jumps on {jumps:.2%} of the ways of 0.1 mm ({limit:.2%} allowed), on "
-        "a thousandth by {mm01_p999:.2g} N or more",
-        "contacts": "up to {ghost_n:.2g} N further than 0.5 mm outside, at {ghosts:.2%} of the "
-        "points there; none at {missed:.2%} of those as deep inside",
-        "hold": "walls hold {of_exact:.0%} of what the exact ones do",
-        "closed_loop": "a device shakes from {stable_n_m:.0f} N/m on (wanted: {limit:.0f})",
-        "endurance": "{bad:,} answers of {ticks:,} are no numbers, {drift:,} changed",
-        "invariance": "distances change by {distance:.1e} with units or place",
-        "precision": "float32 positions change the force by {newtons:.2g} N",
-        "special": "{bad:,} special points and {unflagged:,} that are none are not answered",
-    }
     return {
-        field: "; ".join(said[question].format(**rows[question]) for question in failed)
+        field: "; ".join(
+            QUESTIONS[question].failing.format(**rows[question]) for question in failed
+        )
         for field, failed in stress["failed"].items()
         for rows in [stress["fields"][field]]
     }
@@ -199,7 +172,6 @@ def build(sections):
         rays=THICKNESS_RAYS,
         jump=JUMP,
         points=POINTS,
-        shown=_SHOWN,
         prices=PRICES,
         questions=QUESTIONS,
         script=script,

@@ -28,9 +28,8 @@ def jumps(answer, exact, points, along, scale, device):
     -------
     dict
         In newtons, over an encoder step (``encoder``), 0.1 mm (``mm01``: what a tick at 0.1 m/s
-        covers), and a tick at 0.5 and 1 m/s: ``…_p999``, ``…_max``
-        and ``…_rms``; ``jumps``, the share of
-        ways of 0.1 mm with one; ``limit``: how many there may be; ``passed``.
+        covers), and a tick at 0.5 and 1 m/s: ``…_p999``, ``…_max`` and ``…_rms``; ``jumps``, the
+        share of ways of 0.1 mm with one; ``limit``: how many there may be; ``passed``.
     """
     found = {}
     for name, way in {"encoder": device.encoder, **WAYS}.items():

@@ -8,7 +8,7 @@ import numpy as np
 from pandis.distance import MeshDistance
 from pandis.fields.base import OK
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.frame import UNIT_SIDE, Frame
 
 #: Points of a long run that are asked at once; and again at its end.
 CHUNK = 50_000
@@ -48,8 +48,7 @@ def endurance(answer, count, rng, report):
     bad, first, done = 0, None, 0
     for points in walk(count, rng):
         distance, normal = answer(points)
-        off = np.abs(np.linalg.norm(normal, axis=1) - 1)
-        bad += int((~np.isfinite(distance) | ~(off < 1e-5)).sum())
+        bad += _bad(distance, normal)
         first = first or (points, distance, normal)
         done += len(points)
         report.update(done)
@@ -61,18 +60,17 @@ def endurance(answer, count, rng, report):
     return {"ticks": count, "bad": bad, "drift": drift, "passed": bad == 0 and drift == 0}
 
 
-class Placed:
-    """A field as it would be, had its mesh come in other units and at another place."""
+def _bad(distance, normal):
+    """Count answers that are no number, and normals that are not of unit length."""
+    off = np.abs(np.linalg.norm(normal, axis=1) - 1)
+    return int((~np.isfinite(distance) | ~(off < 1e-5)).sum())
 
-    def __init__(self, field, factor, offset):
-        old = field.frame
-        centre = tuple(factor * (np.array(old.centre) + offset))
-        self.field = copy.copy(field)
-        self.field.frame = Frame(centre, old.scale / factor)
 
-    def distance_and_normal(self, points):
-        """Answer in these units."""
-        return self.field.distance_and_normal(points)
+def placed(field, factor, offset):
+    """Return a field as it would be, had its mesh come in other units and at another place."""
+    moved, old = copy.copy(field), field.frame
+    moved.frame = Frame(tuple(factor * (np.array(old.centre) + offset)), old.scale / factor)
+    return moved
 
 
 class PlacedExact:
@@ -108,7 +106,7 @@ def invariance(place, field, points):
     frame = field.frame
     wanted_distance, wanted_normal = field.answer(points)
     wanted = penalty_force(wanted_distance, wanted_normal)
-    length, off, turned = 1.8 / frame.scale, 0.0, 0.0
+    length, off, turned = UNIT_SIDE / frame.scale, 0.0, 0.0
     cases = [(f, 0.0) for f in SCALES] + [(1.0, o) for o in OFFSETS]
     for factor, offset in cases:
         move = np.array([1.0, -0.5, 0.25]) * offset * length
@@ -168,9 +166,7 @@ def special(field, points):
         ``bad``: answers that are no number, or normals not of unit length; ``unflagged``: what
         is no finite point, or far beyond any, and is not flagged, or pushed; ``passed``.
     """
-    distance, normal = field.answer(points)
-    off = np.abs(np.linalg.norm(normal, axis=1) - 1)
-    bad = int((~np.isfinite(distance) | ~(off < 1e-5)).sum())
+    bad = _bad(*field.answer(points))
     lost = [[v if k == axis else 0.1 for k in range(3)] for axis in range(3) for v in _NOWHERE]
     answer = field.query(np.array(lost))
     push = np.nan_to_num(penalty_force(answer.distance, answer.normal)).any(axis=1)

@@ -1,6 +1,7 @@
 """All questions to all fields of a mesh, and what the answers mean."""
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,10 +11,10 @@ from pandis.stress.jumps import jumps
 from pandis.stress.physical import Device, Scale
 from pandis.stress.probes import directions, shell_points
 from pandis.stress.robust import (
-    Placed,
     PlacedExact,
     endurance,
     invariance,
+    placed,
     precision,
     special,
     special_points,
@@ -21,18 +22,69 @@ from pandis.stress.robust import (
 from pandis.stress.stiffness import stiffness
 from pandis.stress.work import loops, work
 
-#: Every question, and how the report asks it.
+
+class Question(NamedTuple):
+    """What is asked of a field, the figure that tells most, and what a failure is said to be."""
+
+    asked: str
+    figure: str
+    failing: str
+
+
 QUESTIONS = {
-    "work": "Does a circling hand gain energy?",
-    "stiffness": "Is the wall steeper than it should be?",
-    "jumps": "Does the force jump?",
-    "contacts": "Are there contacts in free space, or none inside?",
-    "hold": "Does a wall hold as much as the exact one?",
-    "closed_loop": "Do device and hand shake on it?",
-    "endurance": "Does a long run end as it began?",
-    "invariance": "Do units and place matter?",
-    "precision": "Do float32 positions matter?",
-    "special": "Are vertices, edges, the medial axis and NaN answered?",
+    "work": Question(
+        "Does a circling hand gain energy?",
+        "work",
+        "a circling hand gains up to {push_n:.2g} N ({limit:.2g} allowed)",
+    ),
+    "stiffness": Question(
+        "Is the wall steeper than it should be?",
+        "steep",
+        "{steep:.2%} of the points below the surface are steeper than twice k "
+        "({limit:.2%} allowed)",
+    ),
+    "jumps": Question(
+        "Does the force jump?",
+        "jumps",
+        "the force jumps on {jumps:.2%} of the ways of 0.1 mm ({limit:.2%} allowed), on a "
+        "thousandth by {mm01_p999:.2g} N or more",
+    ),
+    "contacts": Question(
+        "Are there contacts in free space, or none inside?",
+        "ghost_n",
+        "up to {ghost_n:.2g} N further than 0.5 mm outside, at {ghosts:.2%} of the points there; "
+        "none at {missed:.2%} of those as deep inside",
+    ),
+    "hold": Question(
+        "Does a wall hold as much as the exact one?",
+        "of_exact",
+        "walls hold {of_exact:.0%} of what the exact ones do",
+    ),
+    "closed_loop": Question(
+        "Do device and hand shake on it?",
+        "stable_n_m",
+        "a device is quiet up to {stable_n_m:.0f} N/m only (wanted: {limit:.0f})",
+    ),
+    "endurance": Question(
+        "Does a long run end as it began?",
+        "bad",
+        "{bad:,} answers of {ticks:,} are no numbers, {drift:,} changed",
+    ),
+    "invariance": Question(
+        "Do units and place matter?",
+        "distance",
+        "distances change by {distance:.1e} with units or place",
+    ),
+    "precision": Question(
+        "Do float32 positions matter?",
+        "newtons",
+        "float32 positions change the force by {newtons:.2g} N",
+    ),
+    "special": Question(
+        "Are vertices, edges, the medial axis and NaN answered?",
+        "bad",
+        "{bad:,} special points and {unflagged:,} that are none are not answered",
+    ),
 }
 #: Points below the surface, ways that begin there, points anywhere; surface points that are
 #: pushed into, and pressed on.
@@ -90,7 +142,7 @@ class Suite:
         rng = np.random.default_rng([self.options["seed"], 2])
         answer, scale, device = field.answer, self.scale, self.device
         report = progress(f"{field.name}: ticks", self.options["ticks"], "ticks")
-        place = partial(Placed, field)
+        place = partial(placed, field)
         if field.name == "exact" and not self.mesh.attributes.get("shape"):
             place = partial(PlacedExact, self.mesh)
         return {
