@@ -1,5 +1,5 @@
 # The plan that all rules take their params and inputs from.
-from pandis.catalogue import GRID_FIELDS
+from pandis.catalogue import GRID_FIELDS, MESH_NAME
 from pandis.plan import open_plan
 
 plan = open_plan(config, workflow.basedir, workflow.configfiles)
@@ -12,6 +12,7 @@ wildcard_constraints:
     mesh="|".join(plan.meshes),
     recipe="|".join(plan.recipes) or "no-recipe",
     field=rf"({'|'.join(GRID_FIELDS)})-(\d+|auto)",
+    name=MESH_NAME,
     kind="|".join(GRID_FIELDS),
     content="|".join(sorted(set(GRID_FIELDS.values()) - {"spline"})),
     size=r"\d+",

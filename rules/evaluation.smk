@@ -75,6 +75,7 @@ rule timing:
         mesh="results/{mesh}/mesh.zarr.zip",
         trajectory="results/{mesh}/trajectory.zarr.zip",
         exports=plan.exports,
+        natives=plan.native,
         programs=plan.programs,
         fields=plan.unexported,
     output:

@@ -2,7 +2,7 @@ rule validate:
     input:
         trajectory="results/{mesh}/trajectory.zarr.zip",
         evaluation="results/{mesh}/evaluation.zarr.zip",
-        exports=plan.exports,
+        exports=plan.native,
     output:
         "results/{mesh}/hardware.zarr.zip",
         "results/{mesh}/hardware.json",

@@ -1,9 +1,13 @@
 """Compare all fields of a mesh with the exact one. Writes evaluation.zarr.zip."""
 
+import numpy as np
+
 from pandis.evaluation.beyond import beyond
+from pandis.evaluation.coverage import coverage
 from pandis.evaluation.errors import evaluate
 from pandis.evaluation.paths import over_paths, several
 from pandis.evaluation.smoothness import line_probes, smoothness
+from pandis.evaluation.view import surface_errors
 from pandis.fields.registry import open_fields
 from pandis.sampling import open_surface, probes
 from pandis.stage import stage
@@ -17,14 +21,16 @@ with stage(snakemake) as job:
     sets = probes(surface, engine, job.options["probes"], seed)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
     arrays, attributes = evaluate(fields, path, sets, job.progress)
+    vertices = fields.exact.frame.to_unit(mesh.arrays["vertices"])
+    arrays |= surface_errors(fields, engine, vertices, mesh.arrays["faces"], job.progress)
     lines = line_probes(surface, job.options["lines"], job.options["size"], seed)
     attributes["smoothness"] = smoothness(fields, engine, lines)
     attributes["beyond"] = beyond(fields, engine, seed)
-    attributes["paths"] = {}
-    if job.options["paths"] > 1:
-        paths = several(path, surface, engine, job.options, job.progress)
-        attributes["paths"] = over_paths(fields, paths)
+    paths = several(path, surface, engine, job.options, job.progress)
+    arrays["paths"] = np.array([points for points, _, _ in paths], np.float32)
+    attributes["coverage"] = coverage(surface, engine, arrays["paths"], seed)
+    attributes["paths"] = over_paths(fields, paths) if len(paths) > 1 else {}
     newtons = fields.exact.frame.newtons(job.options["size"], job.options["stiffness"])
     physical = {key: job.options[key] for key in ("size", "stiffness", "lines")}
-    physical |= {"newtons": newtons, "count": job.options["paths"]}
+    physical |= {"newtons": newtons, "count": len(paths)}
     job.write("evaluation", arrays, attributes | physical | {"frame": mesh.attributes["frame"]})

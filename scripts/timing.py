@@ -8,8 +8,11 @@ with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     points = job.read("trajectory", "trajectory").arrays["points"]
     exports = [job.note_file(path) for path in job.input.exports]
+    natives = [job.note_file(path) for path in job.input.natives]
     fields = open_fields(job.options["in_python"], mesh, map(job.read_path, job.input.fields))
-    arrays, attributes = time_fields(fields, exports, mesh, points, job.options, job.progress)
+    arrays, attributes = time_fields(
+        fields, exports, natives, mesh, points, job.options, job.progress
+    )
     for path in map(job.note_file, job.input.programs):
         arrays |= time_program(path, mesh, points, job.options, attributes["fields"], job.log)
     job.write("timing", arrays, attributes)

@@ -361,3 +361,14 @@ def test_the_source_has_no_warnings():
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only"]
     done = subprocess.run([*command, source], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_brute_force_gives_the_same_bits_as_the_tree():
+    """Looking at every face is the naive reference of the tree, with the same arithmetic."""
+    vertices, faces = SHAPES["torus"].tessellation(60, 30)
+    tree = Bvh(vertices, faces)
+    points = np.random.default_rng(5).uniform(-1, 1, (500, 3)) * vertices.max(axis=0) * 1.2
+    labels, (distance, normal) = tree.label(points, 0.0, check=False), tree.scan(points)
+    assert np.array_equal(labels.distance, distance)
+    assert np.array_equal(labels.normal, normal)
+    assert np.isnan(tree.scan(np.full((1, 3), np.nan))[0]).all()

@@ -1,4 +1,5 @@
 import json
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,9 +12,11 @@ from pandis.evaluation.smoothness import force_steps, line_probes, smoothness
 from pandis.evaluation.timing import summarise, time_queries
 from pandis.fields.base import Field
 from pandis.frame import Frame
-from pandis.hardware.clock import run_ticks
+from pandis.hardware.load import busy_cores
 from pandis.hardware.validation import NO_DEVICE, _longest_run, validate
 from pandis.machine import describe
+from pandis.native.runtime import SHAPE, NativeField, pack
+from pandis.native.servo import run_ticks
 from pandis.report.render import render
 from pandis.report.tables import COLUMNS, summary_rows, to_csv
 from pandis.sampling import Surface
@@ -161,45 +164,63 @@ def test_timing_counts_every_query():
     assert 0 < found["one_p50_us"] <= found["one_p99_us"] <= found["one_p999_us"]
 
 
-def test_clock_ticks_once_per_point_in_order_and_never_early():
-    points = np.arange(15.0).reshape(5, 3)
-    compute, lateness, forces = run_ticks(lambda p: p * 2, points, 23, rate=2000)
-    assert np.array_equal(forces, 2 * points[np.arange(23) % 5])
-    assert (compute >= 0).all()
-    assert (lateness >= 0).all()
+@pytest.fixture(scope="module")
+def sphere():
+    """A sphere of radius 1 as `pandis.h` answers it."""
+    return NativeField(pack(SHAPE, Frame((0.0, 0.0, 0.0), 1.0), [0], [1.0], {}, {}))
 
 
-class Exported:
-    """An export that answers with an error of ``bias`` in distance."""
-
-    def __init__(self, bias=0.0):
-        self.bias = bias
-
-    def distance_and_normal(self, points):
-        distance, normal = Plane("exact").distance_and_normal(points)
-        return distance + self.bias, normal
+PATH = np.linspace([0.0, 0.0, 0.95], [0.3, 0.4, 0.8], 5)
 
 
-def run(bias=0.0, **options):
-    options = HardwareOptions(seconds=0.05, **options).model_dump()
-    points, distance, normal = truth()
-    reference = -np.minimum(distance, 0)[:, None] * normal
-    return validate(Exported(bias), FRAME, FRAME.to_mesh(points), reference, options)
+def test_clock_ticks_once_per_point_in_order_and_never_early(sphere):
+    run = run_ticks(sphere, PATH, 23, rate=2000)
+    assert np.array_equal(run.force, sphere.force(PATH)[np.arange(23) % 5])
+    assert (run.compute >= 0).all()
+    assert (run.lateness >= 0).all()
+    alone = run_ticks(None, PATH, 23, rate=2000)
+    assert not alone.force.any()
+    assert (alone.lateness >= 0).all()
 
 
-def test_validation_passes_what_agrees_and_fails_what_does_not():
-    arrays, verdict = run(misses=0.9)
+def test_other_work_ends_with_the_body():
+    with busy_cores() as cores:
+        assert cores >= 1
+        children = children_now()
+        assert len(children) >= cores
+    assert not set(children) & set(children_now())
+
+
+def children_now():
+    """Return the process numbers of this process's children."""
+    path = f"/proc/self/task/{os.getpid()}/children"
+    if not os.path.exists(path):
+        pytest.skip("this system does not list children")
+    with open(path) as stream:
+        return stream.read().split()
+
+
+def run(sphere, bias=0.0, **options):
+    options = HardwareOptions(seconds=0.05, loaded_seconds=0.02, **options).model_dump()
+    frame = Frame((0.0, 0.0, 0.0), 0.5)
+    reference = sphere.force(PATH) * frame.scale + [0, 0, bias]
+    return validate(sphere, frame, PATH, reference, options)
+
+
+def test_validation_passes_what_agrees_and_fails_what_does_not(sphere):
+    arrays, verdict = run(sphere, misses=0.9)
     assert verdict["agrees"]
     assert verdict["agreement"] < 1e-12
     assert len(arrays["compute"]) == verdict["ticks"] == 50
-    _, verdict = run(bias=-0.01, misses=0.9)
+    assert verdict["loaded"]["ticks"] == 20
+    _, verdict = run(sphere, bias=-0.01, misses=0.9)
     assert not verdict["agrees"]
     assert verdict["verdict"] == "fail"
     assert "differ from the library's by" in verdict["sentence"]
 
 
-def test_validation_counts_misses():
-    _, verdict = run(deadline=1e-9)
+def test_validation_counts_misses(sphere):
+    _, verdict = run(sphere, deadline=1e-12)
     assert verdict["misses"] == verdict["longest_run_of_misses"] == 50
     assert not verdict["in_time"]
     assert verdict["verdict"] == "fail"
@@ -226,12 +247,19 @@ def test_summary_has_every_column_and_the_configs_order():
         "newtons": 2.0,
         "mean_force": {"trajectory": 2.0},
     }
-    times = {"one_p50_us": 1.0, "one_p99_us": 2.0, "one_p999_us": 2.5, "batch_us": 3.0}
+    times = {
+        "native_p50_us": 0.5,
+        "native_p999_us": 0.6,
+        "one_p50_us": 1.0,
+        "one_p99_us": 2.0,
+        "one_p999_us": 2.5,
+        "batch_us": 3.0,
+    }
     timing = {"fields": {"a": times}}
     jumps = {"mm01_max": 0.5, "mm01_rms": 0.1}
     stress = {"fields": {"a": {"jumps": jumps}}, "failed": {"a": ["work", "hold"]}}
     hardware = {"fields": {"a": {"compute_us": {"p99.9": 4.0}, "misses": 0, "verdict": "pass"}}}
-    rows = summary_rows("m", evaluation, timing, stress, hardware)
+    rows = summary_rows("m", evaluation, timing, stress, hardware, {"b": 1.5})
     assert [row["field"] for row in rows] == ["b", "a", "a" + UNNORMALISED]
     lines = to_csv(rows).splitlines()
     assert lines[0] == ",".join(COLUMNS)
@@ -250,7 +278,7 @@ def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
     assert "path" in attributes["errors"]["trajectory"]
     assert "path" not in attributes["errors"]["shallow"]
     nothing = [{"fields": {}}] * 3
-    rows = summary_rows("m", attributes | {"newtons": 1.0}, *nothing)
+    rows = summary_rows("m", attributes | {"newtons": 1.0}, *nothing, {})
     assert [row["shallow_mean"] for row in rows] == [0, ""]
 
 

@@ -14,11 +14,20 @@ DOWNSTREAM = {"evaluate", "timing", "validate"}
 DEPENDENT = DOWNSTREAM | {"stress"}
 LAST = {("summary", None), ("report", None)}
 BOTH = ("sphere", "torus")
+
+
+def native(*names, meshes=BOTH):
+    """The jobs that write files for pandis.h."""
+    return {("export_native", mesh, name) for mesh in meshes for name in names}
+
+
+FIELDS = ("exact", "trilinear-24", "pandis-exact")
 EVERYTHING = (
     {(stage, mesh) for stage in ("mesh", "sample", "trajectory", *DEPENDENT) for mesh in BOTH}
     | {(stage, mesh, "pandis-exact") for stage in ("train", "export_network") for mesh in BOTH}
     | {("bake", mesh, "force", "24") for mesh in BOTH}
     | {("export_grid", mesh, "trilinear-24") for mesh in BOTH}
+    | native(*FIELDS)
     | LAST
 )
 
@@ -41,7 +50,7 @@ def all_of(*stages, meshes=("sphere", "torus")):
 
 def test_fresh_plan_has_every_job_once(workspace):
     assert plan(workspace) == EVERYTHING
-    assert len(EVERYTHING) + 1 <= 28  # with `all`
+    assert len(EVERYTHING) + 1 <= 34  # with `all`
 
 
 def test_finished_run_has_nothing_to_do(rerun):
@@ -54,6 +63,7 @@ def test_training_option_of_one_mesh(rerun):
         meshes={"torus": {"source": "analytic:torus", "train": {"pandis-exact": {"steps": 301}}}},
     )
     network = {("train", "torus", "pandis-exact"), ("export_network", "torus", "pandis-exact")}
+    network |= native("pandis-exact", meshes=["torus"])
     assert plan(rerun) == network | all_of(*DEPENDENT, meshes=["torus"]) | LAST
 
 
@@ -62,12 +72,13 @@ def test_new_mesh(rerun):
     own = all_of("mesh", "sample", "trajectory", *DEPENDENT, meshes=["box"])
     own |= {("train", "box", "pandis-exact"), ("export_network", "box", "pandis-exact")}
     own |= {("bake", "box", "force", "24"), ("export_grid", "box", "trilinear-24")}
+    own |= native(*FIELDS, meshes=["box"])
     assert plan(rerun) == own | LAST
 
 
 def test_auto_builds_one_field_and_trains_nothing_beside_it(rerun):
     change(rerun, fields="auto", budget={"force_error": 1e-3})
-    assert plan(rerun) == all_of("choose", *DEPENDENT) | LAST
+    assert plan(rerun) == all_of("choose", *DEPENDENT) | native("auto") | LAST
 
 
 def test_query_times_are_an_input_of_the_choice(rerun):
@@ -76,7 +87,7 @@ def test_query_times_are_an_input_of_the_choice(rerun):
     assert plan(rerun) == set()
     table = rerun / "config/query-times.csv"
     table.write_text(table.read_text().replace("network,512,", "network,512,1"))
-    assert plan(rerun) == all_of("choose", *DEPENDENT) | LAST
+    assert plan(rerun) == all_of("choose", *DEPENDENT) | native("auto") | LAST
 
 
 def test_evaluation_option_trains_nothing(rerun):
@@ -107,13 +118,14 @@ def test_script_edited(rerun):
 def test_field_module_edited_restales_no_other_field(rerun):
     edit(rerun / "workflow/pandis/training/trainer.py", "QUICK = 4000", "QUICK = 4001")
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
+    network |= native("pandis-exact")
     assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
 
 
 def test_baking_module_edited_trains_nothing(rerun):
     edit(rerun / "workflow/pandis/grids/dense.py", "(1 << 18)", "(1 << 17)")
     grids = {("bake", m, "force", "24") for m in BOTH}
-    grids |= {("export_grid", m, "trilinear-24") for m in BOTH}
+    grids |= {("export_grid", m, "trilinear-24") for m in BOTH} | native(*FIELDS)
     assert plan(rerun) == grids | all_of(*DEPENDENT) | LAST
 
 
@@ -123,13 +135,13 @@ def test_grid_module_edited_bakes_and_trains_nothing(rerun):
         "Lattice.around_box(len(self.values) - 1)",
         "Lattice.around_box(+len(self.values) - 1)",
     )
-    grids = {("export_grid", m, "trilinear-24") for m in BOTH}
+    grids = {("export_grid", m, "trilinear-24") for m in BOTH} | native(*FIELDS)
     assert plan(rerun) == grids | all_of(*DEPENDENT) | LAST
 
 
 def test_network_module_edited_bakes_nothing(rerun):
     edit(rerun / "workflow/pandis/fields/siren.py", "h = np.sin(", "h = +np.sin(")
-    networks = {("export_network", m, "pandis-exact") for m in BOTH}
+    networks = {("export_network", m, "pandis-exact") for m in BOTH} | native(*FIELDS)
     assert plan(rerun) == networks | all_of(*DEPENDENT) | LAST
 
 
@@ -138,6 +150,7 @@ def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
     assert plan(rerun) == set()  # the configuration trains pandis-exact alone
     edit(rerun / "workflow/pandis/training/exact_loss.py", "off + options", "+off + options")
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
+    network |= native("pandis-exact")
     assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
 
 
@@ -192,6 +205,7 @@ def test_swapped_values_are_noticed(rerun):
     samples["offsets"], samples["box"] = samples["box"], samples["offsets"]
     (rerun / FAST).write_text(yaml.safe_dump(config))
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
+    network |= native("pandis-exact")
     assert plan(rerun) == all_of("sample", *DEPENDENT) | network | LAST
 
 
@@ -205,6 +219,7 @@ def test_field_added(rerun):
         for m in ("sphere", "torus")
         for f in ("nearest-24", "trilinear-normal-8")
     }
+    own |= native("nearest-24", "trilinear-normal-8")
     assert plan(rerun) == own | all_of(*DEPENDENT) | LAST
 
 
@@ -224,6 +239,7 @@ def test_upstream_missing_reruns_what_follows(rerun):
     (rerun / "results/torus/samples.zarr.zip").unlink()
     own = all_of("sample", *DEPENDENT, meshes=["torus"])
     own |= {(s, "torus", "pandis-exact") for s in ("train", "export_network")}
+    own |= native("pandis-exact", meshes=["torus"])
     assert plan(rerun) == own | LAST
 
 
@@ -234,7 +250,10 @@ def test_upstream_missing_reruns_what_follows(rerun):
         ("samples", {"mesh", "sample"}),
         ("models", {"mesh", "sample", "train"}),
         ("grids", {"mesh", "bake"}),
-        ("exports", {"mesh", "sample", "train", "bake", "export_grid", "export_network"}),
+        (
+            "exports",
+            {"mesh", "sample", "train", "bake", "export_grid", "export_network", "export_native"},
+        ),
     ],
 )
 def test_named_targets(workspace, target, stages):

@@ -105,7 +105,7 @@ def test_floors_import_downwards_only():
          "machine", "measured", "reference", "native"},
         {"mesh"},
         {"distance"},
-        {"sampling", "strata", "forces"},
+        {"sampling", "strata", "forces", "thickness"},
         {"grids"},
         {"fields", "trajectories"},
         {"training"},

@@ -120,7 +120,7 @@ def test_summary(finished):
 def test_report_is_one_file(finished):
     page = (finished / "results/report.html").read_text()
     assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page)
-    assert "http" not in re.sub(r"data:image/[^\"]*", "", page).replace("http-equiv", "")
+    assert not re.search("https?:", re.sub(r'"data:[^"]*"', "", page))
     assert page.count("<img ") >= 2 * 5
     assert "No haptic device was attached" in page
     assert len(page) < 15e6
@@ -162,7 +162,7 @@ def test_report_sorts_its_tables_and_saves_tables_and_figures(finished, tmp_path
     heading.click(); seen.up = column();
     heading.click(); seen.down = column();
     const links = [...document.querySelectorAll("a[download]")];
-    const first = links.find((a) => a.download.endsWith(".csv"));
+    const first = links.find((a) => a.download.endsWith("error-size-and-time.csv"));
     first.addEventListener("click", (event) => event.preventDefault());
     first.click();
     seen.saved = links.map((a) => [a.download, decodeURIComponent(a.href).slice(0, 2000)]);
@@ -182,9 +182,47 @@ def test_report_sorts_its_tables_and_saves_tables_and_figures(finished, tmp_path
     table = saved["sphere-error-size-and-time.csv"]
     assert table.startswith('data:text/csv;charset=utf-8,"Field","Bytes"')
     assert '"trilinear-24","165888"' in table
-    assert saved["sphere-force-along-the-path.svg"].startswith("data:image/svg+xml;base64,")
+    assert saved["sphere-force-along-the-path.svg"].startswith("data:image/svg+xml,")
+    assert saved["sphere-force-along-the-path.pdf"].startswith("data:application/pdf;base64,JVBE")
+    assert '"trilinear-24 r"' in saved["sphere-force-along-the-path-numbers.csv"]
     assert {mesh + "-stress.csv" for mesh in ("sphere", "torus")} < set(saved)
     assert seen["large"] == 1
+
+
+def test_report_shows_the_mesh_and_turns_it(finished, tmp_path):
+    reader = """
+    const figure = document.querySelector("figure.view"), canvas = figure.querySelector("canvas");
+    const field = figure.querySelector("select");
+    const seen = { fields: [...field.options].map((option) => option.value), looks: [] };
+    const sum = (text) => [...text].reduce((h, c) => (31 * h + c.charCodeAt(0)) % 1000003, 0);
+    const look = () => seen.looks.push(sum(canvas.toDataURL()));
+    const choose = (name) => { field.value = name; field.dispatchEvent(new Event("change")); };
+    const press = (key) => canvas.dispatchEvent(new KeyboardEvent("keydown", { key }));
+    const steps = [
+      () => { seen.drawn = +figure.dataset.drawn; press("ArrowLeft"); },
+      () => choose("trilinear-24"),
+      () => figure.querySelector("input").click(),
+      () => press("+"),
+      () => (seen.zoomed = +figure.dataset.drawn),
+    ];
+    const next = () => {
+      look();
+      steps.shift()();
+      if (steps.length) requestAnimationFrame(() => requestAnimationFrame(next));
+      else document.body.textContent = JSON.stringify(seen);
+    };
+    next();
+    """
+    page = (finished / "results/report.html").read_text()
+    read = tmp_path / "read.html"
+    read.write_text(page.replace("</body>", f"<script>{reader}</script></body>"))
+    text = browse(read, tmp_path, "--dump-dom", "--virtual-time-budget=60000")
+    seen = json.loads(re.search(r"<body>(.*)</body>", text, re.S)[1])
+    assert seen["fields"] == ["exact", "pandis-exact", "trilinear-24"]
+    assert len(set(seen["looks"])) == 5  # turned, coloured anew, without paths, larger
+    radius = 0.46 * 640 * 0.9
+    assert seen["drawn"] == pytest.approx(np.pi * radius**2, rel=0.02)  # it is a sphere
+    assert seen["zoomed"] == pytest.approx(1.15**2 * seen["drawn"], rel=0.02)
 
 
 def test_snakemakes_own_report_builds(rerun):
@@ -197,7 +235,7 @@ def test_plan_of_the_default_config():
     """Three meshes, ten fields: what the README promises."""
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     files = Plan(config, ROOT / "workflow").target("all")
-    assert len(files) == 3 * 25 + 2
+    assert len(files) == 3 * 35 + 2
     assert "results/bunny-holes/export/trilinear-normal-64.onnx" in files
 
 

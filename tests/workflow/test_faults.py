@@ -105,7 +105,7 @@ def verify(folder):
 def test_verify_accepts_a_finished_run(rerun):
     done = verify(rerun)
     assert done.returncode == 0, done.stdout
-    assert "all 28 results are whole and belong to this configuration and code" in done.stdout
+    assert "all 34 results are whole and belong to this configuration and code" in done.stdout
 
 
 def test_verify_without_snakemakes_records(rerun):

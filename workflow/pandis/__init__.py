@@ -1,3 +1,22 @@
 """Verified, reproducible force fields for haptic rendering, from any triangle mesh."""
 
 __version__ = "0.1.0"
+
+
+def load(path):
+    """Return the field of a ``.pandis`` file: ``load("bunny.pandis").force(points, k=400)``.
+
+    The C code is compiled on first use, with the system's compiler.
+
+    Returns
+    -------
+    pandis.native.runtime.NativeField
+
+    Raises
+    ------
+    pandis.errors.ArtifactError
+        The file cannot be read, is damaged, or of another version.
+    """
+    from pandis.native.runtime import NativeField
+
+    return NativeField(path)

@@ -32,6 +32,8 @@ PROXY = "salisbury"
 ALGEBRAIC = "kim-algebraic"
 #: The cheapest field that meets a budget, whichever it is.
 AUTO = "auto"
+#: Fields that ``pandis.h`` answers.
+_NATIVE = {"exact", AUTO, "network", *GRID_FIELDS} - {"kim", "kim-ray", "kim-cell"}
 #: Most nodes per axis.
 LARGEST = {"spline": 320}
 LARGEST_DENSE = 512
@@ -63,6 +65,11 @@ class FieldSpec(NamedTuple):
     size: int | str | None
     exports: tuple[str, ...]
     through: "FieldSpec | None" = None
+
+    @property
+    def native(self):
+        """Whether it has a file for ``pandis.h``, ``results/{mesh}/export/{name}.pandis``."""
+        return self.kind in _NATIVE
 
 
 def is_grid_field(name):

@@ -299,6 +299,16 @@ class BakeOptions(Options):
         return self
 
 
+class ExportOptions(Options):
+    """The files for user programs."""
+
+    weight_bits: Literal[16, 32] = Field(
+        32,
+        description="of a network's hidden layers in its `.pandis` file; 16 halves the file, and "
+        "the export's log says what it costs",
+    )
+
+
 class TrajectoryOptions(Options):
     """The path of the probe on the mesh, traced on exact distances."""
 
@@ -359,6 +369,9 @@ class TimingOptions(Options):
     queries: Annotated[int, Field(ge=100)] = Field(2000, description="single queries per field")
     batch: Count = Field(10_000, description="points of a batch")
     repeats: Count = Field(5, description="batches per field; the median counts")
+    cold: Annotated[int, Field(ge=0)] = Field(
+        50, description="single queries with empty caches, per field"
+    )
     libtorch: bool = Field(
         False,
         description="also time every network from a C++ program on LibTorch, the paper's way; "
@@ -373,6 +386,9 @@ class HardwareOptions(Options):
     rate: Positive = Field(1000.0, description="ticks per second")
     deadline: Positive = Field(0.8e-3, description="a tick that computes longer is a miss (s)")
     misses: float = Field(0.001, ge=0, lt=1, description="share of misses a pass allows")
+    loaded_seconds: float = Field(
+        1.0, ge=0, le=600, description="length of a second run, beside a busy loop on every core"
+    )
 
 
 _NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
@@ -415,6 +431,9 @@ class StageOptions(Options):
         "recipes named `pandis` and `pandis-grad`)",
     )
     bake: BakeOptions = Field(default_factory=BakeOptions, description="grids")
+    export: ExportOptions = Field(
+        default_factory=ExportOptions, description="files for user programs"
+    )
     trajectory: TrajectoryOptions = Field(
         default_factory=TrajectoryOptions, description="the probe's path"
     )

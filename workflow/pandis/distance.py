@@ -113,6 +113,19 @@ class MeshDistance:
                 progress.update(min(start + CHUNK, len(points)))
         return distance, normal
 
+    def tree_parts(self):
+        """Return what the tree is made of: see `pandis.native.bvh.Bvh.parts`."""
+        return self._tree.parts()
+
+    @property
+    def reach(self):
+        """The largest coordinate."""
+        return self._tree.reach
+
+    def scan(self, points):
+        """Answer distance (n,) and normal (n, 3) by looking at every face: brute force."""
+        return self._tree.scan(points)
+
     def inside(self, points):
         """Tell which points (n, 3) lie inside; none that is no finite number does."""
         return self._tree.inside(points)

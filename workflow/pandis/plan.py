@@ -24,7 +24,7 @@ TARGETS = {
     "meshes": ("mesh",),
     "samples": ("sample",),
     "models": ("train", "choose"),
-    "exports": ("export_grid", "export_network", "export_vti"),
+    "exports": ("export_grid", "export_network", "export_native", "export_vti"),
     "grids": ("bake", "bake_spline", "bake_auto", "support_planes"),
     "evaluations": ("trajectory", "evaluate", "stress", "timing"),
     "hardware": ("validate",),
@@ -157,6 +157,9 @@ class Plan:
                 add(f"export/{spec.name}.onnx", "export_grid", field=spec.name)
             if self.entries[mesh].bake.vti:
                 add(f"export/{spec.name}.vti", "export_vti", field=spec.name)
+        for spec in specs:
+            if spec.native:
+                add(f"export/{spec.name}.pandis", "export_native", name=spec.name)
         add("trajectory.zarr.zip", "trajectory")
         add("evaluation.zarr.zip", "evaluate")
         add("stress.zarr.zip", "stress")
@@ -201,6 +204,16 @@ class Plan:
         """Return the grid that a grid field is exported from."""
         spec = parse_field(wildcards.field, ())
         return f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip"
+
+    def native_artifact(self, wildcards):
+        """Return the artifact that holds a field of a mesh."""
+        spec = parse_field(wildcards.name, self.entries[wildcards.mesh].train)
+        return f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip"
+
+    def native(self, wildcards):
+        """Return the files for ``pandis.h`` of a mesh."""
+        specs = [spec for spec in self.specs(wildcards.mesh) if spec.native]
+        return [f"results/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
 
     def unexported(self, wildcards):
         """Return the artifacts of the fields that are timed from the library itself."""
@@ -307,6 +320,8 @@ class Plan:
                 return {"field": wildcards["recipe"]}
             case "export_grid" | "export_vti":
                 return {"field": wildcards["field"]}
+            case "export_native":
+                return {"field": wildcards["name"]} | entry.export.model_dump()
             case "trajectory":
                 return entry.trajectory.model_dump() | {"seed": seed}
             case "evaluate":
@@ -328,7 +343,7 @@ class Plan:
             case "validate":
                 return {
                     **entry.hardware.model_dump(),
-                    "fields": [spec.name for spec in self.specs(mesh) if spec.exports],
+                    "fields": [spec.name for spec in self.specs(mesh) if spec.native],
                     "size": size,
                     "stiffness": stiffness,
                 }

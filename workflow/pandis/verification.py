@@ -11,6 +11,7 @@ from pandis.artifact import file_digest, read_artifact
 from pandis.errors import PandisError
 from pandis.export.session import read_export, read_program_metadata
 from pandis.export.vti import read_note
+from pandis.native.runtime import read_provenance
 from pandis.plan import DEFAULT_CONFIG, FINAL
 from pandis.provenance import unused_modules
 from pandis.report.seal import read_seal
@@ -132,6 +133,8 @@ class _Checker:
             return read_program_metadata(path)["provenance"]
         if path.suffix == ".vti":
             return read_note(path)["provenance"]
+        if path.suffix == ".pandis":
+            return read_provenance(path)
         if path.suffix == ".html":
             return read_seal(path)
         return None

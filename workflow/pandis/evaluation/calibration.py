@@ -9,18 +9,18 @@ import torch
 from pandis.artifact import Artifact
 from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.choice import KINDS
-from pandis.distance import MeshDistance, ShapeDistance
-from pandis.evaluation.timing import time_queries
-from pandis.export.grids import grid_graph
-from pandis.export.networks import network_graph
-from pandis.export.session import Session
+from pandis.distance import MeshDistance
+from pandis.export.native import native_bytes
+from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
+from pandis.fields.siren import SirenField
 from pandis.frame import Frame
 from pandis.grids.base import fit_base
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
 from pandis.machine import describe
 from pandis.mesh.shapes import SHAPES
+from pandis.native.runtime import NativeField
 from pandis.sampling import Surface
 from pandis.stage import silent_progress
 from pandis.training.network import Siren, named_arrays
@@ -59,15 +59,14 @@ def calibrate(progress):
     cases = [*_exact(), *_grids(engine), *_splines(engine, surface), *_networks(engine)]
     report, rows = progress("fields", len(cases), "fields"), []
     for index, (kind, size, make) in enumerate(cases):
-        single, _ = time_queries(make(), points, QUERIES, 1, 1)
-        rows.append((kind, size, f"{np.median(single) * 1e6:.3g}"))
+        field = make()
+        field.time(points, 100)
+        rows.append((kind, size, f"{np.median(field.time(points, QUERIES)) * 1e6:.3g}"))
         report.update(index + 1)
     machine = describe()
     stream = io.StringIO()
-    stream.write("# One query, median, on one thread: grids and networks in ONNX Runtime, exact\n")
-    stream.write(
-        "# meshes and splines in C called from Python. Sizes: faces, nodes, bytes, units.\n"
-    )
+    stream.write("# One query in C (pandis.h), median, on one thread. Sizes: faces, nodes per\n")
+    stream.write("# axis, bytes, units per layer.\n")
     stream.write(f"# command: snakemake -f calibrate\n# machine: {machine['processor']}\n")
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(("kind", "size", "microseconds"))
@@ -76,16 +75,15 @@ def calibrate(progress):
 
 
 def _exact():
-    yield "exact", 1, lambda: ShapeDistance(SHAPES["torus"], FRAME).distance_and_normal
-    for cuts in TORI:
-        vertices, faces = SHAPES["torus"].tessellation(*cuts)
-        yield "exact", len(faces), lambda v=vertices, f=faces: _placed(v, f)
-
-
-def _placed(vertices, faces):
-    frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-    engine = MeshDistance(frame.to_unit(vertices), faces)
-    return lambda points: engine.distance_and_normal(points, check=False)
+    for cuts in (None, *TORI):
+        shape = SHAPES["torus"]
+        vertices, faces = shape.tessellation(*(cuts or ()))
+        frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
+        attributes = {"shape": None if cuts else "torus", "frame": FRAME.attributes()}
+        arrays = {"vertices": frame.to_unit(vertices), "faces": faces}
+        held = Artifact(None, "mesh", arrays, attributes, {}, "")
+        size = len(faces) if cuts else 1
+        yield "exact", size, lambda held=held: _native(ExactField("exact", held), "exact")
 
 
 def _grids(engine):
@@ -99,8 +97,7 @@ def _grid(engine, kind, size):
     values = np.concatenate(list(made.slabs(32)))
     attributes = made.attributes() | {"frame": FRAME.attributes()}
     held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
-    field = open_field(parse_field(f"{kind}-{size}", ()), held)
-    return Session(grid_graph(field, kind).model(kind, {})).distance_and_normal
+    return _native(open_field(parse_field(f"{kind}-{size}", ()), held), kind)
 
 
 def _splines(engine, surface):
@@ -113,7 +110,7 @@ def _spline(engine, surface, size):
     arrays, attributes = fitted.build(fitted.choose_size(size), size, silent_progress)
     attributes["frame"] = FRAME.attributes()
     held = Artifact(None, "grid", arrays, attributes, {}, "")
-    return open_field(parse_field("spline-auto", ()), held).distance_and_normal
+    return _native(open_field(parse_field("spline-auto", ()), held), "spline")
 
 
 def _networks(engine):
@@ -127,5 +124,10 @@ def _network(base, width):
     arrays = named_arrays(list(network.parameters())) | {"base": base}
     shape = {"width": width, "depth": DEPTH, "omega": 30.0, "outputs": 1}
     attributes = {"architecture": shape, "frame": FRAME.attributes()}
-    graph = network_graph(Artifact(None, "model", arrays, attributes, {}, ""))
-    return Session(graph.model("network", {})).distance_and_normal
+    return _native(
+        SirenField("network", Artifact(None, "model", arrays, attributes, {}, "")), "network"
+    )
+
+
+def _native(field, kind):
+    return NativeField(native_bytes(field, kind, {}))

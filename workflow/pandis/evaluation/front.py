@@ -3,7 +3,7 @@
 #: Errors that a user may allow, percent of the mean force on the trajectory.
 ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 #: What is paid: keys of a summary's rows, and what each is called.
-PRICES = {"one_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}
+PRICES = {"native_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}
 
 
 def pareto(rows, keys):

@@ -8,13 +8,6 @@ from pandis.trajectories import trace
 
 #: What the paper's claim is about: its own network against this field.
 BASELINE = "trilinear-64"
-#: Table 4 of the paper, in a unit that it does not name, by mesh and field.
-PRINTED = {
-    "bunny": (0.086, 0.031, 0.057, 0.026, 0.006),
-    "armadillo": (0.139, 0.081, 0.099, 0.046, 0.022),
-    "dragon": (0.176, 0.054, 0.171, 0.041, 0.068),
-}
-PRINTED_FIELDS = ("nearest-32", "nearest-64", "trilinear-32", "trilinear-64", "pandis")
 
 
 def interval(values):

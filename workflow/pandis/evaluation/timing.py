@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from pandis.distance import open_distance
 from pandis.errors import PandisError
 from pandis.evaluation import libtorch
 from pandis.export.check import FORCE
@@ -11,9 +12,28 @@ from pandis.export.session import Session
 from pandis.forces import penalty_force
 from pandis.frame import Frame
 from pandis.machine import describe
+from pandis.native.runtime import NativeField
+
+#: The exact field without a tree, as the paper's ground truth: every face at every query. Its
+#: single queries, and no batches.
+BRUTE, BRUTE_COUNTS = "exact-all-faces", (200, 0, 0)
+_IN_C = "C, called from Python"
+#: Bytes written between queries with cold caches: more than the caches of a core hold.
+CACHES = 1 << 26
 
 
-def time_fields(fields, exports, mesh, points, options, progress):
+def _scan(mesh):
+    """Return what answers distance and normal (mesh units) from all faces."""
+    frame, engine = Frame.from_attributes(mesh.attributes["frame"]), open_distance(mesh)
+
+    def answer(points):
+        distance, normal = engine.scan(frame.to_unit(points))
+        return distance / frame.scale, normal
+
+    return answer
+
+
+def time_fields(fields, exports, natives, mesh, points, options, progress):
     """Time every field of a mesh along its trajectory.
 
     Parameters
@@ -22,6 +42,8 @@ def time_fields(fields, exports, mesh, points, options, progress):
         What is timed as the library answers it, in C but called from Python.
     exports : list of Path
         ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
+    natives : list of Path
+        ``{field}.pandis``: run by ``pandis.h``, timed in C.
     mesh : pandis.artifact.Artifact
     points : ndarray, shape (m, 3), unit frame
     options : dict
@@ -32,21 +54,34 @@ def time_fields(fields, exports, mesh, points, options, progress):
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``timing.zarr.zip``: seconds of every single query and of every batch (per
-        point), by field.
+        As stored in ``timing.zarr.zip``: seconds of every single query, of those with empty
+        caches, and of every batch (per point), by field; and of `BRUTE`.
     """
     points = Frame.from_attributes(mesh.attributes["frame"]).to_mesh(points)
-    answers = {f.name: (f.distance_and_normal, "C, called from Python") for f in fields}
+    counts = (options["queries"], options["batch"], options["repeats"])
+    answers = [(f.name, f.distance_and_normal, _IN_C, counts) for f in fields]
+    if not mesh.attributes["shape"]:
+        answers.append((BRUTE, _scan(mesh), _IN_C, BRUTE_COUNTS))
     for path in exports:
-        answers[path.stem] = (Session(path).distance_and_normal, "ONNX Runtime, 1 thread")
+        answer = Session(path).distance_and_normal
+        answers.append((path.stem, answer, "ONNX Runtime, 1 thread", counts))
     arrays, found = {}, {}
     report = progress("fields", len(answers), "fields")
-    counts = (options["queries"], options["batch"], options["repeats"])
-    for index, (name, (answer, engine)) in enumerate(answers.items()):
+    for index, (name, answer, engine, counts) in enumerate(answers):
         single, batched = time_queries(answer, points, *counts)
         arrays |= {f"single_{name}": single, f"batch_{name}": batched}
         found[name] = summarise(single, batched) | {"engine": engine}
+        if options["cold"]:
+            cold = arrays[f"cold_{name}"] = time_cold(answer, points, options["cold"])
+            found[name]["cold_p50_us"] = float(np.median(cold) * 1e6)
         report.update(index + 1)
+    for path in natives:
+        field = NativeField(path)
+        field.time(points, 100)
+        seconds = arrays[f"native_{path.stem}"] = field.time(points, options["queries"])
+        p50, p99, p999 = np.percentile(seconds, [50, 99, 99.9]) * 1e6
+        times = {"native_p50_us": p50, "native_p99_us": p99, "native_p999_us": p999}
+        found.setdefault(path.stem, {}).update({key: float(us) for key, us in times.items()})
     return arrays, {"fields": found, "machine": describe(), "reproducible": False}
 
 
@@ -122,6 +157,8 @@ def time_queries(answer, points, queries, batch, repeats):
         start = clock()
         answer(point)
         single[index] = clock() - start
+    if not batch:
+        return single, np.empty(0)
     many = points[np.arange(batch) % len(points)]
     batched = np.empty(repeats)
     answer(many)
@@ -132,12 +169,31 @@ def time_queries(answer, points, queries, batch, repeats):
     return single, batched
 
 
+def time_cold(answer, points, queries):
+    """Time single queries after other work has emptied the caches.
+
+    Parameters
+    ----------
+    answer, points, queries
+        As for `time_queries`.
+
+    Returns
+    -------
+    ndarray, shape (queries,)
+        Seconds.
+    """
+    clock, other, single = time.perf_counter, np.zeros(CACHES, np.uint8), np.empty(queries)
+    for index in range(queries):
+        point = np.ascontiguousarray(points[index * len(points) // queries][None])
+        other += 1
+        start = clock()
+        answer(point)
+        single[index] = clock() - start
+    return single
+
+
 def summarise(single, batched):
     """Return the figures of `time_queries` in microseconds per query."""
     p50, p99, p999 = np.percentile(single, [50, 99, 99.9]) * 1e6
-    return {
-        "one_p50_us": float(p50),
-        "one_p99_us": float(p99),
-        "one_p999_us": float(p999),
-        "batch_us": float(np.median(batched) * 1e6),
-    }
+    found = {"one_p50_us": float(p50), "one_p99_us": float(p99), "one_p999_us": float(p999)}
+    return found | ({"batch_us": float(np.median(batched) * 1e6)} if len(batched) else {})

@@ -28,7 +28,7 @@ class GridField(Field):
         self.content, self.band = grid["content"], Band(**grid["band"])
         stored = artifact.arrays["values"]
         self.values, exact = complete(stored.copy(), self.content)
-        self._covered = covered_cells(exact, REACH[self.content])
+        self.covered = covered_cells(exact, REACH[self.content])
         super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), stored.nbytes)
 
     def answer(self, points):
@@ -57,10 +57,10 @@ class GridField(Field):
         """Answer with flags."""
         distance, normal = self.answer(points)
         clamped, outside = clamp_to_box(points)
-        count = len(self._covered)
+        count = len(self.covered)
         position = np.nan_to_num((clamped + 1.0) * (count / 2))
         cell = np.minimum(position.astype(np.int64), count - 1)
-        flag = np.where(self._covered[tuple(cell.T)] & (outside == 0), OK, BOUND).astype(np.uint8)
+        flag = np.where(self.covered[tuple(cell.T)] & (outside == 0), OK, BOUND).astype(np.uint8)
         flag[np.isnan(distance)] = INVALID
         return Answer(distance, normal, flag)
 

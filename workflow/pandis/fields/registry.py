@@ -52,8 +52,12 @@ def open_field(spec, artifact):
     """Return the field of a `pandis.catalogue.FieldSpec`, from the artifact that holds it."""
     if spec.through:
         return ProxyField(spec.name, open_field(spec.through, artifact))
-    if spec.kind == AUTO:
-        chosen = artifact.attributes["choice"]["field"]
-        kind = parse_field(chosen, [chosen]).kind
-        return _OPENERS[kind](spec.name, artifact)
-    return _OPENERS[spec.kind](spec.name, artifact)
+    return _OPENERS[kind_of(spec, artifact)](spec.name, artifact)
+
+
+def kind_of(spec, artifact):
+    """Return the kind of a field; of `auto`, that of the field it has come to."""
+    if spec.kind != AUTO:
+        return spec.kind
+    chosen = artifact.attributes["choice"]["field"]
+    return parse_field(chosen, [chosen]).kind

@@ -8,6 +8,8 @@ from pandis.grids.band import Band
 from pandis.grids.spline import box_lattice
 from pandis.native.spline import BLOCK, EDGE, Lattice, SparseSpline, block_count
 
+_LEVELS = ("base", "fine", "far")
+
 
 class SplineField(Field):
     """Banded, refined, quantised tricubic splines.
@@ -23,17 +25,20 @@ class SplineField(Field):
         grid, arrays = artifact.attributes["grid"], artifact.arrays
         self.band = Band(**grid["band"])
         coarse = box_lattice(grid["base_size"])
-        self._levels = [
+        self.levels = [
             SparseSpline(lattice, arrays[f"{level}_masks"], _restore(arrays, level, grid["scales"]))
             for level, lattice in (("base", coarse), ("fine", box_lattice(grid["size"])))
         ]
-        self._far = Lattice(grid["far_size"], grid["far_low"])
-        self._far_coefficients = _restore(arrays, "far", grid["scales"])
+        self.far = Lattice(grid["far_size"], grid["far_low"])
+        self._beyond = _restore(arrays, "far", grid["scales"])
         self._base = coarse
+        self.stored = [arrays[f"{level}_coefficients"] for level in _LEVELS]
+        self.scales = [grid["scales"][level] for level in _LEVELS]
         count = block_count(coarse.size)
-        self._outside = np.unpackbits(arrays["outside"], count=count**3).reshape((count,) * 3)
-        held = [arrays[f"{level}_coefficients"].nbytes for level in ("base", "fine", "far")]
-        held += [level.index_bytes for level in self._levels] + [arrays["outside"].nbytes]
+        self.outside = np.unpackbits(arrays["outside"], count=count**3).reshape((count,) * 3)
+        self.side_bits = arrays["outside"]
+        held = [*(part.nbytes for part in self.stored), self.side_bits.nbytes]
+        held += [level.index_bytes for level in self.levels]
         super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), sum(held))
 
     def answer(self, points):
@@ -48,15 +53,15 @@ class SplineField(Field):
         clamped, outside = clamp_to_box(points)
         clamped = np.clip(clamped, -EDGE, EDGE)
         value, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
-        kept = self._levels[0].add(clamped, value, gradient)
-        self._levels[1].add(clamped, value, gradient)
+        kept = self.levels[0].add(clamped, value, gradient)
+        self.levels[1].add(clamped, value, gradient)
         flag = np.full(len(points), OK, np.uint8)
         rest = np.flatnonzero((kept < 2) | (outside > 0))
         if len(rest):
-            far, gradient[rest] = self._far.evaluate(self._far_coefficients, clamped[rest])
+            far, gradient[rest] = self.far.evaluate(self._beyond, clamped[rest])
             cell = (np.nan_to_num(clamped[rest]) - self._base.low) * self._base.per_step
             block = tuple((np.clip(cell, 0, self._base.size - 2) // BLOCK).astype(np.int64).T)
-            out = self._outside[block].astype(bool) | (outside[rest] > 0)
+            out = self.outside[block].astype(bool) | (outside[rest] > 0)
             value[rest] = np.where(
                 out,
                 np.maximum(far, self.band.outside) + outside[rest],

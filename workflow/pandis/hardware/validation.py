@@ -4,18 +4,19 @@ import json
 
 import numpy as np
 
-from pandis.export.session import Session
-from pandis.forces import penalty_force
 from pandis.frame import Frame
-from pandis.hardware.clock import run_ticks
-from pandis.machine import describe
+from pandis.hardware.load import busy_cores
+from pandis.machine import describe, governor
+from pandis.native.runtime import NativeField
+from pandis.native.servo import run_ticks
 
 #: Largest difference from the library's own force that passes (unit frame, k = 1).
 AGREEMENT = 2e-5
+_LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
 NO_DEVICE = (
-    "No haptic device was attached: the exported files were run by ONNX Runtime from a Python "
-    "loop at the servo rate, along the evaluation trajectory, on the machine named here."
+    "No haptic device was attached: the exported files were asked by pandis.h in a C loop at the "
+    "servo rate, along the evaluation trajectory, on the machine named here."
 )
 
 
@@ -25,7 +26,7 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
     Parameters
     ----------
     exports : list of Path
-        ``{field}.onnx``.
+        ``{field}.pandis``.
     trajectory, evaluation : pandis.artifact.Artifact
     mesh : str
         Its name.
@@ -37,7 +38,8 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``hardware.zarr.zip``.
+        As stored in ``hardware.zarr.zip``: per field and tick compute time, lateness and force;
+        the same clock without work, and the fields beside other work on every core.
     text : str
         ``hardware.json``.
     """
@@ -45,31 +47,37 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
     points = frame.to_mesh(trajectory.arrays["points"])
     arrays, fields = {}, {}
     report = progress("fields", len(exports), "fields")
+    idle = run_ticks(None, points, _ticks(options), options["rate"])
+    arrays["lateness"] = idle.lateness
     for index, path in enumerate(exports):
         name = path.stem
         reference = evaluation.arrays[f"force_{name}"]
-        ticks, fields[name] = validate(Session(path), frame, points, reference, options)
+        ticks, fields[name] = validate(NativeField(path), frame, points, reference, options)
         arrays |= {f"{key}_{name}": values for key, values in ticks.items()}
         report.update(index + 1)
     attributes = {
         "statement": NO_DEVICE,
         "device": None,
-        "machine": describe(),
+        "machine": describe() | {"governor": governor()},
+        "locked": idle.locked,
+        "realtime": idle.realtime,
         "rate": options["rate"],
         "deadline": options["deadline"],
         "newtons": frame.newtons(options["size"], options["stiffness"]),
+        "clock_alone_us": _microseconds(idle.lateness),
+        "clock_alone_late_share": _late(idle.lateness, options),
         "fields": fields,
         "reproducible": False,
     }
     return arrays, attributes, json.dumps({"mesh": mesh} | attributes, indent=2) + "\n"
 
 
-def validate(session, frame, points, reference, options):
+def validate(field, frame, points, reference, options):
     """Run one exported field at the servo rate and judge it.
 
     Parameters
     ----------
-    session : pandis.export.session.Session
+    field : pandis.native.runtime.NativeField
     frame : pandis.frame.Frame
     points : ndarray, shape (m, 3), mesh units
         The evaluation trajectory.
@@ -83,24 +91,18 @@ def validate(session, frame, points, reference, options):
     arrays, verdict : dict
         Per tick: ``compute`` and ``lateness`` (s), ``force`` (unit frame, k = 1).
     """
-
-    # as a servo loop would have it: position in, force out
-    def servo(point):
-        return penalty_force(*session.distance_and_normal(point))
-
-    count = max(1, round(options["seconds"] * options["rate"]))
-    compute, lateness, force = run_ticks(servo, points, count, options["rate"])
-    force *= frame.scale  # distances came in mesh units
-    difference = np.linalg.norm(force - reference[np.arange(count) % len(points)], axis=1).max()
-    missed = compute > options["deadline"]
+    run = run_ticks(field, points, _ticks(options), options["rate"])
+    force = run.force * frame.scale  # distances came in mesh units
+    wanted = reference[np.arange(len(force)) % len(points)]
+    difference = np.linalg.norm(force - wanted, axis=1).max()
+    missed = run.compute > options["deadline"]
     share = float(missed.mean())
     agrees, in_time = bool(difference <= AGREEMENT), bool(share <= options["misses"])
-    names = ("p50", "p99", "p99.9", "max")
-    levels = (50, 99, 99.9, 100)
     verdict = {
-        "ticks": count,
-        "compute_us": dict(zip(names, _microseconds(compute, levels), strict=True)),
-        "lateness_us": dict(zip(names, _microseconds(lateness, levels), strict=True)),
+        "ticks": len(force),
+        "compute_us": _microseconds(run.compute),
+        "lateness_us": _microseconds(run.lateness),
+        "late_share": _late(run.lateness, options),
         "misses": int(missed.sum()),
         "miss_share": share,
         "longest_run_of_misses": _longest_run(missed),
@@ -110,11 +112,37 @@ def validate(session, frame, points, reference, options):
         "verdict": "pass" if agrees and in_time else "fail",
         "sentence": _sentence(share, difference, agrees, in_time, options),
     }
-    return {"compute": compute, "lateness": lateness, "force": force}, verdict
+    if options["loaded_seconds"]:
+        verdict["loaded"] = _loaded(field, points, options)
+    return {"compute": run.compute, "lateness": run.lateness, "force": force}, verdict
 
 
-def _microseconds(seconds, levels):
-    return [float(v) for v in np.percentile(seconds, levels) * 1e6]
+def _loaded(field, points, options):
+    """Run a field beside other work on every core."""
+    count = max(1, round(options["loaded_seconds"] * options["rate"]))
+    with busy_cores():
+        run = run_ticks(field, points, count, options["rate"])
+    return {
+        "ticks": count,
+        "compute_us": _microseconds(run.compute),
+        "lateness_us": _microseconds(run.lateness),
+        "late_share": _late(run.lateness, options),
+        "miss_share": float((run.compute > options["deadline"]).mean()),
+    }
+
+
+def _ticks(options):
+    return max(1, round(options["seconds"] * options["rate"]))
+
+
+def _late(lateness, options):
+    """Return the share of ticks that begin later than the deadline."""
+    return float((lateness > options["deadline"]).mean())
+
+
+def _microseconds(seconds):
+    values = np.percentile(seconds, list(_LEVELS.values())) * 1e6
+    return dict(zip(_LEVELS, values.tolist(), strict=True))
 
 
 def _longest_run(missed):

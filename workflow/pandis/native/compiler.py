@@ -4,6 +4,7 @@ import ctypes
 import hashlib
 import os
 import platform
+import re
 import shutil
 import subprocess
 import tempfile
@@ -83,10 +84,19 @@ def build(command, source, libraries, name):
         The compiler fails.
     """
     # what is compiled for one processor may not run on another
-    key = [*command, *libraries, platform.machine(), _processor(), source.read_text("utf-8")]
+    key = [*command, *libraries, platform.machine(), _processor(), *_texts(source)]
     digest = hashlib.sha256("\0".join(key).encode()).hexdigest()[:20]
     made = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
     return made if made.is_file() else _compile([*command, str(source), *libraries], made)
+
+
+def _texts(source):
+    """Return the text of a source, and those of the headers beside it that it includes."""
+    text = source.read_text("utf-8")
+    found = [text]
+    for name in re.findall(r'^#include "([^"]+)"', text, re.M):
+        found += _texts(source.parent / name)
+    return found
 
 
 def _compile(command, made):

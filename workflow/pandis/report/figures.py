@@ -1,7 +1,4 @@
-"""The figures of the report, as self-contained SVG or PNG."""
-
-import base64
-import io
+"""The figures of the report."""
 
 import matplotlib as mpl
 import numpy as np
@@ -11,12 +8,8 @@ from scipy.spatial import cKDTree
 from pandis.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, PROXY
 from pandis.evaluation.front import pareto
 from pandis.forces import penalty_force
+from pandis.report.picture import save
 from pandis.report.render import VIEW, render
-
-mpl.rcParams["svg.hashsalt"] = "pandis"
-mpl.rcParams["svg.fonttype"] = "none"
-mpl.rcParams["font.size"] = 9
-mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
 
 _COLOURS = {
     "exact": "#111111",
@@ -45,23 +38,12 @@ def colour(spec, networks):
     return _COLOURS[spec.kind]
 
 
-def save(figure, form="svg", dpi=110):
-    """Return a figure as a ``data:`` URI."""
-    stream = io.BytesIO()
-    metadata = {"Date": None} if form == "svg" else {}
-    figure.savefig(stream, format=form, dpi=dpi, metadata=metadata, bbox_inches="tight")
-    return _uri(stream.getvalue(), "svg+xml" if form == "svg" else form)
-
-
-def _uri(data, form):
-    return f"data:image/{form};base64,{base64.b64encode(data).decode()}"
-
-
 def picture(vertices, faces, path):
-    """Return a picture of a mesh and the trajectory on it (unit frame)."""
-    stream = io.BytesIO()
-    mpl.image.imsave(stream, render(vertices, faces, points=path), format="png")
-    return _uri(stream.getvalue(), "png")
+    """Draw a mesh and the trajectory on it (unit frame)."""
+    figure = Figure(figsize=(5, 5), layout="constrained")
+    _show(figure.add_subplot(), vertices, faces, VIEW, points=path)
+    figure.axes[0].set_title("")
+    return save(figure, dict(zip("xyz", path.T, strict=True)))
 
 
 def heat_map(vertices, faces, origin, deviation, diagonal):
@@ -92,7 +74,7 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
     figure.legend(frameon=False, loc="outside lower center", ncols=2)
     bar = figure.colorbar(mpl.cm.ScalarMappable(norm, "plasma"), ax=figure.axes, shrink=0.7)
     bar.set_label("cut or moved: distance to the source\n(% of the diagonal)")
-    return save(figure, "png")
+    return save(figure)
 
 
 def holding(vertices, faces, pushed, holding_newtons):
@@ -118,19 +100,20 @@ def holding(vertices, faces, pushed, holding_newtons):
         _show(figure.add_subplot(1, 2, index + 1), vertices, faces, view, colours)
     bar = figure.colorbar(mpl.cm.ScalarMappable(norm, "viridis"), ax=figure.axes, shrink=0.7)
     bar.set_label("largest force against a push (N)")
-    return save(figure, "png")
+    return save(figure, dict(zip("xyz", pushed.T, strict=True)) | {"newtons": holding_newtons})
 
 
-def _show(axes, vertices, faces, view, colours):
+def _show(axes, vertices, faces, view, colours=None, points=None):
     """Draw a mesh without the empty margin."""
-    image = render(vertices, faces, size=720, view=view, colours=colours)
+    image = render(vertices, faces, size=480, view=view, colours=colours, points=points)
     rows, columns = (np.flatnonzero(image[..., 3].any(axis=k)) for k in (1, 0))
-    axes.imshow(image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
+    shown = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    axes.imshow(shown, interpolation="none")  # its own pixels, whatever the form
     axes.set_axis_off()
     axes.set_title("front" if list(view) == list(VIEW) else "back")
 
 
-def quiver(fields, size=46, half=1.0):
+def quiver(fields, size=32, half=1.0):
     """Draw the force on the plane z = 0 of the unit frame: the paper's Fig. 2.
 
     Parameters
@@ -145,9 +128,11 @@ def quiver(fields, size=46, half=1.0):
     outline = np.stack([*(g.ravel() for g in np.meshgrid(fine, fine)), np.zeros(240**2)], axis=1)
     distance = fields[0].answer(outline)[0].reshape(240, 240)
     figure = Figure(figsize=(4.6 * len(fields), 4.6))
+    numbers = {"x": points[:, 0], "y": points[:, 1]}
     for index, field in enumerate(fields):
         axes = figure.add_subplot(1, len(fields), index + 1, aspect="equal")
         force = penalty_force(*field.answer(points))
+        numbers |= {f"{field.name} F{axis}": force[:, k] for k, axis in enumerate("xyz")}
         inside = np.linalg.norm(force, axis=1) > 0
         axes.contour(fine, fine, distance, [0.0], colors="#888888", linewidths=0.8)
         axes.quiver(
@@ -162,10 +147,11 @@ def quiver(fields, size=46, half=1.0):
         axes.set(title=field.name, xlim=(-half, half), ylim=(-half, half), xlabel="x")
         if index == 0:
             axes.set_ylabel("y (unit frame)")
-    return save(figure, "png")
+    pushed = np.any([column != 0 for name, column in numbers.items() if " F" in name], axis=0)
+    return save(figure, {name: column[pushed] for name, column in numbers.items()})
 
 
-def samples(artifact, limit=6000):
+def samples(artifact, limit=4000):
     """Draw the training points on a plane, and how far they are from the surface.
 
     Parameters
@@ -189,14 +175,16 @@ def samples(artifact, limit=6000):
     plane.set(aspect="equal", xlim=(-1, 1), ylim=(-1, 1), xlabel="x (unit frame)", ylabel="y")
     figure.colorbar(shown, ax=plane, label="signed distance", shrink=0.8, extend="both")
     edges = np.linspace(-0.15, 0.15, 121)
+    numbers = {"distance from": edges[:-1], "to": edges[1:]}
     for name, (start, stop) in artifact.attributes["strata"].items():
         if stop > start and name != "surface":
             part = np.clip(distance[start:stop], edges[0], edges[-1])
-            bars.hist(part, edges, histtype="step", label=f"{name} ({stop - start:,})")
+            counted = bars.hist(part, edges, histtype="step", label=f"{name} ({stop - start:,})")
+            numbers[name] = counted[0].astype(int)
     bars.set(yscale="log", xlabel="signed distance (unit frame; the ends gather the rest)")
     bars.set_ylabel("points")
     bars.legend(frameon=False, fontsize=7, title="stratum")
-    return save(figure, "png")
+    return save(figure, numbers)
 
 
 def force_along_path(forces, exact, specs, networks, window=300):
@@ -204,19 +192,24 @@ def force_along_path(forces, exact, specs, networks, window=300):
     part = slice(0, min(window, len(exact)))
     figure = Figure(figsize=(9.5, 6.4))
     panels = [figure.add_subplot(3, 1, k + 1) for k in range(3)]
+    numbers = {}
     for spec in specs:
         if spec.kind == "exact":
             continue
-        for axes, values in zip(panels, _spherical(forces[spec.name][part]), strict=True):
+        for axes, letter, values in zip(
+            panels, "rθφ", _spherical(forces[spec.name][part]), strict=True
+        ):
+            numbers[f"{spec.name} {letter}"] = values
             axes.plot(values, lw=0.9, color=colour(spec, networks), label=spec.name, alpha=0.8)
     for axes, values, name in zip(
         panels, _spherical(exact[part]), ("r", "θ (°)", "φ (°)"), strict=True
     ):
+        numbers[f"exact {name}"] = values
         axes.plot(values, lw=1.1, color="black", label="exact (GT)")
         axes.set_ylabel(name)
     panels[2].set_xlabel("sample of the trajectory")
     panels[0].legend(ncols=4, fontsize=7, frameon=False, loc="lower left", bbox_to_anchor=(0, 1))
-    return save(figure)
+    return save(figure, numbers)
 
 
 def _spherical(force):
@@ -228,7 +221,7 @@ def _spherical(force):
 
 
 def error_against_time(rows, specs, networks):
-    """Draw mean error on the trajectory against the time of one query, and against jumps.
+    """Draw mean error on the trajectory against the time of a query in C, and against jumps.
 
     The line joins the fields that no other one beats in both.
     """
@@ -237,7 +230,7 @@ def error_against_time(rows, specs, networks):
     known = [row for row in rows if row["field"] in by_name]
     floor = min((r["trajectory_mean"] for r in known if r["trajectory_mean"] > 0), default=1) / 5
     axes = [figure.add_subplot(1, 2, k + 1) for k in (0, 1)]
-    for panel, key in zip(axes, ("one_p50_us", "jump_rms_newtons"), strict=True):
+    for panel, key in zip(axes, ("native_p50_us", "jump_rms_newtons"), strict=True):
         shown, best = [row for row in known if row[key] != "" and row[key] > 0], []
         for row, unbeaten in zip(shown, pareto(shown, ("trajectory_mean", key)), strict=True):
             exact = row["trajectory_mean"] == 0  # zero has no place on a logarithmic axis
@@ -253,40 +246,45 @@ def error_against_time(rows, specs, networks):
         panel.margins(x=0.3)
     axes[0].axvline(1000, color="#999999", ls=":", lw=1)
     axes[0].text(960, axes[0].get_ylim()[1], "1 kHz", ha="right", va="top", color="#777777")
-    axes[0].set(xlabel="one query, median (µs)", ylabel="mean force error (unit frame, k = 1)")
+    axes[0].set(xlabel="one query in C, median (µs)", ylabel="mean force error (unit frame, k = 1)")
     axes[1].set(xlabel="RMS change of force per 0.1 mm (N)")
-    return save(figure)
+    keys = ("field", "trajectory_mean", "native_p50_us", "bytes", "jump_rms_newtons", "front")
+    return save(figure, {key: [row[key] for row in known] for key in keys})
 
 
 def training_curves(models):
     """Draw the held-out force error over the steps of each network."""
     figure = Figure(figsize=(6.4, 3.6))
     axes = figure.add_subplot()
+    numbers = {}
     for index, (name, curve) in enumerate(models.items()):
+        numbers |= {f"{name} step": curve[:, 0].astype(int), f"{name} error": curve[:, 2]}
         if len(curve):
             axes.semilogy(curve[:, 0], curve[:, 2], color=_NETWORKS[index % 4], label=name)
     axes.set(xlabel="step", ylabel="held-out force error")
     axes.legend(frameon=False)
     axes.grid(True, alpha=0.25)
-    return save(figure)
+    return save(figure, numbers)
 
 
 def compute_histogram(compute, specs, networks, deadline):
     """Draw the distribution of the time per tick of each exported field."""
     figure = Figure(figsize=(6.4, 3.6))
     axes = figure.add_subplot()
-    bins = np.geomspace(1, 2000, 120)
+    bins = np.geomspace(0.02, 2000, 150)
+    numbers = {"microseconds from": bins[:-1], "to": bins[1:]}
     for spec in specs:
         if spec.name in compute:
-            axes.hist(
-                np.clip(compute[spec.name] * 1e6, 1, 2000),
+            counted = axes.hist(
+                np.clip(compute[spec.name] * 1e6, 0.02, 2000),
                 bins,
                 histtype="step",
                 color=colour(spec, networks),
                 label=spec.name,
                 ls="--" if spec.kind == "nearest" else "-",
             )
+            numbers[spec.name] = counted[0].astype(int)
     axes.axvline(deadline * 1e6, color="#999999", ls=":", lw=1)
     axes.set(xscale="log", yscale="log", xlabel="computing one tick (µs)", ylabel="ticks")
     axes.legend(frameon=False, fontsize=7)
-    return save(figure)
+    return save(figure, numbers)

@@ -32,11 +32,15 @@ function save(name, href) {
   return link;
 }
 
+function asCsv(text) {
+  return "data:text/csv;charset=utf-8," + encodeURIComponent(text + "\n");
+}
+
 function csvOf(table) {
   const plain = (cell) => cell.textContent.trim().replace(/(\d),(?=\d{3})/g, "$1");
   const quote = (cell) => `"${plain(cell).replaceAll('"', '""')}"`;
   const lines = [...table.rows].map((row) => [...row.cells].map(quote).join(","));
-  return "data:text/csv;charset=utf-8," + encodeURIComponent(lines.join("\n") + "\n");
+  return asCsv(lines.join("\n"));
 }
 
 // What a figure or table is called: the mesh and the heading above it.
@@ -55,7 +59,8 @@ function nameOf(element, seen) {
 function tools(...links) {
   const line = document.createElement("p");
   line.className = "tools";
-  line.append("save: ", ...links);
+  line.append("save:");
+  for (const link of links) line.append(" ", link);
   return line;
 }
 
@@ -75,8 +80,10 @@ for (const table of document.querySelectorAll("table")) {
   (table.closest(".wide") || table).after(tools(link));
 }
 for (const image of document.querySelectorAll("figure img")) {
-  const ending = image.src.startsWith("data:image/svg") ? "svg" : "png";
-  image.closest("figure").append(tools(save(`${nameOf(image, names)}.${ending}`, image.src)));
+  const name = nameOf(image, names), { pdf, csv } = image.dataset;
+  const links = [save(`${name}.svg`, image.src), save(`${name}.pdf`, pdf)];
+  if (csv) links.push(save(`${name}-numbers.csv`, asCsv(csv)));
+  image.closest("figure").append(tools(...links));
   image.addEventListener("click", () => image.classList.toggle("large"));
   image.title = "larger, or as it was";
 }

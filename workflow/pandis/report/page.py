@@ -9,13 +9,15 @@ from pandis import __version__
 from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.evaluation.beyond import POINTS
 from pandis.evaluation.front import PRICES, recommend
-from pandis.evaluation.paths import PRINTED, PRINTED_FIELDS, verdict
+from pandis.evaluation.paths import verdict
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
 from pandis.frame import Frame
 from pandis.mesh.diagnosis import THICKNESS_RAYS
-from pandis.report import figures
+from pandis.report import figures, paper
+from pandis.report.builds import build_seconds
 from pandis.report.tables import COLUMNS, summary_rows
+from pandis.report.view import view
 from pandis.stress.suite import QUESTIONS
 
 
@@ -41,18 +43,21 @@ def mesh_section(name, artifacts, field_names):
     networks = [spec.name for spec in specs if spec.kind == "network"]
     frame = Frame.from_attributes(mesh.attributes["frame"])
     trajectory = artifacts["trajectory"].arrays["points"]
-    rows = summary_rows(
-        name, *(artifacts[k].attributes for k in ("evaluation", "timing", "stress", "hardware"))
-    )
+    builds = build_seconds(name, field_names)
+    held = [artifacts[k].attributes for k in ("evaluation", "timing", "stress", "hardware")]
+    rows = summary_rows(name, *held, builds)
     shown = [parse_field("exact", ()), *(s for s in specs if s.name in _best(specs, rows))]
     vertices = frame.to_unit(mesh.arrays["vertices"])
     forces = {s.name: evaluation.arrays[f"force_{s.name}"] for s in specs}
     hardware = artifacts["hardware"]
-    compute = {s.name: hardware.arrays[f"compute_{s.name}"] for s in specs if s.exports}
+    compute = {s.name: hardware.arrays[f"compute_{s.name}"] for s in specs if s.native}
     models = {n: artifacts[f"model-{n}"] for n in networks}
     return {
         "name": name,
         "rows": rows,
+        "builds": builds,
+        "choice": artifacts["choice"].attributes if "choice" in artifacts else None,
+        "view": view(evaluation, [s.name for s in specs], _first(rows, networks)),
         "columns": {k: title for k, title in COLUMNS.items() if any(row[k] != "" for row in rows)},
         "mesh": mesh.attributes,
         "frame": frame,
@@ -68,7 +73,6 @@ def mesh_section(name, artifacts, field_names):
         "heat": _heat_map(mesh, vertices),
         "holding": figures.holding(vertices, mesh.arrays["faces"], **artifacts["stress"].arrays),
         "paths_said": verdict(evaluation.attributes["paths"], networks),
-        "printed": dict(zip(PRINTED_FIELDS, PRINTED.get(name, ()), strict=False)),
         "repair": [r["operation"] for r in mesh.attributes["rungs"] if r["kept"]],
         "quiver": figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
         "path": figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
@@ -123,6 +127,13 @@ def _training(model):
     )
 
 
+def _first(rows, networks):
+    """Return the field whose errors the view shows first: the best network, or the best grid."""
+    known = [r for r in rows if r["bytes"] != "" and r["trajectory_mean"] > 0]
+    own = [r for r in known if r["field"] in networks] or known
+    return min(own, key=lambda row: row["trajectory_mean"], default={"field": ""})["field"]
+
+
 def _sentence(rows, networks, closed_form):
     """Say in one sentence who wins, whoever it is."""
     error = {row["field"]: row["trajectory_mean"] for row in rows if row["bytes"] != ""}
@@ -139,15 +150,12 @@ def _sentence(rows, networks, closed_form):
                 f" {name} has {approximate[name] / base:.2f} times the error of the paper's "
                 "trilinear-64."
             )
-    exact = next((r for r in rows if r["field"] == "exact" and r["one_p50_us"] != ""), None)
+    exact = next((r for r in rows if r["field"] == "exact" and r["native_p50_us"] != ""), None)
     if exact:
-        text += (
-            f" The exact field answers one query in {exact['one_p50_us']:.0f} µs from Python, "
-            + (
-                "in closed form."
-                if closed_form
-                else "with no error but with a force step at every edge of the mesh."
-            )
+        text += f" The exact field answers one query in {exact['native_p50_us']:.2g} µs, " + (
+            "in closed form."
+            if closed_form
+            else "with no error but with a force step at every edge of the mesh."
         )
     return text
 
@@ -163,7 +171,10 @@ def build(sections):
             lambda name: (resources.files("pandis.report") / name).read_text(encoding="utf-8")
         ),
     )
-    script = (resources.files("pandis.report") / "page.js").read_text(encoding="utf-8")
+    scripts = [
+        (resources.files("pandis.report") / f"{name}.js").read_text(encoding="utf-8")
+        for name in ("page", "view")
+    ]
     environment.filters["number"] = _number
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(
@@ -174,7 +185,8 @@ def build(sections):
         points=POINTS,
         prices=PRICES,
         questions=QUESTIONS,
-        script=script,
+        scripts=scripts,
+        tables=paper.tables(sections),
     )
 
 

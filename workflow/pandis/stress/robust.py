@@ -9,6 +9,7 @@ from pandis.distance import MeshDistance
 from pandis.fields.base import OK
 from pandis.forces import penalty_force
 from pandis.frame import UNIT_SIDE, Frame
+from pandis.thickness import inscribed_radius
 
 #: Points of a long run that are asked at once; and again at its end.
 CHUNK = 50_000
@@ -147,13 +148,7 @@ def special_points(engine, vertices, faces, points, normals):
     corners = vertices[faces[:: max(1, len(faces) // 1000)]]
     edges = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2
     box = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=3)))
-    low, high = np.zeros(len(points)), np.full(len(points), 0.9)
-    for _ in range(40):  # the nearest wall is the one above, or no longer
-        middle = (low + high) / 2
-        inside = points - middle[:, None] * normals
-        own = np.abs(engine.distance_and_normal(inside)[0] + middle) < 1e-6
-        low, high = np.where(own, middle, low), np.where(own, high, middle)
-    medial = points - low[:, None] * normals
+    medial = points - inscribed_radius(engine, points, normals)[:, None] * normals
     return np.concatenate([corners.reshape(-1, 3), edges, corners.mean(axis=1), medial, box])
 
 

@@ -10,6 +10,10 @@ from pandis.errors import PandisError
 from pandis.native.compiler import load
 from pandis.native.threads import SMALL, in_threads
 
+#: Parts of a tree: vertices, their normals, faces, their neighbours, nodes, leaves.
+PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
+#: Bytes of a node and of a leaf.
+NODE_BYTES, LEAF_BYTES = 224, 512
 INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
 
 
@@ -47,6 +51,9 @@ def library():
     lib.bvh_free.argtypes = [pointer]
     lib.bvh_inside.argtypes = [pointer, pointer, i64, pointer]
     lib.bvh_winding.argtypes = [pointer, pointer, i64, pointer, pointer]
+    lib.bvh_part.restype, lib.bvh_part.argtypes = pointer, [pointer, i32, pointer]
+    lib.bvh_reach.restype, lib.bvh_reach.argtypes = f64, [pointer]
+    lib.bvh_scan.argtypes = [pointer, pointer, i64, pointer, pointer]
     lib.bvh_order.argtypes = [pointer, i64, pointer]
     lib.bvh_label.argtypes = [pointer, pointer, pointer, i64, f64, i32, f64, f64, *[pointer] * 6]
     return lib
@@ -143,6 +150,37 @@ class Bvh:
 
         in_threads(part, len(points))
         return found.astype(bool)
+
+    def parts(self):
+        """Return what the tree is made of, as a file for ``pandis.h`` holds it.
+
+        Returns
+        -------
+        dict of str to bytes
+            By the names of docs/format.md.
+        """
+        found, size = {}, ctypes.c_int64()
+        for index, name in enumerate(PARTS):
+            start = self._library.bvh_part(self._tree, index, ctypes.byref(size))
+            found[name] = ctypes.string_at(start, size.value)
+        return found
+
+    @property
+    def reach(self):
+        """The largest coordinate."""
+        return self._library.bvh_reach(self._tree)
+
+    def scan(self, points):
+        """Answer distance (n,) and normal (n, 3) at points (n, 3) from all faces, without the tree.
+
+        The same bits as `label` without a check of signs, off the surface: what a program does
+        that has no tree, as the paper's ground truth.
+        """
+        points = np.ascontiguousarray(points, np.float64)
+        distance, normal = np.empty(len(points)), np.empty((len(points), 3))
+        columns = distance.ctypes.data, normal.ctypes.data
+        self._library.bvh_scan(self._tree, points.ctypes.data, len(points), *columns)
+        return distance, normal
 
     def winding(self, points):
         """Return the approximate and the exact winding numbers (n,) at points (n, 3)."""

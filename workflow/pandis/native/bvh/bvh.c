@@ -11,40 +11,33 @@
  * Signs: Baerentzen and Aanaes 2005 (angle-weighted pseudonormals). Winding numbers: Barill et
  * al. 2018 (dipoles of clusters), solid angles after Van Oosterom and Strackee 1983.
  */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
+#define PANDIS_IMPLEMENTATION
+#define PANDIS_NO_FILE
+#define PANDIS_API static
+#include "../pandis.h"
 
-#define WIDTH 8
-#define LEAF 4
+#include <stdlib.h>
+
+#define WIDTH PANDIS__WIDTH
+#define LEAF PANDIS__LEAF
 #define BINS 16
 #define MEDIAN_DEPTH 40 /* from here on halves, so that the depth is bounded */
-#define STACK 1024
+#define STACK PANDIS__STACK
 #define KNOWN 32
 #define ROUGH_BETA 1.4f
 #define FINE_BETA 2.5f
-#define FAR_LIMIT 1e150 /* farther points overflow when squared */
+#define FAR_LIMIT PANDIS__FAR
 
 enum { FLAG_INVALID = 1, FLAG_TIED = 2, FLAG_OVERRULED = 4, FLAG_ON_SURFACE = 8 };
 
-typedef struct {
-    float low[3][WIDTH], high[3][WIDTH];
-    int32_t child[WIDTH]; /* a node if >= 0, else the complement of a leaf; unused boxes are empty */
-} Node;
+typedef pandis__node Node;
+typedef pandis__leaf Leaf;
+typedef pandis__entry Entry;
+typedef pandis__foot Foot;
 
 typedef struct {
     float centre[3][WIDTH], dipole[3][WIDTH], reach[WIDTH]; /* reach: radius squared */
 } Cluster;
-
-typedef struct {
-    double a[3][LEAF], ab[3][LEAF], ac[3][LEAF];
-    double per_ab[LEAF], per_ac[LEAF], per_bc[LEAF];    /* 1 / squared length */
-    double gram_ab[LEAF], gram_mix[LEAF], gram_ac[LEAF]; /* Gram matrix over its determinant */
-    int32_t face[LEAF];                                  /* unused lanes repeat the first */
-    int32_t count, pad[3];
-} Leaf;
 
 typedef struct {
     int32_t vertex_count, face_count, node_count, leaf_count;
@@ -58,38 +51,23 @@ typedef struct {
     Leaf *leaves;
 } Bvh;
 
-static void cross(const double *u, const double *v, double *out) {
-    out[0] = u[1] * v[2] - u[2] * v[1];
-    out[1] = u[2] * v[0] - u[0] * v[2];
-    out[2] = u[0] * v[1] - u[1] * v[0];
-}
+#define cross pandis__cross
+#define dot pandis__dot
+#define normalise pandis__normalise
+#define box_bounds pandis__box_bounds
+#define leaf_distances pandis__leaf_distances
+#define push_children pandis__push
 
-static double dot(const double *u, const double *v) {
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
-}
-
-static int normalise(double *v) {
-    double length = sqrt(dot(v, v));
-    if (!(length > 0)) return 0;
-    for (int k = 0; k < 3; k++) v[k] /= length;
-    return 1;
+/* The tree as pandis.h asks it. */
+static pandis__mesh view(const Bvh *t) {
+    return (pandis__mesh){
+        .vertex_count = t->vertex_count, .face_count = t->face_count, .node_count = t->node_count,
+        .leaf_count = t->leaf_count, .reach = t->scale, .vertices = t->vertices, .faces = t->faces,
+        .neighbours = t->neighbours, .vertex_normals = t->vertex_normals, .nodes = t->nodes, .leaves = t->leaves};
 }
 
 static const double *corner(const Bvh *t, int32_t face, int k) {
     return t->vertices + 3 * (size_t)t->faces[3 * (ptrdiff_t)face + k];
-}
-
-/* The unit normal of a face; from its two shortest edges, whose product is the most exact. */
-static int face_normal(const Bvh *t, int32_t face, double *n) {
-    double side[3][3], length[3];
-    for (int k = 0; k < 3; k++) {
-        const double *p = corner(t, face, k), *q = corner(t, face, (k + 1) % 3);
-        for (int i = 0; i < 3; i++) side[k][i] = q[i] - p[i];
-        length[k] = dot(side[k], side[k]);
-    }
-    int longest = length[0] >= length[1] ? (length[0] >= length[2] ? 0 : 2) : (length[1] >= length[2] ? 1 : 2);
-    cross(side[(longest + 1) % 3], side[(longest + 2) % 3], n);
-    return normalise(n);
 }
 
 /* ---------------------------------------------------------------- building */
@@ -335,10 +313,11 @@ static int find_neighbours(Bvh *t) {
 }
 
 static void find_vertex_normals(Bvh *t) {
+    pandis__mesh m = view(t);
     memset(t->vertex_normals, 0, 3 * (size_t)t->vertex_count * sizeof(double));
     for (int32_t f = 0; f < t->face_count; f++) {
         double n[3];
-        if (!face_normal(t, f, n)) continue;
+        if (!pandis__face_normal(&m, f, n)) continue;
         for (int k = 0; k < 3; k++) {
             const double *p = corner(t, f, k), *q = corner(t, f, (k + 1) % 3), *s = corner(t, f, (k + 2) % 3);
             double u[3], v[3], c[3];
@@ -402,169 +381,8 @@ Bvh *bvh_build(const double *vertices, int32_t vertex_count, const int32_t *face
     return t;
 }
 
-/* ---------------------------------------------------------------- closest point */
-
-typedef struct {
-    float bound;
-    int32_t child;
-} Entry;
-
-/* Lower bounds of the squared distances to the boxes of a node's children. */
-static void box_bounds(const Node *restrict n, const float *restrict p, float *restrict out) {
-    for (int i = 0; i < WIDTH; i++) {
-        float sum = 0;
-        for (int k = 0; k < 3; k++) {
-            float below = n->low[k][i] - p[k], above = p[k] - n->high[k][i];
-            float d = below > above ? below : above;
-            d = d > 0 ? d : 0;
-            sum += d * d;
-        }
-        out[i] = sum * 0.99999f; /* more than the rounding of all of the above */
-    }
-}
-
-static double clamp01(double t) {
-    t = t > 0 ? t : 0;
-    return t < 1 ? t : 1;
-}
-
-/* Squared distances to the triangles of a leaf. */
-static void leaf_distances(const Leaf *restrict f, const double *restrict p, double *restrict out) {
-    for (int i = 0; i < LEAF; i++) {
-        double x = p[0] - f->a[0][i], y = p[1] - f->a[1][i], z = p[2] - f->a[2][i];
-        double ux = f->ab[0][i], uy = f->ab[1][i], uz = f->ab[2][i];
-        double vx = f->ac[0][i], vy = f->ac[1][i], vz = f->ac[2][i];
-        double wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        double du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
-        double s = clamp01(du * f->per_ab[i]), t = clamp01(dv * f->per_ac[i]);
-        double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
-        double best = rx * rx + ry * ry + rz * rz;
-        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
-        double d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        double bx = x - ux, by = y - uy, bz = z - uz;
-        double r = clamp01((wx * bx + wy * by + wz * bz) * f->per_bc[i]);
-        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
-        d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        s = f->gram_ac[i] * du - f->gram_mix[i] * dv;
-        t = f->gram_ab[i] * dv - f->gram_mix[i] * du;
-        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
-        d = rx * rx + ry * ry + rz * rz;
-        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
-        out[i] = inside && d < best ? d : best;
-    }
-}
-
-/* Push the children nearer than `limit`, the nearest on top. */
-static int push_children(const Node *node, const float *bounds, double limit, Entry *stack, int top) {
-    int first = top;
-    for (int i = 0; i < WIDTH; i++) {
-        if (!((double)bounds[i] <= limit) || node->low[0][i] > node->high[0][i]) continue;
-        int at = top++;
-        for (; at > first && stack[at - 1].bound < bounds[i]; at--) stack[at] = stack[at - 1];
-        stack[at] = (Entry){bounds[i], node->child[i]};
-    }
-    return top;
-}
-
-/* The nearest triangle no farther than `best` (squared), INT32_MAX if there is none. */
-static int32_t nearest_face(const Bvh *t, const double *p, double best) {
-    Entry stack[STACK];
-    float q[3] = {(float)p[0], (float)p[1], (float)p[2]}, bounds[WIDTH];
-    double d[LEAF];
-    int32_t face = INT32_MAX;
-    int top = 0;
-    stack[top++] = (Entry){0, 0};
-    while (top) {
-        Entry e = stack[--top];
-        if ((double)e.bound > best) continue;
-        if (e.child >= 0) {
-            box_bounds(t->nodes + e.child, q, bounds);
-            top = push_children(t->nodes + e.child, bounds, best, stack, top);
-        } else {
-            const Leaf *leaf = t->leaves + ~e.child;
-            leaf_distances(leaf, p, d);
-            for (int i = 0; i < leaf->count; i++)
-                if (d[i] < best || (d[i] == best && leaf->face[i] < face)) best = d[i], face = leaf->face[i];
-        }
-    }
-    return face;
-}
-
-typedef struct {
-    double weights[3], offset[3], distance; /* offset: from the closest point to the query */
-    int corner, edge;                       /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
-} Foot;
-
-static void edge_foot(const double *p, const double *a, const double *b, double *s, double *offset, double *squared) {
-    double u[3], x[3];
-    for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], x[k] = p[k] - a[k];
-    double length = dot(u, u), t = length > 0 ? clamp01(dot(u, x) / length) : 0;
-    /* from the nearer end, where less is cancelled */
-    for (int k = 0; k < 3; k++) offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
-    *s = t, *squared = dot(offset, offset);
-}
-
-/* The closest point of one triangle, with what it lies on. */
-static void find_foot(const Bvh *t, int32_t face, const double *p, Foot *foot) {
-    const double *c[3] = {corner(t, face, 0), corner(t, face, 1), corner(t, face, 2)};
-    double best = INFINITY;
-    foot->corner = foot->edge = -1;
-    for (int k = 0; k < 3; k++) {
-        double s, offset[3], squared;
-        edge_foot(p, c[k], c[(k + 1) % 3], &s, offset, &squared);
-        if (!(squared < best)) continue;
-        best = squared;
-        memcpy(foot->offset, offset, sizeof offset);
-        foot->weights[k] = 1 - s, foot->weights[(k + 1) % 3] = s, foot->weights[(k + 2) % 3] = 0;
-        foot->corner = s == 0 ? k : s == 1 ? (k + 1) % 3 : -1;
-        foot->edge = foot->corner < 0 ? k : -1;
-    }
-    double u[3], v[3], x[3], n[3];
-    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
-    cross(u, v, n);
-    double det = dot(n, n);
-    if (det > 0) {
-        double uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), s = 0, r = 0, rest[3];
-        memcpy(rest, x, sizeof rest);
-        for (int round = 0; round < 2; round++) { /* the second round mends needles */
-            double du = dot(u, rest), dv = dot(v, rest);
-            s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
-            for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
-        }
-        if (s > 0 && r > 0 && s + r < 1) {
-            /* a point of the plane: its offset is along the normal, and exact as such */
-            double height = dot(n, x) / det, offset[3];
-            for (int k = 0; k < 3; k++) offset[k] = height * n[k];
-            if (dot(offset, offset) <= best) {
-                memcpy(foot->offset, offset, sizeof offset);
-                foot->weights[0] = 1 - s - r, foot->weights[1] = s, foot->weights[2] = r;
-                foot->corner = foot->edge = -1;
-            }
-        }
-    }
-    foot->distance = sqrt(dot(foot->offset, foot->offset));
-}
-
-/* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
-static void pseudonormal(const Bvh *t, int32_t face, const Foot *foot, double *n) {
-    if (foot->corner >= 0) {
-        memcpy(n, t->vertex_normals + 3 * (size_t)t->faces[3 * (ptrdiff_t)face + foot->corner], 3 * sizeof *n);
-        if (dot(n, n) > 0) return;
-    }
-    int known = face_normal(t, face, n);
-    int32_t other = foot->edge >= 0 ? t->neighbours[3 * (ptrdiff_t)face + foot->edge] : -1;
-    double m[3];
-    if (other >= 0 && face_normal(t, other, m)) {
-        for (int k = 0; k < 3; k++) n[k] = known ? n[k] + m[k] : m[k];
-        known = normalise(n);
-    }
-    if (!known) n[0] = n[1] = 0, n[2] = 1;
-}
-
 /* Whether another closest point, in a direction that differs by the angle, is as near. */
-static int has_tie(const Bvh *t, const double *p, const Foot *foot, double relative, double cosine) {
+static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const Foot *foot, double relative, double cosine) {
     Entry stack[STACK];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]}, bounds[WIDTH];
     double reach = foot->distance * (1 + relative), limit = reach * reach, d[LEAF];
@@ -582,7 +400,7 @@ static int has_tie(const Bvh *t, const double *p, const Foot *foot, double relat
         for (int i = 0; i < leaf->count; i++) {
             if (!(d[i] <= limit)) continue;
             Foot second;
-            find_foot(t, leaf->face[i], p, &second);
+            pandis__find_foot(m, leaf->face[i], p, &second);
             if (dot(second.offset, foot->offset) < cosine * second.distance * foot->distance) return 1;
         }
     }
@@ -710,6 +528,7 @@ typedef struct {
 void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t count, double on_surface, int check,
                double tie_relative, double tie_cosine, double *distance, double *normal, int32_t *face,
                double *weights, uint8_t *flags, int64_t *counts) {
+    pandis__mesh m = view(t);
     int32_t last = 0;
     double closest[3]; /* of the last point; at first any point of the surface */
     memcpy(closest, corner(t, 0, 0), sizeof closest);
@@ -731,11 +550,11 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         /* the closest point before is a bound, with room for rounding */
         double way[3] = {p[0] - closest[0], p[1] - closest[1], p[2] - closest[2]};
         double limit = sqrt(dot(way, way)) * (1 + 1e-9) + 1e-12 * t->scale;
-        last = nearest_face(t, p, limit * limit);
-        if (last == INT32_MAX) last = nearest_face(t, p, INFINITY);
-        find_foot(t, last, p, &foot);
+        last = pandis__nearest(&m, p, limit * limit);
+        if (last == INT32_MAX) last = pandis__nearest(&m, p, INFINITY);
+        pandis__find_foot(&m, last, p, &foot);
         for (int k = 0; k < 3; k++) closest[k] = p[k] - foot.offset[k];
-        pseudonormal(t, last, &foot, n);
+        pandis__pseudonormal(&m, last, &foot, n);
         double sign = dot(foot.offset, n) < 0 ? -1 : 1;
         if (check && foot.distance > on_surface) {
             double side = 0;
@@ -756,7 +575,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         }
         if (foot.distance > on_surface) {
             for (int k = 0; k < 3; k++) normal[3 * i + k] = sign * (foot.offset[k] / foot.distance);
-            if (tie_relative > 0 && has_tie(t, p, &foot, tie_relative, tie_cosine)) flag |= FLAG_TIED;
+            if (tie_relative > 0 && has_tie(t, &m, p, &foot, tie_relative, tie_cosine)) flag |= FLAG_TIED;
         } else {
             memcpy(normal + 3 * i, n, sizeof n);
             flag |= FLAG_ON_SURFACE;
@@ -765,6 +584,48 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         if (face) face[i] = last;
         if (weights) memcpy(weights + 3 * i, foot.weights, sizeof foot.weights);
         if (flags) flags[i] = flag;
+    }
+}
+
+/* Where a part of the tree lies, and its bytes: what a file for pandis.h holds. */
+const void *bvh_part(const Bvh *t, int32_t which, int64_t *bytes) {
+    int64_t v = t->vertex_count, f = t->face_count;
+    switch (which) {
+        case 0: return *bytes = 24 * v, t->vertices;
+        case 1: return *bytes = 24 * v, t->vertex_normals;
+        case 2: return *bytes = 12 * f, t->faces;
+        case 3: return *bytes = 12 * f, t->neighbours;
+        case 4: return *bytes = (int64_t)sizeof(Node) * t->node_count, t->nodes;
+        case 5: return *bytes = (int64_t)sizeof(Leaf) * t->leaf_count, t->leaves;
+        default: return *bytes = 0, NULL;
+    }
+}
+
+double bvh_reach(const Bvh *t) { return t->scale; }
+
+/* What a program without a tree does: all triangles for every point. */
+void bvh_scan(const Bvh *t, const double *points, int64_t count, double *distance, double *normal) {
+    pandis__mesh m = view(t);
+    for (int64_t i = 0; i < count; i++) {
+        const double *p = points + 3 * i;
+        double best = INFINITY, d[LEAF], n[3];
+        int32_t face = INT32_MAX;
+        for (const Leaf *leaf = t->leaves; leaf < t->leaves + t->leaf_count; leaf++) {
+            leaf_distances(leaf, p, d);
+            for (int k = 0; k < leaf->count; k++)
+                if (d[k] < best || (d[k] == best && leaf->face[k] < face)) best = d[k], face = leaf->face[k];
+        }
+        Foot foot;
+        if (face == INT32_MAX) {
+            distance[i] = normal[3 * i] = normal[3 * i + 1] = normal[3 * i + 2] = NAN;
+            continue;
+        }
+        pandis__find_foot(&m, face, p, &foot);
+        pandis__pseudonormal(&m, face, &foot, n);
+        double sign = dot(foot.offset, n) < 0 ? -1 : 1;
+        distance[i] = sign * foot.distance;
+        for (int k = 0; k < 3; k++)
+            normal[3 * i + k] = foot.distance > 0 ? sign * (foot.offset[k] / foot.distance) : n[k];
     }
 }
 

@@ -132,7 +132,7 @@ class SparseSpline:
         if counts.sum() != len(coefficients):
             raise ValueError("as many blocks of coefficients as bits are needed")
         self._base = (np.cumsum(counts) - counts).astype(np.uint32)
-        self._blank = coefficients.size
+        self._blank, self.bricks = coefficients.size, len(masks)
         self._coefficients = np.append(coefficients.reshape(-1), 0).astype(np.float32)
         self._layout = _Layout(
             lattice.size,
@@ -142,6 +142,11 @@ class SparseSpline:
             *(array.ctypes.data for array in (self._brick, self._mask, self._base)),
         )
         self._library = library()
+
+    @property
+    def index(self):
+        """Return which brick lies where, their masks, and how many blocks come before each."""
+        return self._brick, self._mask, self._base
 
     @property
     def index_bytes(self):

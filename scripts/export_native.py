@@ -1,0 +1,12 @@
+"""Export one field for pandis.h. Reads what holds it, writes export/{field}.pandis."""
+
+from pandis.catalogue import parse_field
+from pandis.export.native import export_native
+from pandis.fields.registry import kind_of, open_field
+from pandis.stage import stage
+
+with stage(snakemake) as job:
+    name, bits = job.options["field"], job.options["weight_bits"]
+    held, spec = job.read_path(job.input.held), parse_field(name, [name])
+    field, kind = open_field(spec, held), kind_of(spec, held)
+    job.write_file(export_native(field, kind, job.provenance(), bits, job.log))

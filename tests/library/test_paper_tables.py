@@ -1,0 +1,71 @@
+"""The paper's tables: our figures beside the printed ones, and nothing where there are none."""
+
+import json
+
+import pytest
+
+from pandis.report.builds import build_seconds
+from pandis.report.paper import METHODS, tables
+
+
+def section(name, fields):
+    error = {"mean": 0.002, "eq7": 0.01}
+    errors = {field: error | {"mean": 0.002 * (k + 1)} for k, field in enumerate(fields)}
+    times = {"native_p50_us": 0.54, "one_p50_us": 12.0, "cold_p50_us": 34.0}
+    rows = [
+        {"field": f, "bytes": 2048 * k, "trajectory_mean": errors[f]["mean"]}
+        for k, f in enumerate(fields)
+    ]
+    return {
+        "name": name,
+        "mesh": {"after": {"vertices": 1234, "faces": 5678}},
+        "rows": rows,
+        "evaluation": {"errors": {"trajectory": errors}, "mean_force": {"trajectory": 0.02}},
+        "timing": {"fields": dict.fromkeys([*fields, "exact-all-faces"], times)},
+        "models": {"pandis": {"steps": 3000, "device": "cpu"}} if "pandis" in fields else {},
+        "builds": dict.fromkeys(fields, 3725.0),
+    }
+
+
+def test_every_table_has_the_papers_figure_beside_ours():
+    found = tables([section("bunny", ["exact", "trilinear-64", "nearest-32", "pandis"])])
+    titles = ["Table 1", "Table 2, above", "Table 2, below", "Table 3", "Table 4"]
+    assert [table.title.split(":")[0] for table in found] == titles
+    training, setup, space, times, errors = ({r[0]: r for r in t.rows} for t in found)
+    assert training["bunny"][1:5] == ("35,947", "1,234", "69,451", "5,678")
+    assert setup["NN-i 32³"] == ("NN-i 32³", "07:38", "1:02:05")
+    assert space["PANDIS"] == ("PANDIS", "800 KB", "6 KB")
+    assert times["GT"] == ("GT", "13.851 ms", "0.54 µs", "12 µs", "34 µs")
+    assert times["exact"] == ("exact", "", "0.54 µs", "12 µs", "34 µs")
+    assert list(errors) == list(METHODS.values())
+    assert errors["PANDIS"] == ("PANDIS", 0.006, "0.00800", "0.23", "2.00", "0.0100")
+    assert errors["NN-i 64³"][2] == ""  # not among the fields
+    for table in found:
+        assert {len(row) for row in table.rows} == {len(table.heads)}
+
+
+def test_rows_are_whole_where_meshes_have_different_fields():
+    both = [section("bunny", ["exact", "pandis"]), section("dragon", ["exact", "spline-64"])]
+    for table in tables(both):
+        assert {len(row) for row in table.rows} == {len(table.heads)}
+
+
+def test_other_meshes_have_no_such_tables():
+    assert tables([section("gear", ["exact", "pandis"]), section("sphere", ["exact"])]) == []
+    (sphere,) = tables([section("sphere", ["exact", "kim-100"])])
+    assert sphere.rows[1] == ("kim-100", 0.367, "0.004000", "20.00")
+
+
+def test_build_times_are_those_of_the_jobs(tmp_path):
+    (tmp_path / "m").mkdir()
+    jobs = {"bake-force-32": 2.5, "bake-spline-auto": 20, "train-pandis": 100, "choose": 7}
+    for name, seconds in {**jobs, "support-planes": 3}.items():
+        lines = [json.dumps({"s": s, "rule_name": "x"}) for s in (999.0, seconds)]
+        (tmp_path / "m" / f"{name}.jsonl").write_text("\n".join(lines) + "\n")
+    (tmp_path / "m" / "bake-distance-64.jsonl").write_text("{")
+    fields = ["exact", "nearest-32", "trilinear-32", "spline-auto", "pandis", "auto"]
+    fields += ["support-planes", "tricubic-64", "trilinear-64"]
+    assert build_seconds("m", fields, tmp_path) == pytest.approx(
+        {"exact": 0, "nearest-32": 2.5, "trilinear-32": 2.5, "spline-auto": 20, "pandis": 100}
+        | {"auto": 7, "support-planes": 3}
+    )  # what is damaged or missing is not told

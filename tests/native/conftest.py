@@ -1,0 +1,78 @@
+"""Files for pandis.h of every kind, small, and of the torus."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pandis.catalogue import GRID_FIELDS, parse_field
+from pandis.distance import MeshDistance
+from pandis.fields.exact import ExactField
+from pandis.fields.grids import open_field
+from pandis.fields.siren import SirenField
+from pandis.frame import Frame
+from pandis.grids.base import fit_base
+from pandis.grids.dense import DenseGrid
+from pandis.grids.spline import SplineFit, samples_for
+from pandis.mesh.shapes import SHAPES
+from pandis.native.runtime import RULES
+from pandis.sampling import Surface
+from pandis.stage import silent_progress
+from support import artifact
+
+#: A frame that is not the unit frame, so that forgetting it shows.
+FRAME = Frame((3.0, -2.0, 0.5), 0.6428571428571429)
+
+
+def closed_form(name):
+    """Return the exact field of a closed form."""
+    shape = SHAPES[name]
+    frame = Frame.of_bounds(-shape.half_extent, shape.half_extent)
+    arrays = dict(zip(("vertices", "faces"), shape.tessellation(), strict=True))
+    return ExactField(
+        "exact", artifact("mesh", arrays, {"shape": name, "frame": frame.attributes()})
+    )
+
+
+def network(engine, width, depth, outputs, base):
+    """Return an untrained network; the weights are as a trained one's in size."""
+    rng = np.random.default_rng(width)
+    sizes, arrays = [3, *[width] * depth, outputs], {}
+    for index, (fan_in, fan_out) in enumerate(pairwise(sizes)):
+        bound = 1 / 3 if index == 0 else np.sqrt(6 / fan_in) / 30
+        arrays[f"weight_{index}"] = rng.uniform(-bound, bound, (fan_out, fan_in)).astype(np.float32)
+        arrays[f"bias_{index}"] = rng.uniform(-0.3, 0.3, fan_out).astype(np.float32)
+    if base:
+        arrays["base"] = fit_base(engine, base).coefficients
+    shape = {"width": width, "depth": depth, "omega": 30.0, "outputs": outputs}
+    attributes = {"architecture": shape, "frame": FRAME.attributes()}
+    return SirenField("network", artifact("model", arrays, attributes))
+
+
+@pytest.fixture(scope="session")
+def fields():
+    """Return (field, kind) by name: everything that has a native file."""
+    vertices, faces = SHAPES["torus"].tessellation(60, 30)
+    frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
+    engine = MeshDistance(frame.to_unit(vertices), faces)
+    surface, found = Surface(engine.vertices, engine.faces), {}
+    own = artifact("mesh", {"vertices": FRAME.to_mesh(engine.vertices), "faces": faces},
+                   {"frame": FRAME.attributes(), "shape": None})  # fmt: skip
+    found["exact"] = ExactField("exact", own), "exact"
+    for rule in RULES:
+        made = DenseGrid(engine, GRID_FIELDS[rule], 20, (0.2, 0.1), silent_progress)
+        values = np.concatenate(list(made.slabs(32)))
+        held = artifact(
+            "grid", {"values": values}, made.attributes() | {"frame": FRAME.attributes()}
+        )
+        found[rule] = open_field(parse_field(f"{rule}-20", ()), held), rule
+    fitted = SplineFit(engine, surface, (0.2, 0.1), 0, samples_for(budget=60_000))
+    arrays, attributes = fitted.build(fitted.choose_size(60_000), 60_000, silent_progress)
+    held = artifact("grid", arrays, attributes | {"frame": FRAME.attributes()})
+    found["spline"] = open_field(parse_field("spline-auto", ()), held), "spline"
+    found["network"] = network(engine, 64, 4, 4, 0), "network"
+    found["gradient"] = network(engine, 50, 4, 1, 8), "network"
+    found["shallow"] = network(engine, 17, 1, 1, 0), "network"
+    for shape in SHAPES:
+        found[shape] = closed_form(shape), "exact"
+    return found

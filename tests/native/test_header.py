@@ -1,0 +1,315 @@
+"""pandis.h: the library's answers, the same bits from every compiler, and safe on any file."""
+
+import itertools
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pandis
+from pandis.errors import ArtifactError
+from pandis.export.native import export_native, native_bytes
+from pandis.fields.base import BOUND, INVALID
+from pandis.fields.siren import SirenField
+from pandis.forces import penalty_force
+from pandis.native.runtime import NativeField, pack, read_provenance
+from support import ROOT
+
+HERE = Path(__file__).parent
+NATIVE = Path(pandis.__file__).parent / "native"
+NAMES = ("exact", "nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
+NAMES += ("spline", "network", "gradient", "shallow", "sphere", "torus", "box", "capsule")
+STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wvla", "-Werror", "-I", str(NATIVE))
+COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
+
+
+@pytest.fixture(scope="module")
+def files(fields, tmp_path_factory):
+    """Return the path of every field's file."""
+    folder = tmp_path_factory.mktemp("native")
+    paths = {}
+    for name, (field, kind) in fields.items():
+        paths[name] = folder / f"{name}.pandis"
+        paths[name].write_bytes(native_bytes(field, kind, {"of": name}))
+    return paths
+
+
+def points_for(field, count=3000):
+    """Return points (n, 3) in mesh units: in the box, around it, on its edges."""
+    rng = np.random.default_rng(4)
+    unit = rng.uniform(-1, 1, (count, 3))
+    unit[::5] *= 2.5
+    corners = list(itertools.product([-1.0, 0.0, 1.0], repeat=3))
+    return field.frame.to_mesh(np.concatenate([unit, corners]))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_answers_as_the_library_does(name, fields, files):
+    """To the last bit but one, where no float32 sums are in another order."""
+    field, _ = fields[name]
+    points = points_for(field)
+    native, wanted = NativeField(files[name]), field.query(field.frame.to_unit(points))
+    found = native.query(points)
+    network = isinstance(field, SirenField)
+    scale = field.frame.scale
+    assert found.distance * scale == pytest.approx(wanted.distance, abs=2e-6 if network else 1e-14)
+    assert np.array_equal(found.flag, wanted.flag)
+    assert np.linalg.norm(found.normal, axis=1) == pytest.approx(1, abs=1e-14)
+    force = penalty_force(found.distance * scale, found.normal)
+    off = np.linalg.norm(force - penalty_force(wanted.distance, wanted.normal), axis=1)
+    sure = field.raw(field.frame.to_unit(points))[1] if network else None
+    sure = np.linalg.norm(sure, axis=1) > 0.1 if network else np.ones(len(points), bool)
+    assert off[sure].max() < (1e-5 if network else 1e-13)
+    assert native.force(points, k=3.0) == pytest.approx(3 * force / scale, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_no_place_gets_a_flag_and_no_force(name, fields, files):
+    field, _ = fields[name]
+    bad = [np.nan, np.inf, -np.inf, 1e300, -1e300]
+    centre = field.frame.to_mesh(np.full(3, 0.1))
+    points = np.array([np.where(np.arange(3) == k, b, centre) for k in range(3) for b in bad])
+    native = NativeField(files[name])
+    answer = native.query(points)
+    assert (answer.flag == INVALID).all()
+    assert np.isnan(answer.distance).all()
+    assert not native.force(points, k=1e3).any()
+    tiny = native.query(np.array([[5e-324, -5e-324, 0.0]]))
+    assert np.isfinite(tiny.distance).all()
+    far = native.query(np.array([[1e9, 0, 0]]))
+    assert far.flag[0] == BOUND
+    assert not native.force(np.array([[1e9, 0, 0]])).any()
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(("language", "standard"), [("c", "c99"), ("c", "c11"), ("c++", "c++17")])
+def test_it_compiles_without_a_warning(compiler, language, standard, tmp_path):
+    source = tmp_path / f"own.{'c' if language == 'c' else 'cpp'}"
+    source.write_text(
+        '#define PANDIS_IMPLEMENTATION\n#include "pandis.h"\n#include "pandis.h"\n'
+        "int main(void) { pandis_field f; return !pandis_open(&f, 0, 0); }\n"
+    )
+    tool = compiler if language == "c" else {"gcc": "g++", "clang": "clang++"}[compiler]
+    for level in ("-O0", "-O3"):
+        command = [tool, f"-std={standard}", level, *STRICT, source, "-lm", "-o", tmp_path / "own"]
+        subprocess.run(command, check=True)
+    subprocess.run([tmp_path / "own"], check=True)
+
+
+SETS = (
+    ("-O0",),
+    ("-O2",),
+    ("-O3", "-march=x86-64-v3"),
+    ("-O3", "-march=native"),
+    ("-O3", "-DPANDIS_NO_VECTORS"),
+)
+
+
+@pytest.fixture(scope="module")
+def points_file(fields, tmp_path_factory):
+    """Return raw points for `probe`, of the torus's frame."""
+    path = tmp_path_factory.mktemp("points") / "points.bin"
+    path.write_bytes(points_for(fields["exact"][0], 500).astype(np.float64).tobytes())
+    return path
+
+
+def test_every_compiler_and_vector_width_gives_the_same_bits(files, points_file, tmp_path):
+    """And nothing is allocated while queries are answered."""
+    wraps = [f"-Wl,--wrap={name}" for name in ("malloc", "calloc", "realloc", "free")]
+    seen = {}
+    for compiler, flags in itertools.product(COMPILERS, SETS):
+        program = tmp_path / "probe"
+        command = [compiler, "-std=c99", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", *flags]
+        source = [HERE / "probe.c", "-lm", *wraps, "-o", program]
+        done = subprocess.run([*command, "-I", NATIVE, *source], capture_output=True, check=False)
+        if b"march" in done.stderr:
+            continue  # another processor
+        assert done.returncode == 0, done.stderr
+        try:
+            text = subprocess.run(
+                [program, points_file, *files.values()], capture_output=True, text=True, check=True
+            ).stdout
+        except subprocess.CalledProcessError as error:
+            if error.returncode == -4:
+                continue  # instructions that this processor does not have
+            raise
+        seen[compiler, flags] = text
+    assert len(seen) >= 3
+    assert len(set(seen.values())) == 1, seen
+    lines = next(iter(seen.values())).split("\n")[:-1]
+    assert len(lines) == len(files)
+    assert all(line.endswith(" 0") for line in lines)
+    assert len(set(lines)) == len(lines)
+
+
+@pytest.mark.parametrize("name", ["exact", "spline", "gradient", "tricubic", "box"])
+def test_damage_is_found_and_named(name, files, tmp_path):
+    data = files[name].read_bytes()
+    path = tmp_path / "field.pandis"
+
+    def refused(bad, why):
+        path.write_bytes(bad)
+        with pytest.raises(ArtifactError, match=why):
+            NativeField(path)
+        with pytest.raises(ArtifactError, match=why):
+            NativeField(bytes(bad))
+
+    rng = np.random.default_rng(1)
+    for size in [8, 31, 200, 256, *rng.integers(257, len(data), 20)]:
+        refused(data[:size], "shorter or longer")
+    refused(data + b"12345678", "shorter or longer")
+    for at in rng.integers(32, len(data), 40):
+        refused(data[:at] + bytes([data[at] ^ 1 << at % 8]) + data[at + 1 :], "damaged")
+    refused(b"", "no .pandis file|cannot be read")
+    refused(b"PK" + data[2:], "no .pandis file")
+    refused(data[:8] + data[8:12][::-1] + data[12:], "another order")
+    refused(data[:12] + struct.pack("<I", 2) + data[16:], "another version")
+    with pytest.raises(ArtifactError, match="cannot be read"):
+        NativeField(tmp_path / "missing.pandis")
+
+
+def resealed(data, offset, form, *values):
+    """Return a file with some numbers changed and a checksum that is right."""
+    changed = bytearray(data)
+    struct.pack_into(form, changed, offset, *values)
+    struct.pack_into("<I", changed, 24, zlib.crc32(bytes(changed[32:])))
+    return bytes(changed)
+
+
+def section(data, name):
+    """Return where a section begins."""
+    at = data.index(name, 256)
+    return struct.unpack_from("<Q", data, at + 8)[0]
+
+
+def test_what_does_not_fit_together_is_refused(files):
+    """Each with a checksum that is right: indices that lead out of the file, sizes that lie."""
+    held = {name: path.read_bytes() for name, path in files.items()}
+    mesh, spline, network = held["exact"], held["spline"], held["gradient"]
+    cases = [
+        resealed(mesh, section(mesh, b"FACE"), "<i", 10**6),
+        resealed(mesh, section(mesh, b"NEIG"), "<i", -2),
+        resealed(mesh, section(mesh, b"TREE") + 192, "<i", 0),  # a node that is its own child
+        resealed(mesh, section(mesh, b"TREE") + 192, "<i", -(10**6)),
+        resealed(mesh, section(mesh, b"LEAF") + 480, "<i", 10**6),
+        resealed(mesh, section(mesh, b"LEAF") + 496, "<i", 9),
+        resealed(mesh, section(mesh, b"VERT"), "<d", np.nan),
+        resealed(spline, section(spline, b"BBRK"), "<H", 60000),
+        resealed(spline, section(spline, b"BBAS"), "<I", 7),
+        resealed(spline, section(spline, b"FMSK"), "<Q", 0),
+        resealed(network, section(network, b"WHID"), "<f", np.inf),
+        resealed(network, 72, "<i", 100_000),
+        resealed(network, 76, "<i", -1),
+        resealed(network, 64, "<d", 0.0),
+        resealed(held["tricubic"], 76, "<i", 21),
+        resealed(held["box"], 72, "<i", 4),
+        resealed(held["box"], 32, "<I", 6),
+        resealed(held["box"], 36, "<I", 33),
+        resealed(mesh, 256 + 8, "<Q", 2**63),
+        resealed(mesh, 256 + 16, "<Q", 2**64 - 64),
+    ]
+    for case in cases:
+        with pytest.raises(ArtifactError, match="does not fit together"):
+            NativeField(case)
+
+
+def fuzz(files, tmp_path, seconds):
+    program = tmp_path / "fuzz"
+    command = ["gcc", "-std=c99", "-g", "-O1", "-fsanitize=address,undefined,float-cast-overflow"]
+    command += ["-fno-sanitize-recover=all", "-D_POSIX_C_SOURCE=200809L", "-I", NATIVE]
+    subprocess.run([*command, HERE / "fuzz.c", "-lm", "-o", program], check=True)
+    done = subprocess.run(
+        [program, str(seconds), "1", *files.values()], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    print(done.stdout)
+    runs, opened = (int(word) for word in done.stdout.split() if word.isdigit())
+    assert 0 < opened < runs
+
+
+def test_hostile_files_do_no_harm(files, tmp_path):
+    """Mutated files with right checksums, under address and undefined-behaviour sanitizers."""
+    fuzz(files, tmp_path, 20)
+
+
+@pytest.mark.full
+def test_hostile_files_do_no_harm_for_half_an_hour(files, tmp_path):
+    fuzz(files, tmp_path, 1800)
+
+
+def test_sixteen_bits_cost_little(fields):
+    field, kind = fields["gradient"]
+    said = []
+    data = export_native(field, kind, {}, 16, said.append)
+    whole = export_native(field, kind, {}, 32, said.append)
+    assert len(data) < 0.75 * len(whole)
+    points = points_for(field)
+    one, other = NativeField(data), NativeField(whole)
+    off = np.abs(one.query(points).distance - other.query(points).distance).max()
+    assert 0 < off * field.frame.scale < 2e-3
+    assert "16-bit weights change the answers" in said[0]
+
+
+def test_an_export_that_differs_from_its_field_is_refused(fields, monkeypatch):
+    """The check must notice: here a bias is lost on the way."""
+    field, kind = fields["network"]
+    data = native_bytes(field, kind, {})
+    at = section(data, b"BIAS")
+    broken = resealed(data, at, "<f", 3.0)
+    monkeypatch.setattr("pandis.export.native.native_bytes", lambda *_: broken)
+    with pytest.raises(pandis.errors.PandisError, match="differs from its field"):
+        export_native(field, kind, {}, 32, print)
+
+
+def test_provenance_travels_with_the_file(files, tmp_path):
+    assert read_provenance(files["exact"]) == {"of": "exact"}
+    assert read_provenance(files["gradient"]) == {"of": "gradient"}
+    with pytest.raises(ArtifactError):
+        read_provenance(tmp_path / "none.pandis")
+
+
+def test_a_user_loads_a_field_and_asks_for_forces(files, fields):
+    field = pandis.load(files["sphere"])
+    assert field.force([[0.0, 0.0, 0.9]], k=100) == pytest.approx(np.array([[0, 0, 10.0]]))
+    assert field.force([0.0, 0.0, 1.1]).tolist() == [[0, 0, 0]]
+    taken = field.time(np.zeros((3, 3)), 500)
+    assert (taken >= 0).all()
+    assert fields["sphere"][0].bytes == 0
+
+
+def test_the_format_is_as_documented():
+    """What docs/format.md says of the header, byte by byte."""
+    from pandis.frame import Frame
+
+    frame = Frame((1.0, 2.0, 3.0), 0.5)
+    data = pack(5, frame, [0], [2.0], {}, {})
+    assert data[:8] == b"PANDIS\r\n"
+    assert struct.unpack_from("<IIQI", data, 8) == (0x0A0B0C0D, 1, len(data), zlib.crc32(data[32:]))
+    assert struct.unpack_from("<II3dd", data, 32) == (5, 1, 1.0, 2.0, 3.0, 0.5)
+    assert struct.unpack_from("<14i", data, 72)[0] == 0
+    assert struct.unpack_from("<16d", data, 128)[0] == 2.0
+    name, _, start, size = struct.unpack_from("<4sIQQ", data, 256)
+    assert (name, start % 64, data[start : start + size]) == (b"PROV", 0, b"{}")
+
+
+def test_the_examples_come_to_rest_where_the_weight_is_held(files, tmp_path):
+    """A probe of 50 g on a wall of 400 N/m: 0.4905 N, 1.23 mm deep; in C++ as in Python."""
+    program, examples = tmp_path / "servo", ROOT / "docs/examples"
+    command = ["g++", "-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", "-I", NATIVE]
+    subprocess.run([*command, examples / "servo.cpp", "-o", program], check=True)
+    python = [sys.executable, examples / "servo.py"]
+    for name in ("box", "exact"):
+        for run in ([program], python):
+            done = subprocess.run(
+                [*run, files[name], "400"], capture_output=True, text=True, check=True,
+                env=os.environ | {"PYTHONPATH": str(NATIVE.parents[1])},
+            )  # fmt: skip
+            if name == "box":
+                assert "at rest 1.23 mm below" in done.stdout
+                assert "0.49" in done.stdout

@@ -1,0 +1,199 @@
+"""Export for ``pandis.h``: every field as one file, compared with the library before it is written.
+
+The format: docs/format.md.
+"""
+
+import numpy as np
+
+from pandis.distance import ShapeDistance
+from pandis.errors import PandisError
+from pandis.export.check import FORCE_LENGTH, check, check_points
+from pandis.fields.exact import ExactField
+from pandis.fields.grid import GridField
+from pandis.fields.siren import SirenField
+from pandis.fields.spline import SplineField
+from pandis.forces import penalty_force
+from pandis.native.bvh import LEAF_BYTES, NODE_BYTES
+from pandis.native.runtime import (
+    GRID,
+    MESH,
+    NETWORK,
+    RULES,
+    SHAPE,
+    SHAPES,
+    SPLINE,
+    NativeField,
+    pack,
+)
+
+#: Sums of a network run in so many lanes; rows of weights are padded to whole ones.
+_LANES = 16
+#: Steps of 16-bit weights to either side of zero.
+_STEPS = 32767
+
+
+def native_bytes(field, kind, provenance, weight_bits=32):
+    """Return a field as the bytes of a ``.pandis`` file.
+
+    Parameters
+    ----------
+    field : pandis.fields.base.Field
+    kind : str
+        As in `pandis.catalogue.FieldSpec`; of a grid, how it is interpolated.
+    provenance : dict
+    weight_bits : {32, 16}
+        Of a network's hidden layers.
+
+    Raises
+    ------
+    PandisError
+        ``pandis.h`` knows no such field.
+    """
+    if isinstance(field, SirenField):
+        parts = NETWORK, *_network(field, weight_bits)
+    elif isinstance(field, SplineField):
+        parts = SPLINE, *_spline(field)
+    elif isinstance(field, GridField):
+        parts = GRID, *_grid(field, kind)
+    elif isinstance(field, ExactField) and isinstance(field.engine, ShapeDistance):
+        parts = SHAPE, *_shape(field.engine.shape)
+    elif isinstance(field, ExactField):
+        parts = MESH, *_mesh(field.engine)
+    else:
+        raise PandisError(f"{field.name}: pandis.h knows no fields of the kind {kind}")
+    number, wholes, reals, sections = parts
+    return pack(number, field.frame, wholes, reals, sections, provenance)
+
+
+def _network(field, weight_bits):
+    layers, base = field.layers, field.base
+    (first, _), (last, last_bias) = layers[0], layers[-1]
+    width, depth, outputs = len(first), len(layers) - 1, len(last)
+    hidden = [weight.T for weight, _ in layers[1:-1]]
+    rows = np.concatenate(hidden) if hidden else np.empty((0, width), np.float32)
+    biases = np.zeros((depth, _padded(width)), np.float32)
+    for index, (_, bias) in enumerate(layers[:-1]):
+        biases[index, :width] = bias
+    tail = np.zeros(4, np.float32)
+    tail[:outputs] = last_bias
+    sections = {
+        "WIN ": _pad(first.T),
+        "WOUT": _pad(last),
+        "BIAS": np.append(biases.ravel(), tail),
+    }
+    if weight_bits == 16:
+        scales = np.abs(rows).max(axis=1, initial=0) / _STEPS
+        steps = rows / np.maximum(scales, np.float32(1e-30))[:, None]
+        sections |= {"WHID": _pad(np.rint(steps).astype(np.int16)), "SCAL": scales}
+    else:
+        sections["WHID"] = _pad(rows)
+    cells = 0
+    if base is not None:
+        cells, sections["BASE"] = len(base.coefficients) - 3, base.coefficients
+    return (width, depth, outputs, cells, weight_bits), (), sections
+
+
+def _padded(width):
+    return -(-width // _LANES) * _LANES
+
+
+def _pad(rows):
+    return np.pad(rows, ((0, 0), (0, _padded(rows.shape[1]) - rows.shape[1])))
+
+
+def _grid(field, kind):
+    if kind not in RULES:
+        raise PandisError(f"{field.name}: pandis.h knows no grids of the kind {kind}")
+    nodes = field.coefficients if kind == "tricubic" else field.values
+    covered = np.packbits(field.covered.ravel())
+    sections = {"NODE": nodes.astype(np.float32), "COVR": covered}
+    return (RULES.index(kind), len(field.values)), (), sections
+
+
+def _spline(field):
+    wholes, sections = {}, {}
+    for index, (letter, level) in enumerate(zip("BF", field.levels, strict=True)):
+        brick, mask, base = level.index
+        stored = field.stored[index]
+        wholes |= {index: level.lattice.size, 2 + index: level.bricks}
+        wholes |= {4 + index: len(mask), 6 + index: len(stored)}
+        sections |= {f"{letter}BRK": brick, f"{letter}MSK": mask, f"{letter}BAS": base}
+        sections[f"{letter}COF"] = stored
+    sections |= {"RCOF": field.stored[2], "SIDE": field.side_bits}
+    lows = [lattice.low for lattice in (*(level.lattice for level in field.levels), field.far)]
+    offsets, scales = zip(*field.scales, strict=True)
+    reals = [*lows, *offsets, *scales, field.band.inside, field.band.outside]
+    return [*(wholes[k] for k in range(8)), field.far.size], reals, sections
+
+
+def _mesh(engine):
+    sections = engine.tree_parts()
+    counts = [
+        len(sections["VERT"]) // 24,
+        len(sections["FACE"]) // 12,
+        len(sections["TREE"]) // NODE_BYTES,
+        len(sections["LEAF"]) // LEAF_BYTES,
+    ]
+    return counts, [engine.reach], sections
+
+
+def _shape(shape):
+    sizes = np.ravel([getattr(shape, name) for name in shape.__dataclass_fields__]).tolist()
+    return [SHAPES.index(type(shape).__name__.lower())], sizes, {}
+
+
+def export_native(field, kind, provenance, weight_bits, log):
+    """Return the ``.pandis`` file of a field, checked against it.
+
+    Parameters
+    ----------
+    field, kind, provenance, weight_bits
+        As for `native_bytes`.
+    log : callable
+
+    Raises
+    ------
+    PandisError
+        ``pandis.h`` does not answer as the field does.
+    """
+    data = native_bytes(field, kind, provenance, weight_bits)
+    native = NativeField(data)
+    rounded = weight_bits == 16 and isinstance(field, SirenField)
+    if rounded:  # what rounding costs is told; what is checked is the rest
+        whole = NativeField(native_bytes(field, kind, provenance))
+        log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
+    answer = (whole if rounded else native).distance_and_normal
+    log(f"agrees with the field: {check(answer, _reference(field), field.frame)}")
+    return data
+
+
+def _change(one, other, frame):
+    """Return by how much the answers of two native fields differ, unit frame."""
+    points = check_points(frame)
+    inside = (np.abs(frame.to_unit(points)) <= 1).all(axis=1)
+    (d1, n1), (d2, n2) = (field.distance_and_normal(points[inside]) for field in (one, other))
+    force = penalty_force(d1 * frame.scale, n1) - penalty_force(d2 * frame.scale, n2)
+    size = np.linalg.norm(force, axis=1)
+    return {
+        "distance": float(np.abs(d1 - d2).max() * frame.scale),
+        "force, mean": float(size.mean()),
+        "force, 99 %": float(np.percentile(size, 99)),
+    }
+
+
+def _reference(field):
+    """Return what `pandis.export.check.check` compares with, at points of the unit frame."""
+
+    def reference(points):
+        return *field.answer(points), _direction_length(field, points)
+
+    return reference
+
+
+def _direction_length(field, points):
+    if isinstance(field, SirenField):
+        return np.linalg.norm(field.raw(np.clip(points, -1, 1))[1], axis=1)
+    if isinstance(field, GridField):
+        return np.minimum(field.direction_length(points), FORCE_LENGTH)
+    # between two walls a direction is a matter of rounding: compare the force
+    return np.full(len(points), FORCE_LENGTH)

@@ -1,0 +1,1220 @@
+/* pandis.h: distance, normal and contact force of an object, for haptic loops.
+ *
+ * One header, one file per object, no library but libm, no allocation and no system call per query:
+ *
+ *     #define PANDIS_IMPLEMENTATION            in one source file, before
+ *     #include "pandis.h"
+ *
+ *     pandis_field bunny;
+ *     int error = pandis_open_file(&bunny, "bunny.pandis");
+ *     if (error) return puts(pandis_error(error));
+ *     ...
+ *     double force[3];                         every millisecond
+ *     pandis_force(&bunny, position, stiffness, force);
+ *     ...
+ *     pandis_close(&bunny);
+ *
+ * Positions and distances are in the units of the mesh that the field was made from; distances are
+ * negative inside, normals point outward and have unit length. A field is only read: any number of
+ * threads may ask it. The format of the file: docs/format.md of pandis.
+ *
+ * C99 or later, or C++11 or later. Compile with -O2 or more; without -ffast-math and with
+ * -ffp-contract=off every compiler and every vector width gives the same bits. Define PANDIS_API as
+ * static to keep the names to one source file, PANDIS_NO_FILE to leave out what opens files.
+ *
+ * Copyright: see LICENSE of pandis, under which this file may be used, too.
+ */
+#ifndef PANDIS_H
+#define PANDIS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#ifndef PANDIS_API
+#define PANDIS_API extern
+#endif
+
+/* Flags of an answer: as good as the field is; outside of what the field covers, so that side and
+ * least distance are right and no more; no answer, because the point is no number (or beyond
+ * 1e150), or the field overflowed. */
+enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2 };
+
+/* Why a field cannot be opened. */
+enum {
+    PANDIS_ERROR_FILE = 1,     /* the file cannot be read */
+    PANDIS_ERROR_FORMAT = 2,   /* it is no such file */
+    PANDIS_ERROR_ENDIAN = 3,   /* its bytes are in the other order, or this machine's are */
+    PANDIS_ERROR_VERSION = 4,  /* it is of a later version */
+    PANDIS_ERROR_SIZE = 5,     /* it is shorter or longer than it says */
+    PANDIS_ERROR_CHECKSUM = 6, /* its bytes have changed */
+    PANDIS_ERROR_CONTENT = 7   /* what it says does not fit together */
+};
+
+enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5 };
+
+typedef struct {
+    double distance, normal[3];
+    int flag;
+} pandis_answer;
+
+/* Everything below is the implementation's: read it, but do not rely on it. */
+typedef struct {
+    int32_t size; /* nodes per axis */
+    double low, per_step;
+    const float *values;
+} pandis__lattice;
+
+typedef struct {
+    int32_t width, depth, outputs, stride;
+    const float *first, *last, *biases, *scales, *hidden;
+    const int16_t *hidden16; /* instead of hidden, scaled by scales */
+    pandis__lattice base;    /* size 0: none */
+} pandis__network;
+
+typedef struct {
+    int32_t rule, size, channels;
+    const float *nodes;
+    const uint8_t *covered;
+    pandis__lattice cubic;
+} pandis__grid;
+
+typedef struct {
+    int32_t size, bricks;  /* nodes and bricks per axis */
+    double low, per_step;  /* place of node 0, nodes per length */
+    const uint16_t *brick; /* of each place: which kept brick it is, or 65535 */
+    const uint64_t *mask;  /* of each kept brick: its blocks */
+    const uint32_t *base;  /* of each kept brick: how many blocks come before it */
+} pandis__layout;
+
+typedef struct {
+    pandis__layout layout[2];
+    int32_t far_size;
+    double far_low, far_per_step, offset[3], scale[3], inside, outside;
+    const int16_t *coarse, *far; /* coefficients: offset + scale * stored; of the band ... */
+    const int8_t *fine;          /* ... and what is added to it there */
+    const uint8_t *side;         /* of each block of the coarse lattice's cells: whether it is outside */
+} pandis__spline;
+
+#define PANDIS__WIDTH 8
+#define PANDIS__LEAF 4
+
+typedef struct {
+    float low[3][PANDIS__WIDTH], high[3][PANDIS__WIDTH];
+    int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
+} pandis__node;
+
+typedef struct {
+    double a[3][PANDIS__LEAF], ab[3][PANDIS__LEAF], ac[3][PANDIS__LEAF];
+    double per_ab[PANDIS__LEAF], per_ac[PANDIS__LEAF], per_bc[PANDIS__LEAF]; /* 1 / squared length */
+    double gram_ab[PANDIS__LEAF], gram_mix[PANDIS__LEAF], gram_ac[PANDIS__LEAF]; /* Gram matrix / determinant */
+    int32_t face[PANDIS__LEAF];                                                  /* unused lanes repeat the first */
+    int32_t count, pad[3];
+} pandis__leaf;
+
+typedef struct {
+    int32_t vertex_count, face_count, node_count, leaf_count;
+    double reach; /* largest coordinate */
+    const double *vertices;
+    const int32_t *faces;
+    const int32_t *neighbours;    /* (F, 3): the face across the edge from corner k to k + 1, or -1 */
+    const double *vertex_normals; /* (V, 3), angle-weighted, unit */
+    const pandis__node *nodes;
+    const pandis__leaf *leaves;
+} pandis__mesh;
+
+typedef struct {
+    int32_t shape;
+    double size[3];
+} pandis__shape;
+
+typedef struct {
+    const unsigned char *data;
+    size_t size;
+    int kind, mapped;
+    double centre[3], scale; /* of the unit frame: u = (p - centre) * scale */
+    union {
+        pandis__network network;
+        pandis__grid grid;
+        pandis__spline spline;
+        pandis__mesh mesh;
+        pandis__shape shape;
+    } as;
+} pandis_field;
+
+/* Open a field from bytes that the caller keeps until the end, at an address that is a multiple of
+ * 8. Everything is checked, so that no query can leave the bytes. Returns 0 or a PANDIS_ERROR. */
+PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size);
+
+#ifndef PANDIS_NO_FILE
+/* Open a file: mapped where there is mmap, else read into memory. */
+PANDIS_API int pandis_open_file(pandis_field *field, const char *path);
+#endif
+PANDIS_API void pandis_close(pandis_field *field);
+
+/* Answer one point, in mesh units. Where it is no number distance and normal are NaN. */
+PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
+
+/* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
+ * Returns the flag. */
+PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
+
+/* Answer `count` points, three doubles each; normals (three doubles each) and flags may be NULL. */
+PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
+                                  double *normals, unsigned char *flags);
+
+/* What an error code means. */
+PANDIS_API const char *pandis_error(int error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif /* PANDIS_H */
+
+/* ================================================================ implementation */
+
+#if defined(PANDIS_IMPLEMENTATION) && !defined(PANDIS__IMPLEMENTED)
+#define PANDIS__IMPLEMENTED
+
+#include <math.h>
+#include <string.h>
+#ifndef PANDIS_NO_FILE
+#if defined(__unix__) || defined(__APPLE__)
+#define PANDIS__MMAP
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#else
+#include <stdio.h>
+#include <stdlib.h>
+#endif
+#endif
+
+#ifdef __cplusplus
+#define PANDIS__RESTRICT
+#else
+#define PANDIS__RESTRICT restrict
+#endif
+
+#define PANDIS__FAR 1e150         /* farther points overflow when squared */
+#define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
+#define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
+#define PANDIS__MOST_WIDTH 1024
+#define PANDIS__MOST_DEPTH 16
+#define PANDIS__STACK 1024
+#define PANDIS__NO_BRICK 65535
+
+static double pandis__dot(const double *u, const double *v) {
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
+}
+
+static void pandis__cross(const double *u, const double *v, double *out) {
+    out[0] = u[1] * v[2] - u[2] * v[1];
+    out[1] = u[2] * v[0] - u[0] * v[2];
+    out[2] = u[0] * v[1] - u[1] * v[0];
+}
+
+/* Scale to unit length; 0 if there is none. */
+static int pandis__normalise(double *v) {
+    double length = sqrt(pandis__dot(v, v));
+    if (!(length > 0)) return 0;
+    for (int k = 0; k < 3; k++) v[k] /= length;
+    return 1;
+}
+
+/* Move a point into the box [-1, 1]^3; returns how far. */
+static double pandis__clamp(const double *u, double *inside) {
+    double off[3];
+    for (int k = 0; k < 3; k++) {
+        inside[k] = u[k] < -1 ? -1 : u[k] > 1 ? 1 : u[k];
+        off[k] = u[k] - inside[k];
+    }
+    return sqrt(pandis__dot(off, off));
+}
+
+/* ---------------------------------------------------------------- sines */
+
+/* pi / 2 in three parts, the first two of few bits: whole multiples of them are exact. */
+#define PANDIS__PART1 1.5703125f
+#define PANDIS__PART2 4.837512969970703125e-4f
+#define PANDIS__PART3 7.549789954891e-8f
+
+/* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, as of
+ * 0. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+static inline void pandis__sine_cosine(float x, float *sine, float *cosine) {
+    const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
+    x = fabsf(x) <= 1e4f ? x : 0.0f;
+    float k = (x * 0.636619772367581343f + whole) - whole;
+    float r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3, q = r * r;
+    float s = ((-1.9515295891e-4f * q + 8.3321608736e-3f) * q - 1.6666654611e-1f) * q * r + r;
+    float c = ((2.443315711809948e-5f * q - 1.388731625493765e-3f) * q + 4.166664568298827e-2f) * q * q - 0.5f * q +
+              1.0f;
+    int32_t quarter = (int32_t)k;
+    float a = quarter & 1 ? c : s, b = quarter & 1 ? s : c;
+    *sine = quarter & 2 ? -a : a;
+    *cosine = (quarter + 1) & 2 ? -b : b;
+}
+
+/* ---------------------------------------------------------------- B-splines */
+
+/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives by t. */
+static void pandis__weigh(double t, double *w, double *dw) {
+    double s = 1 - t;
+    w[0] = s * s * s / 6, w[3] = t * t * t / 6;
+    w[1] = (4 - 6 * t * t + 3 * t * t * t) / 6, w[2] = (4 - 6 * s * s + 3 * s * s * s) / 6;
+    dw[0] = -s * s / 2, dw[3] = t * t / 2;
+    dw[1] = t * (3 * t - 4) / 2, dw[2] = -s * (3 * s - 4) / 2;
+}
+
+/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; 0 outside of the lattice. */
+static int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
+                         double (*dw)[4]) {
+    for (int k = 0; k < 3; k++) {
+        double x = (p[k] - low) * per_step, cell = floor(x);
+        if (!(cell >= 1 && cell <= size - 3)) return 0; /* NaN too */
+        first[k] = (int)cell - 1;
+        pandis__weigh(x - cell, w[k], dw[k]);
+        for (int i = 0; i < 4; i++) dw[k][i] *= per_step;
+    }
+    return 1;
+}
+
+/* Add value and gradient of the spline that has these 64 coefficients around a point. */
+static void pandis__tensor(const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
+    double f[4] = {0}, gx[4] = {0}, gy[4] = {0};
+    for (int x = 0; x < 4; x++)
+        for (int y = 0; y < 4; y++) {
+            double a = w[0][x] * w[1][y], b = dw[0][x] * w[1][y], d = w[0][x] * dw[1][y];
+            for (int z = 0; z < 4; z++) {
+                double r = (double)c[16 * x + 4 * y + z];
+                f[z] += a * r, gx[z] += b * r, gy[z] += d * r;
+            }
+        }
+    for (int z = 0; z < 4; z++) {
+        *value += f[z] * w[2][z];
+        gradient[0] += gx[z] * w[2][z], gradient[1] += gy[z] * w[2][z], gradient[2] += f[z] * dw[2][z];
+    }
+}
+
+/* The 64 coefficients of a lattice that holds them all. */
+static void pandis__gather(const float *values, int32_t size, const int *first, float *c) {
+    for (int x = 0; x < 4; x++)
+        for (int y = 0; y < 4; y++)
+            memcpy(c + 16 * x + 4 * y,
+                   values + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2], 4 * sizeof *c);
+}
+
+/* Value and gradient at a point of the box, from a lattice around it. */
+static void pandis__cubic(const pandis__lattice *l, const double *u, double *value, double *gradient) {
+    double within[3], w[3][4], dw[3][4];
+    float c[64];
+    int first[3];
+    *value = gradient[0] = gradient[1] = gradient[2] = 0;
+    for (int k = 0; k < 3; k++) within[k] = u[k] < -PANDIS__EDGE ? -PANDIS__EDGE : u[k] > PANDIS__EDGE ? PANDIS__EDGE : u[k];
+    if (!pandis__place(l->size, l->low, l->per_step, within, first, w, dw)) return;
+    pandis__gather(l->values, l->size, first, c);
+    pandis__tensor(c, w, dw, value, gradient);
+}
+
+static int pandis__count_bits(uint64_t x) {
+#if defined(__GNUC__)
+    return __builtin_popcountll(x);
+#else
+    int n = 0;
+    for (; x; x &= x - 1) n++;
+    return n;
+#endif
+}
+
+/* Find the 64 coefficients around a point; those that are not kept get the index `blank`. Tells
+ * how much is kept: 0 nothing, 1 some of it, 2 everything. */
+static int pandis__locate(const pandis__layout *l, const int *first, int32_t blank, int32_t *index) {
+    int n = l->bricks, found = 0, missing = 0;
+    for (int bx = first[0] >> 1; bx <= (first[0] + 3) >> 1; bx++)
+        for (int by = first[1] >> 1; by <= (first[1] + 3) >> 1; by++)
+            for (int bz = first[2] >> 1; bz <= (first[2] + 3) >> 1; bz++) {
+                uint16_t brick = l->brick[((ptrdiff_t)(bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
+                int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
+                uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
+                int kept = (mask & one) != 0;
+                int32_t start =
+                    kept ? (int32_t)((l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1))) * 8) : 0;
+                found |= kept, missing |= !kept;
+                for (int c = 0; c < 8; c++) {
+                    int x = 2 * bx + (c >> 2) - first[0], y = 2 * by + (c >> 1 & 1) - first[1],
+                        z = 2 * bz + (c & 1) - first[2];
+                    if (x >= 0 && x < 4 && y >= 0 && y < 4 && z >= 0 && z < 4)
+                        index[(x * 4 + y) * 4 + z] = kept ? start + c : blank;
+                }
+            }
+    return !found ? 0 : missing ? 1 : 2;
+}
+
+/* ---------------------------------------------------------------- closest points of a mesh */
+
+typedef struct {
+    float bound;
+    int32_t child;
+} pandis__entry;
+
+typedef struct {
+    double weights[3], offset[3], distance; /* offset: from the closest point to the query */
+    int corner, edge;                       /* where it lies: a corner, an edge (k to k + 1), or -1, -1 */
+} pandis__foot;
+
+static const double *pandis__corner(const pandis__mesh *t, int32_t face, int k) {
+    return t->vertices + 3 * (ptrdiff_t)t->faces[3 * (ptrdiff_t)face + k];
+}
+
+/* The unit normal of a face; from its two shortest edges, whose product is the most exact. */
+static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
+    double side[3][3], length[3];
+    for (int k = 0; k < 3; k++) {
+        const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
+        for (int i = 0; i < 3; i++) side[k][i] = q[i] - p[i];
+        length[k] = pandis__dot(side[k], side[k]);
+    }
+    int longest = length[0] >= length[1] ? (length[0] >= length[2] ? 0 : 2) : (length[1] >= length[2] ? 1 : 2);
+    pandis__cross(side[(longest + 1) % 3], side[(longest + 2) % 3], n);
+    return pandis__normalise(n);
+}
+
+/* Lower bounds of the squared distances to the boxes of a node's children. */
+static void pandis__box_bounds(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
+                               float *PANDIS__RESTRICT out) {
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float sum = 0;
+        for (int k = 0; k < 3; k++) {
+            float below = n->low[k][i] - p[k], above = p[k] - n->high[k][i];
+            float d = below > above ? below : above;
+            d = d > 0 ? d : 0;
+            sum += d * d;
+        }
+        out[i] = sum * 0.99999f; /* more than the rounding of all of the above */
+    }
+}
+
+static double pandis__clamp01(double t) {
+    t = t > 0 ? t : 0;
+    return t < 1 ? t : 1;
+}
+
+/* Squared distances to the triangles of a leaf. */
+static void pandis__leaf_distances(const pandis__leaf *PANDIS__RESTRICT f, const double *PANDIS__RESTRICT p,
+                                   double *PANDIS__RESTRICT out) {
+    for (int i = 0; i < PANDIS__LEAF; i++) {
+        double x = p[0] - f->a[0][i], y = p[1] - f->a[1][i], z = p[2] - f->a[2][i];
+        double ux = f->ab[0][i], uy = f->ab[1][i], uz = f->ab[2][i];
+        double vx = f->ac[0][i], vy = f->ac[1][i], vz = f->ac[2][i];
+        double wx = vx - ux, wy = vy - uy, wz = vz - uz;
+        double du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
+        double s = pandis__clamp01(du * f->per_ab[i]), t = pandis__clamp01(dv * f->per_ac[i]);
+        double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
+        double best = rx * rx + ry * ry + rz * rz;
+        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
+        double d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        double bx = x - ux, by = y - uy, bz = z - uz;
+        double r = pandis__clamp01((wx * bx + wy * by + wz * bz) * f->per_bc[i]);
+        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
+        d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        s = f->gram_ac[i] * du - f->gram_mix[i] * dv;
+        t = f->gram_ab[i] * dv - f->gram_mix[i] * du;
+        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
+        d = rx * rx + ry * ry + rz * rz;
+        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
+        out[i] = inside && d < best ? d : best;
+    }
+}
+
+/* Push the children nearer than `limit`, the nearest on top. */
+static int pandis__push(const pandis__node *node, const float *bounds, double limit, pandis__entry *stack, int top) {
+    int first = top;
+    if (top > PANDIS__STACK - PANDIS__WIDTH) return top; /* no tree of ours is so deep */
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        if (!((double)bounds[i] <= limit) || node->low[0][i] > node->high[0][i]) continue;
+        int at = top++;
+        for (; at > first && stack[at - 1].bound < bounds[i]; at--) stack[at] = stack[at - 1];
+        stack[at].bound = bounds[i], stack[at].child = node->child[i];
+    }
+    return top;
+}
+
+/* The nearest triangle no farther than `best` (squared), INT32_MAX if there is none. */
+static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double best) {
+    pandis__entry stack[PANDIS__STACK];
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]}, bounds[PANDIS__WIDTH];
+    double d[PANDIS__LEAF];
+    int32_t face = INT32_MAX;
+    int top = 1;
+    stack[0].bound = 0, stack[0].child = 0;
+    while (top) {
+        pandis__entry e = stack[--top];
+        if ((double)e.bound > best) continue;
+        if (e.child >= 0) {
+            pandis__box_bounds(t->nodes + e.child, q, bounds);
+            top = pandis__push(t->nodes + e.child, bounds, best, stack, top);
+        } else {
+            const pandis__leaf *leaf = t->leaves + ~e.child;
+            pandis__leaf_distances(leaf, p, d);
+            for (int i = 0; i < leaf->count; i++)
+                if (d[i] < best || (d[i] == best && leaf->face[i] < face)) best = d[i], face = leaf->face[i];
+        }
+    }
+    return face;
+}
+
+static void pandis__edge_foot(const double *p, const double *a, const double *b, double *s, double *offset,
+                              double *squared) {
+    double u[3], x[3];
+    for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], x[k] = p[k] - a[k];
+    double length = pandis__dot(u, u), t = length > 0 ? pandis__clamp01(pandis__dot(u, x) / length) : 0;
+    /* from the nearer end, where less is cancelled */
+    for (int k = 0; k < 3; k++) offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
+    *s = t, *squared = pandis__dot(offset, offset);
+}
+
+/* The closest point of one triangle, with what it lies on. */
+static void pandis__find_foot(const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
+    const double *c[3];
+    for (int k = 0; k < 3; k++) c[k] = pandis__corner(t, face, k);
+    double best = (double)INFINITY;
+    memset(foot, 0, sizeof *foot);
+    foot->corner = foot->edge = -1;
+    for (int k = 0; k < 3; k++) {
+        double s, offset[3], squared;
+        pandis__edge_foot(p, c[k], c[(k + 1) % 3], &s, offset, &squared);
+        if (!(squared < best)) continue;
+        best = squared;
+        memcpy(foot->offset, offset, sizeof offset);
+        foot->weights[k] = 1 - s, foot->weights[(k + 1) % 3] = s, foot->weights[(k + 2) % 3] = 0;
+        foot->corner = s == 0 ? k : s == 1 ? (k + 1) % 3 : -1;
+        foot->edge = foot->corner < 0 ? k : -1;
+    }
+    double u[3], v[3], x[3], n[3];
+    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+    pandis__cross(u, v, n);
+    double det = pandis__dot(n, n);
+    if (det > 0) {
+        double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
+        memcpy(rest, x, sizeof rest);
+        for (int round = 0; round < 2; round++) { /* the second round mends needles */
+            double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
+            s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
+            for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
+        }
+        if (s > 0 && r > 0 && s + r < 1) {
+            /* a point of the plane: its offset is along the normal, and exact as such */
+            double height = pandis__dot(n, x) / det, offset[3];
+            for (int k = 0; k < 3; k++) offset[k] = height * n[k];
+            if (pandis__dot(offset, offset) <= best) {
+                memcpy(foot->offset, offset, sizeof offset);
+                foot->weights[0] = 1 - s - r, foot->weights[1] = s, foot->weights[2] = r;
+                foot->corner = foot->edge = -1;
+            }
+        }
+    }
+    foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
+}
+
+/* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
+static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
+    if (foot->corner >= 0) {
+        memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)t->faces[3 * (ptrdiff_t)face + foot->corner], 3 * sizeof *n);
+        if (pandis__dot(n, n) > 0) return;
+    }
+    int known = pandis__face_normal(t, face, n);
+    int32_t other = foot->edge >= 0 ? t->neighbours[3 * (ptrdiff_t)face + foot->edge] : -1;
+    double m[3];
+    if (other >= 0 && pandis__face_normal(t, other, m)) {
+        for (int k = 0; k < 3; k++) n[k] = known ? n[k] + m[k] : m[k];
+        known = pandis__normalise(n);
+    }
+    if (!known) n[0] = n[1] = 0, n[2] = 1;
+}
+
+static int pandis__answer_mesh(const pandis__mesh *t, const double *u, double *distance, double *normal) {
+    double start[3];
+    for (int k = 0; k < 3; k++) start[k] = u[k] - t->vertices[3 * (ptrdiff_t)t->faces[0] + k];
+    /* any point of the surface is a bound, with room for rounding */
+    double limit = sqrt(pandis__dot(start, start)) * (1 + 1e-9) + 1e-12 * t->reach;
+    int32_t face = pandis__nearest(t, u, limit * limit);
+    if (face == INT32_MAX) face = pandis__nearest(t, u, (double)INFINITY);
+    if (face == INT32_MAX) return PANDIS_INVALID;
+    pandis__foot foot;
+    double n[3];
+    pandis__find_foot(t, face, u, &foot);
+    pandis__pseudonormal(t, face, &foot, n);
+    double sign = pandis__dot(foot.offset, n) < 0 ? -1 : 1;
+    *distance = sign * foot.distance;
+    /* closer than this the quotient has lost too many digits */
+    for (int k = 0; k < 3; k++) normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
+    return fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
+}
+
+/* ---------------------------------------------------------------- networks */
+
+/* Vectors as wide as the machine's, where the compiler has them: it would not see by itself that the
+ * lanes of a sum can stay in registers. Elsewhere a vector is one number. What is added to what, and
+ * in which order, is the same for every width. */
+#if defined(__GNUC__) && !defined(PANDIS_NO_VECTORS)
+#if defined(__AVX512F__)
+#define PANDIS__VECTOR 16
+#elif defined(__AVX__)
+#define PANDIS__VECTOR 8
+#else
+#define PANDIS__VECTOR 4
+#endif
+typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
+typedef int16_t pandis__vector16 __attribute__((vector_size(2 * PANDIS__VECTOR)));
+
+static inline pandis__vector pandis__load16(const int16_t *p) {
+    pandis__vector16 v;
+    memcpy(&v, p, sizeof v);
+    return __builtin_convertvector(v, pandis__vector);
+}
+
+static inline pandis__vector pandis__splat(float x) {
+    pandis__vector v;
+    for (int k = 0; k < PANDIS__VECTOR; k++) v[k] = x;
+    return v;
+}
+#else
+#define PANDIS__VECTOR 1
+typedef float pandis__vector;
+static inline float pandis__load16(const int16_t *p) { return (float)*p; }
+static inline float pandis__splat(float x) { return x; }
+#endif
+#define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
+
+static inline pandis__vector pandis__load(const float *p) {
+    pandis__vector v;
+    memcpy(&v, p, sizeof v);
+    return v;
+}
+
+/* Each of the following for weights of 32 and of 16 bits. */
+#define PANDIS__KINDS(make) make(pandis__load, float, f) make(pandis__load16, int16_t, h)
+
+/* out <- out + the sum over rows of h[i] * weights[i], four rows at once. */
+#define PANDIS__ADD(load, type, tail)                                                                            \
+    static void pandis__add_##tail(const type *w, const float *h, int rows, int stride, float *out) {            \
+        int i = 0;                                                                                               \
+        for (; i + 4 <= rows; i += 4, w += 4 * (ptrdiff_t)stride) {                                              \
+            pandis__vector a = pandis__splat(h[i]), b = pandis__splat(h[i + 1]), c = pandis__splat(h[i + 2]),    \
+                           d = pandis__splat(h[i + 3]);                                                          \
+            for (int j = 0; j < stride; j += PANDIS__VECTOR) {                                                   \
+                pandis__vector sum = pandis__load(out + j) + ((a * load(w + j) + b * load(w + stride + j)) +     \
+                                                              (c * load(w + 2 * (ptrdiff_t)stride + j) +         \
+                                                               d * load(w + 3 * (ptrdiff_t)stride + j)));        \
+                memcpy(out + j, &sum, sizeof sum);                                                               \
+            }                                                                                                    \
+        }                                                                                                        \
+        for (; i < rows; i++, w += stride)                                                                       \
+            for (int j = 0; j < stride; j++) out[j] += h[i] * (float)w[j];                                       \
+    }
+PANDIS__KINDS(PANDIS__ADD)
+
+/* Sum the lanes of four rows by halves. */
+static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
+    for (int n = PANDIS__LANES / 2; n; n /= 2)
+        for (int r = 0; r < 4; r++)
+            for (int k = 0; k < n; k++) lanes[r][k] += lanes[r][k + n];
+    for (int r = 0; r < 4; r++) out[r] = lanes[r][0];
+}
+
+/* out[i] <- the product of row i and y, each summed in PANDIS__LANES lanes, four rows at once. */
+#define PANDIS__DOT(load, type, tail)                                                                            \
+    static void pandis__dots_##tail(const type *w, const float *y, int rows, int stride, float *out) {           \
+        for (int i = 0; i < rows; i += 4) {                                                                      \
+            const type *row[4];                                                                                  \
+            pandis__vector sum[4][PANDIS__PARTS];                                                                \
+            float lanes[4][PANDIS__LANES], four[4];                                                              \
+            memset(sum, 0, sizeof sum);                                                                          \
+            for (int r = 0; r < 4; r++) row[r] = w + (ptrdiff_t)(i + r < rows ? i + r : i) * stride;             \
+            for (int j = 0; j < stride; j += PANDIS__LANES)                                                      \
+                for (int k = 0; k < PANDIS__PARTS; k++) {                                                        \
+                    pandis__vector v = pandis__load(y + j + k * PANDIS__VECTOR);                                 \
+                    for (int r = 0; r < 4; r++) sum[r][k] += load(row[r] + j + k * PANDIS__VECTOR) * v;          \
+                }                                                                                                \
+            memcpy(lanes, sum, sizeof lanes);                                                                    \
+            pandis__fold(lanes, four);                                                                           \
+            for (int r = 0; r < 4 && i + r < rows; r++) out[i + r] = four[r];                                    \
+        }                                                                                                        \
+    }
+PANDIS__KINDS(PANDIS__DOT)
+
+/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. */
+static int pandis__answer_network(const pandis__network *n, const double *u, double *distance, double *normal) {
+    float slopes[PANDIS__MOST_DEPTH][PANDIS__MOST_WIDTH], ends[2][PANDIS__MOST_WIDTH];
+    float *h = ends[0], *z = ends[1], x[3], result[4] = {0};
+    double inside[3], value, gradient[3];
+    double outside = pandis__clamp(u, inside);
+    int stride = n->stride, own = n->outputs == 1;
+    for (int k = 0; k < 3; k++) x[k] = (float)inside[k];
+    for (int layer = 0; layer < n->depth; layer++) {
+        const float *bias = n->biases + (ptrdiff_t)layer * stride;
+        ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
+        for (int j = 0; j < stride; j++) z[j] = 0;
+        if (layer > 0 && n->hidden16)
+            for (int i = 0; i < n->width; i++) h[i] *= n->scales[at + i];
+        if (layer == 0)
+            pandis__add_f(n->first, x, 3, stride, z);
+        else if (n->hidden)
+            pandis__add_f(n->hidden + at * stride, h, n->width, stride, z);
+        else
+            pandis__add_h(n->hidden16 + at * stride, h, n->width, stride, z);
+        for (int j = 0; j < stride; j++) pandis__sine_cosine(z[j] + bias[j], z + j, slopes[layer] + j);
+        float *swap = h;
+        h = z, z = swap;
+    }
+    pandis__dots_f(n->last, h, n->outputs, stride, result);
+    for (int k = 0; k < n->outputs; k++) result[k] += n->biases[(ptrdiff_t)n->depth * stride + k];
+    value = (double)result[0];
+    if (own) {
+        for (int j = 0; j < stride; j++) h[j] = n->last[j] * slopes[n->depth - 1][j];
+        for (int layer = n->depth - 1; layer > 0; layer--) {
+            ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
+            if (n->hidden) {
+                pandis__dots_f(n->hidden + at * stride, h, n->width, stride, z);
+                for (int i = 0; i < n->width; i++) z[i] *= slopes[layer - 1][i];
+            } else {
+                pandis__dots_h(n->hidden16 + at * stride, h, n->width, stride, z);
+                for (int i = 0; i < n->width; i++) z[i] *= n->scales[at + i] * slopes[layer - 1][i];
+            }
+            for (int i = n->width; i < stride; i++) z[i] = 0;
+            float *swap = h;
+            h = z, z = swap;
+        }
+        pandis__dots_f(n->first, h, 3, stride, result);
+        for (int k = 0; k < 3; k++) gradient[k] = (double)result[k];
+    } else {
+        for (int k = 0; k < 3; k++) gradient[k] = (double)result[k + 1];
+    }
+    if (n->base.size) {
+        double more, slope[3];
+        pandis__cubic(&n->base, inside, &more, slope);
+        value += more;
+        for (int k = 0; k < 3; k++) gradient[k] += slope[k];
+    }
+    *distance = value + outside;
+    memcpy(normal, gradient, sizeof gradient);
+    return outside > 0 ? PANDIS_BOUND : PANDIS_OK;
+}
+
+/* ---------------------------------------------------------------- grids */
+
+enum { PANDIS__NEAREST, PANDIS__TRILINEAR, PANDIS__NORMAL, PANDIS__GRADIENT, PANDIS__TRICUBIC };
+
+static const float *pandis__at(const pandis__grid *g, const int *i) {
+    return g->nodes + (((ptrdiff_t)i[0] * g->size + i[1]) * g->size + i[2]) * g->channels;
+}
+
+static double pandis__mix(double a, double b, double t) { return a * (1 - t) + b * t; }
+
+/* Corner values around a point, x slowest, and where in the cell it is. */
+static void pandis__corners(const pandis__grid *g, const double *p, const float **corner, double *t) {
+    int first[3];
+    for (int k = 0; k < 3; k++) {
+        double x = (p[k] + 1) * ((g->size - 1) / 2.0), cell = floor(x);
+        cell = cell < g->size - 2 ? cell : g->size - 2;
+        first[k] = (int)cell, t[k] = x - cell;
+    }
+    for (int c = 0; c < 8; c++) {
+        int i[3] = {first[0] + (c >> 2), first[1] + (c >> 1 & 1), first[2] + (c & 1)};
+        corner[c] = pandis__at(g, i);
+    }
+}
+
+static int pandis__answer_grid(const pandis__grid *g, const double *u, double *distance, double *normal) {
+    double p[3], t[3], value[4] = {0}, outside = pandis__clamp(u, p);
+    const float *corner[8];
+    int cell[3], force = g->rule == PANDIS__NEAREST || g->rule == PANDIS__TRILINEAR;
+    if (g->rule == PANDIS__NEAREST) {
+        int i[3];
+        for (int k = 0; k < 3; k++) i[k] = (int)floor((p[k] + 1) * ((g->size - 1) / 2.0) + 0.5);
+        for (int k = 0; k < 3; k++) value[k + 1] = (double)pandis__at(g, i)[k];
+    } else if (g->rule == PANDIS__TRICUBIC) {
+        pandis__cubic(&g->cubic, p, value, value + 1);
+    } else {
+        pandis__corners(g, p, corner, t);
+        for (int c = 0; c < g->channels; c++) {
+            double line[4];
+            for (int e = 0; e < 4; e++) line[e] = pandis__mix((double)corner[e][c], (double)corner[e + 4][c], t[0]);
+            double low = pandis__mix(line[0], line[2], t[1]), high = pandis__mix(line[1], line[3], t[1]);
+            value[c + (force ? 1 : 0)] = pandis__mix(low, high, t[2]);
+            if (g->rule != PANDIS__GRADIENT) continue;
+            double rise[4], per = (g->size - 1) / 2.0;
+            for (int e = 0; e < 4; e++) rise[e] = (double)corner[e + 4][c] - (double)corner[e][c];
+            value[1] = per * pandis__mix(pandis__mix(rise[0], rise[2], t[1]), pandis__mix(rise[1], rise[3], t[1]), t[2]);
+            value[2] = per * pandis__mix(line[2] - line[0], line[3] - line[1], t[2]);
+            value[3] = per * pandis__mix(line[1] - line[0], line[3] - line[2], t[1]);
+        }
+    }
+    memcpy(normal, value + 1, 3 * sizeof *normal);
+    *distance = force ? -sqrt(pandis__dot(normal, normal)) : value[0] + outside;
+    int last = g->size - 2;
+    for (int k = 0; k < 3; k++) {
+        double x = (p[k] + 1) * ((g->size - 1) / 2.0);
+        cell[k] = x < last ? (int)x : last;
+    }
+    ptrdiff_t bit = ((ptrdiff_t)cell[0] * (last + 1) + cell[1]) * (last + 1) + cell[2];
+    int covered = g->covered[bit >> 3] >> (7 - (bit & 7)) & 1;
+    return covered && outside == 0 ? PANDIS_OK : PANDIS_BOUND;
+}
+
+/* ---------------------------------------------------------------- banded splines */
+
+static float pandis__restored(const pandis__spline *s, int level, int stored) {
+    return (float)(s->offset[level] + s->scale[level] * (double)stored);
+}
+
+/* Add one level's value and gradient; tells how much of it is kept. */
+static int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
+    const pandis__layout *l = s->layout + level;
+    int first[3], kept;
+    int32_t index[64];
+    double w[3][4], dw[3][4];
+    float c[64];
+    if (!pandis__place(l->size, l->low, l->per_step, p, first, w, dw)) return 0;
+    kept = pandis__locate(l, first, -1, index);
+    if (!kept) return 0;
+    for (int i = 0; i < 64; i++) {
+        int32_t at = index[i];
+        c[i] = at < 0 ? 0.0f : pandis__restored(s, level, level ? s->fine[at] : s->coarse[at]);
+    }
+    pandis__tensor(c, w, dw, value, gradient);
+    return kept;
+}
+
+static int pandis__answer_spline(const pandis__spline *s, const double *u, double *distance, double *normal) {
+    double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
+    for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
+    int kept = pandis__add_level(s, 0, p, &value, gradient), flag = PANDIS_OK;
+    pandis__add_level(s, 1, p, &value, gradient);
+    if (kept < 2 || outside > 0) {
+        int first[3];
+        double w[3][4], dw[3][4];
+        float c[64];
+        value = gradient[0] = gradient[1] = gradient[2] = 0;
+        if (pandis__place(s->far_size, s->far_low, s->far_per_step, p, first, w, dw)) {
+            for (int i = 0; i < 64; i++) {
+                ptrdiff_t x = first[0] + (i >> 4), y = first[1] + (i >> 2 & 3), z = first[2] + (i & 3);
+                c[i] = pandis__restored(s, 2, s->far[(x * s->far_size + y) * s->far_size + z]);
+            }
+            pandis__tensor(c, w, dw, &value, gradient);
+        }
+        const pandis__layout *l = s->layout;
+        ptrdiff_t block[3], count = 4 * (ptrdiff_t)l->bricks;
+        for (int k = 0; k < 3; k++) {
+            double cell = floor(((p[k] - l->low) * l->per_step < l->size - 2 ? (p[k] - l->low) * l->per_step : l->size - 2) / 2);
+            block[k] = cell > 0 ? (ptrdiff_t)cell : 0;
+        }
+        ptrdiff_t bit = (block[0] * count + block[1]) * count + block[2];
+        if ((s->side[bit >> 3] >> (7 - (bit & 7)) & 1) || outside > 0)
+            value = (value > s->outside ? value : s->outside) + outside;
+        else
+            value = value < -s->inside ? value : -s->inside;
+        flag = PANDIS_BOUND;
+    }
+    *distance = value;
+    memcpy(normal, gradient, sizeof gradient);
+    return flag;
+}
+
+/* ---------------------------------------------------------------- closed forms */
+
+enum { PANDIS__SPHERE, PANDIS__TORUS, PANDIS__BOX, PANDIS__CAPSULE };
+
+/* In the units of the shape: a sphere (radius), a torus around z (ring, tube), a box (half its
+ * sides), a capsule along z (radius, half its axis). */
+static void pandis__answer_shape(const pandis__shape *s, const double *p, double *distance, double *normal) {
+    double offset[3] = {p[0], p[1], p[2]};
+    if (s->shape == PANDIS__BOX) {
+        double excess[3], out[3], most;
+        int widest = 0;
+        for (int k = 0; k < 3; k++) {
+            excess[k] = fabs(p[k]) - s->size[k], out[k] = excess[k] > 0 ? excess[k] : 0;
+            if (excess[k] > excess[widest]) widest = k;
+        }
+        most = excess[widest];
+        double outside = sqrt(pandis__dot(out, out));
+        *distance = outside + (most < 0 ? most : 0);
+        if (!(outside > 0)) out[0] = out[1] = out[2] = 0, out[widest] = 1;
+        for (int k = 0; k < 3; k++) normal[k] = p[k] < 0 ? -out[k] : out[k];
+        return;
+    }
+    if (s->shape == PANDIS__TORUS) {
+        double flat = sqrt(p[0] * p[0] + p[1] * p[1]);
+        offset[0] -= s->size[0] * (flat > 0 ? p[0] / flat : 1), offset[1] -= s->size[0] * (flat > 0 ? p[1] / flat : 0);
+    }
+    if (s->shape == PANDIS__CAPSULE) {
+        double axis = p[2] < -s->size[1] ? -s->size[1] : p[2] > s->size[1] ? s->size[1] : p[2];
+        offset[2] -= axis;
+    }
+    double length = sqrt(pandis__dot(offset, offset));
+    *distance = length - s->size[s->shape == PANDIS__TORUS];
+    memcpy(normal, offset, sizeof offset);
+    if (!(length > 0)) normal[s->shape == PANDIS__CAPSULE ? 0 : 2] = 1;
+}
+
+/* ---------------------------------------------------------------- queries */
+
+PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+    double u[3], d = 0, n[3] = {0};
+    int flag = PANDIS_INVALID, finite = 1;
+    for (int k = 0; k < 3; k++) {
+        u[k] = (point[k] - field->centre[k]) * field->scale;
+        finite &= fabs(u[k]) < PANDIS__FAR;
+    }
+    if (finite) {
+        switch (field->kind) {
+            case PANDIS_NETWORK: flag = pandis__answer_network(&field->as.network, u, &d, n); break;
+            case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u, &d, n); break;
+            case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u, &d, n); break;
+            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u, &d, n); break;
+            case PANDIS_SHAPE:
+                pandis__answer_shape(&field->as.shape, point, &d, n);
+                d *= field->scale;
+                flag = fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
+                break;
+            default: break;
+        }
+        if (!(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
+    }
+    if (flag == PANDIS_INVALID) {
+        answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
+    } else {
+        if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
+        answer->distance = d / field->scale;
+        for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
+    }
+    answer->flag = flag;
+}
+
+PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
+    pandis_answer answer;
+    pandis_query(field, point, &answer);
+    double push = answer.distance < 0 ? -stiffness * answer.distance : 0; /* not so for NaN */
+    for (int k = 0; k < 3; k++) force[k] = push > 0 ? push * answer.normal[k] : 0;
+    return answer.flag;
+}
+
+PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
+                                  double *normals, unsigned char *flags) {
+    pandis_answer answer;
+    for (size_t i = 0; i < count; i++) {
+        pandis_query(field, points + 3 * i, &answer);
+        distances[i] = answer.distance;
+        if (normals) memcpy(normals + 3 * i, answer.normal, sizeof answer.normal);
+        if (flags) flags[i] = (unsigned char)answer.flag;
+    }
+}
+
+/* ---------------------------------------------------------------- files */
+
+#define PANDIS__HEADER 256
+#define PANDIS__SECTION 24
+#define PANDIS__MOST_SECTIONS 32
+#define PANDIS__VERSION 1
+#define PANDIS__ORDER 0x0a0b0c0du
+
+static uint32_t pandis__u32(const unsigned char *p) {
+    return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
+
+static uint64_t pandis__u64(const unsigned char *p) { return pandis__u32(p) | (uint64_t)pandis__u32(p + 4) << 32; }
+
+static double pandis__f64(const unsigned char *p) {
+    uint64_t bits = pandis__u64(p);
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* CRC-32 (ISO 3309, as in zip files). */
+static uint32_t pandis__crc(const unsigned char *p, size_t size) {
+    uint32_t table[256], crc = 0xffffffffu;
+    for (uint32_t i = 0; i < 256; i++) {
+        uint32_t c = i;
+        for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ (c >> 1) : c >> 1;
+        table[i] = c;
+    }
+    for (size_t i = 0; i < size; i++) crc = table[(crc ^ p[i]) & 0xff] ^ (crc >> 8);
+    return ~crc;
+}
+
+/* A number of the header: the k-th of its 14 whole and 16 real ones. */
+static int32_t pandis__whole(const pandis_field *f, int k) {
+    uint32_t value = pandis__u32(f->data + 72 + 4 * k);
+    return value <= INT32_MAX ? (int32_t)value : -1;
+}
+
+static double pandis__real(const pandis_field *f, int k) { return pandis__f64(f->data + 128 + 8 * k); }
+
+/* A section by its name, if it holds `count` values of `each` bytes; sections have been checked. */
+static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
+    uint32_t sections = pandis__u32(f->data + 36);
+    for (uint32_t i = 0; i < sections; i++) {
+        const unsigned char *entry = f->data + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
+        if (memcmp(entry, name, 4)) continue;
+        return pandis__u64(entry + 16) == count * each ? f->data + (size_t)pandis__u64(entry + 8) : NULL;
+    }
+    return NULL;
+}
+
+static int pandis__finite(const float *values, uint64_t count) {
+    int good = values != NULL;
+    for (uint64_t i = 0; good && i < count; i++) good &= fabsf(values[i]) <= 3e38f;
+    return good;
+}
+
+static int pandis__finite64(const double *values, uint64_t count) {
+    int good = values != NULL;
+    for (uint64_t i = 0; good && i < count; i++) good &= fabs(values[i]) <= 1e30;
+    return good;
+}
+
+static uint64_t pandis__cube(int32_t n) { return (uint64_t)n * (uint64_t)n * (uint64_t)n; }
+
+/* The lattice that answers in the box, `cells` per axis there. */
+static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
+    l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
+    l->values = (const float *)pandis__section(f, name, pandis__cube(l->size), sizeof(float));
+    return pandis__finite(l->values, pandis__cube(l->size));
+}
+
+static int pandis__open_network(pandis_field *f) {
+    pandis__network *n = &f->as.network;
+    int32_t base = pandis__whole(f, 3), bits = pandis__whole(f, 4);
+    n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1), n->outputs = pandis__whole(f, 2);
+    if (n->width < 1 || n->width > PANDIS__MOST_WIDTH || n->depth < 1 || n->depth > PANDIS__MOST_DEPTH) return 0;
+    if ((n->outputs != 1 && n->outputs != 4) || (bits != 16 && bits != 32) || base < 0 || base > 512) return 0;
+    n->stride = (n->width + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES;
+    uint64_t row = (uint64_t)n->stride, rows = (uint64_t)(n->depth - 1) * (uint64_t)n->width;
+    uint64_t biases = (uint64_t)n->depth * row + 4;
+    n->first = (const float *)pandis__section(f, "WIN ", 3 * row, sizeof(float));
+    n->last = (const float *)pandis__section(f, "WOUT", (uint64_t)n->outputs * row, sizeof(float));
+    n->biases = (const float *)pandis__section(f, "BIAS", biases, sizeof(float));
+    if (!pandis__finite(n->first, 3 * row) || !pandis__finite(n->last, (uint64_t)n->outputs * row)) return 0;
+    if (!pandis__finite(n->biases, biases)) return 0;
+    if (bits == 32) {
+        n->hidden = (const float *)pandis__section(f, "WHID", rows * row, sizeof(float));
+        if (!pandis__finite(n->hidden, rows * row)) return 0;
+    } else {
+        n->hidden16 = (const int16_t *)pandis__section(f, "WHID", rows * row, sizeof(int16_t));
+        n->scales = (const float *)pandis__section(f, "SCAL", rows, sizeof(float));
+        if (!n->hidden16 || !pandis__finite(n->scales, rows)) return 0;
+    }
+    return !base || pandis__open_lattice(f, "BASE", base, &n->base);
+}
+
+static int pandis__open_grid(pandis_field *f) {
+    pandis__grid *g = &f->as.grid;
+    static const int32_t channels[] = {3, 3, 4, 1, 1};
+    g->rule = pandis__whole(f, 0), g->size = pandis__whole(f, 1);
+    if (g->rule < 0 || g->rule > PANDIS__TRICUBIC || g->size < 2 || g->size > 1024) return 0;
+    g->channels = channels[g->rule];
+    uint64_t count = pandis__cube(g->size) * (uint64_t)g->channels, bits = pandis__cube(g->size - 1);
+    g->covered = (const uint8_t *)pandis__section(f, "COVR", (bits + 7) / 8, 1);
+    if (!g->covered) return 0;
+    if (g->rule == PANDIS__TRICUBIC) return pandis__open_lattice(f, "NODE", g->size - 1, &g->cubic);
+    g->nodes = (const float *)pandis__section(f, "NODE", count, sizeof(float));
+    return pandis__finite(g->nodes, count);
+}
+
+static int pandis__open_layout(pandis_field *f, int level) {
+    static const char *const names[2][4] = {{"BBRK", "BMSK", "BBAS", "BCOF"}, {"FBRK", "FMSK", "FBAS", "FCOF"}};
+    pandis__spline *s = &f->as.spline;
+    pandis__layout *l = s->layout + level;
+    int32_t kept = pandis__whole(f, 4 + level), blocks = pandis__whole(f, 6 + level);
+    l->size = pandis__whole(f, level), l->bricks = pandis__whole(f, 2 + level);
+    l->low = pandis__real(f, level);
+    if (l->size < 4 || l->size > 1024 || l->bricks < 1 || l->bricks != (l->size + 7) / 8) return 0;
+    if (kept < 0 || kept >= PANDIS__NO_BRICK || blocks < 0 || blocks > INT32_MAX / 8 || !(l->low <= -1 && l->low > -3)) return 0;
+    l->per_step = (l->size - 1) / (-2 * l->low);
+    l->brick = (const uint16_t *)pandis__section(f, names[level][0], pandis__cube(l->bricks), 2);
+    l->mask = (const uint64_t *)pandis__section(f, names[level][1], (uint64_t)kept, 8);
+    l->base = (const uint32_t *)pandis__section(f, names[level][2], (uint64_t)kept, 4);
+    const void *stored = pandis__section(f, names[level][3], (uint64_t)blocks * 8, level ? 1 : 2);
+    if (level) s->fine = (const int8_t *)stored;
+    else s->coarse = (const int16_t *)stored;
+    if (!l->brick || !l->mask || !l->base || !stored) return 0;
+    for (uint64_t i = 0; i < pandis__cube(l->bricks); i++)
+        if (l->brick[i] != PANDIS__NO_BRICK && l->brick[i] >= kept) return 0;
+    uint64_t before = 0;
+    for (int32_t i = 0; i < kept; i++) {
+        if (l->base[i] != before) return 0;
+        before += (uint64_t)pandis__count_bits(l->mask[i]);
+    }
+    return before == (uint64_t)blocks;
+}
+
+static int pandis__open_spline(pandis_field *f) {
+    pandis__spline *s = &f->as.spline;
+    if (!pandis__open_layout(f, 0) || !pandis__open_layout(f, 1)) return 0;
+    s->far_size = pandis__whole(f, 8), s->far_low = pandis__real(f, 2);
+    if (s->far_size < 4 || s->far_size > 512 || !(s->far_low <= -1 && s->far_low > -3)) return 0;
+    s->far_per_step = (s->far_size - 1) / (-2 * s->far_low);
+    for (int k = 0; k < 3; k++) {
+        s->offset[k] = pandis__real(f, 3 + k), s->scale[k] = pandis__real(f, 6 + k);
+        if (!(fabs(s->offset[k]) <= 1e30 && fabs(s->scale[k]) <= 1e30)) return 0;
+    }
+    s->inside = pandis__real(f, 9), s->outside = pandis__real(f, 10);
+    if (!(s->inside >= 0 && s->inside <= 1e30 && s->outside >= 0 && s->outside <= 1e30)) return 0;
+    uint64_t blocks = pandis__cube(4 * s->layout[0].bricks);
+    s->far = (const int16_t *)pandis__section(f, "RCOF", pandis__cube(s->far_size), 2);
+    s->side = (const uint8_t *)pandis__section(f, "SIDE", (blocks + 7) / 8, 1);
+    return s->far && s->side;
+}
+
+/* Every index must lead somewhere, and no child to where it came from. */
+static int pandis__open_mesh(pandis_field *f) {
+    pandis__mesh *m = &f->as.mesh;
+    m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
+    m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
+    m->reach = pandis__real(f, 0);
+    if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
+    if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
+    uint64_t v = (uint64_t)m->vertex_count, t = (uint64_t)m->face_count;
+    m->vertices = (const double *)pandis__section(f, "VERT", 3 * v, sizeof(double));
+    m->vertex_normals = (const double *)pandis__section(f, "VNRM", 3 * v, sizeof(double));
+    m->faces = (const int32_t *)pandis__section(f, "FACE", 3 * t, sizeof(int32_t));
+    m->neighbours = (const int32_t *)pandis__section(f, "NEIG", 3 * t, sizeof(int32_t));
+    m->nodes = (const pandis__node *)pandis__section(f, "TREE", (uint64_t)m->node_count, sizeof(pandis__node));
+    m->leaves = (const pandis__leaf *)pandis__section(f, "LEAF", (uint64_t)m->leaf_count, sizeof(pandis__leaf));
+    if (!m->faces || !m->neighbours || !m->nodes || !m->leaves) return 0;
+    if (!pandis__finite64(m->vertices, 3 * v) || !pandis__finite64(m->vertex_normals, 3 * v)) return 0;
+    for (uint64_t i = 0; i < 3 * t; i++)
+        if (m->faces[i] < 0 || m->faces[i] >= m->vertex_count || m->neighbours[i] < -1 || m->neighbours[i] >= m->face_count)
+            return 0;
+    for (int32_t i = 0; i < m->node_count; i++)
+        for (int k = 0; k < PANDIS__WIDTH; k++) {
+            int32_t child = m->nodes[i].child[k];
+            int used = !(m->nodes[i].low[0][k] > m->nodes[i].high[0][k]);
+            if (used && (child >= 0 ? child <= i || child >= m->node_count : ~child >= m->leaf_count)) return 0;
+        }
+    for (int32_t i = 0; i < m->leaf_count; i++) {
+        const pandis__leaf *leaf = m->leaves + i;
+        if (leaf->count < 1 || leaf->count > PANDIS__LEAF) return 0;
+        for (int k = 0; k < leaf->count; k++)
+            if (leaf->face[k] < 0 || leaf->face[k] >= m->face_count) return 0;
+    }
+    return 1;
+}
+
+static int pandis__open_shape(pandis_field *f) {
+    pandis__shape *s = &f->as.shape;
+    s->shape = pandis__whole(f, 0);
+    for (int k = 0; k < 3; k++) {
+        s->size[k] = pandis__real(f, k);
+        if (!(s->size[k] >= 0 && s->size[k] <= 1e30)) return 0;
+    }
+    return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
+}
+
+PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
+    const unsigned char *p = (const unsigned char *)data;
+    const uint32_t order = PANDIS__ORDER;
+    memset(field, 0, sizeof *field);
+    if (!p || size < 8 || memcmp(p, "PANDIS\r\n", 8)) return PANDIS_ERROR_FORMAT;
+    if (size < PANDIS__HEADER) return PANDIS_ERROR_SIZE;
+    if (pandis__u32(p + 8) != order || memcmp(p + 8, &order, 4)) return PANDIS_ERROR_ENDIAN;
+    if (pandis__u32(p + 12) != PANDIS__VERSION) return PANDIS_ERROR_VERSION;
+    if (pandis__u64(p + 16) != size) return PANDIS_ERROR_SIZE;
+    if (pandis__u32(p + 24) != pandis__crc(p + 32, size - 32)) return PANDIS_ERROR_CHECKSUM;
+    if ((uintptr_t)p % 8) return PANDIS_ERROR_CONTENT;
+    field->data = p, field->size = size;
+    uint32_t sections = pandis__u32(p + 36);
+    if (sections > PANDIS__MOST_SECTIONS || PANDIS__HEADER + (size_t)sections * PANDIS__SECTION > size)
+        return PANDIS_ERROR_CONTENT;
+    for (uint32_t i = 0; i < sections; i++) {
+        const unsigned char *entry = p + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
+        uint64_t start = pandis__u64(entry + 8), bytes = pandis__u64(entry + 16);
+        if (start % 8 || start > size || bytes > size - start) return PANDIS_ERROR_CONTENT;
+    }
+    for (int k = 0; k < 3; k++) field->centre[k] = pandis__f64(p + 40 + 8 * k);
+    field->scale = pandis__f64(p + 64);
+    if (!(field->scale >= 1e-150 && field->scale <= 1e150)) return PANDIS_ERROR_CONTENT;
+    for (int k = 0; k < 3; k++)
+        if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
+    int good = 0, kind = (int)pandis__u32(p + 32);
+    if (kind == PANDIS_NETWORK) good = pandis__open_network(field);
+    if (kind == PANDIS_GRID) good = pandis__open_grid(field);
+    if (kind == PANDIS_SPLINE) good = pandis__open_spline(field);
+    if (kind == PANDIS_MESH) good = pandis__open_mesh(field);
+    if (kind == PANDIS_SHAPE) good = pandis__open_shape(field);
+    if (!good) return PANDIS_ERROR_CONTENT;
+    field->kind = kind;
+    return 0;
+}
+
+#ifndef PANDIS_NO_FILE
+PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
+    int error = PANDIS_ERROR_FILE;
+    memset(field, 0, sizeof *field);
+#ifdef PANDIS__MMAP
+    struct stat found;
+    int file = open(path, O_RDONLY);
+    if (file < 0) return error;
+    if (!fstat(file, &found) && found.st_size > 0) {
+        size_t size = (size_t)found.st_size;
+        void *data = mmap(NULL, size, PROT_READ, MAP_PRIVATE, file, 0);
+        if (data != MAP_FAILED) {
+            error = pandis_open(field, data, size);
+            if (error) munmap(data, size);
+            field->mapped = !error;
+        }
+    } else if (!fstat(file, &found)) {
+        error = PANDIS_ERROR_FORMAT;
+    }
+    close(file);
+#else
+    FILE *file = fopen(path, "rb");
+    if (!file) return error;
+    if (!fseek(file, 0, SEEK_END)) {
+        long size = ftell(file);
+        void *data = size > 0 ? malloc((size_t)size) : NULL;
+        rewind(file);
+        if (data && fread(data, 1, (size_t)size, file) == (size_t)size) error = pandis_open(field, data, (size_t)size);
+        if (error) free(data);
+        field->mapped = !error;
+    }
+    fclose(file);
+#endif
+    return error;
+}
+#endif
+
+PANDIS_API void pandis_close(pandis_field *field) {
+#ifndef PANDIS_NO_FILE
+    void *data = (void *)(uintptr_t)field->data;
+#ifdef PANDIS__MMAP
+    if (field->mapped) munmap(data, field->size);
+#else
+    if (field->mapped) free(data);
+#endif
+#endif
+    memset(field, 0, sizeof *field);
+}
+
+PANDIS_API const char *pandis_error(int error) {
+    switch (error) {
+        case 0: return "no error";
+        case PANDIS_ERROR_FILE: return "the file cannot be read";
+        case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
+        case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
+        case PANDIS_ERROR_VERSION: return "the file is of another version: use the pandis.h that came with it";
+        case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
+        case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
+        case PANDIS_ERROR_CONTENT: return "what the file says does not fit together";
+        default: return "unknown error";
+    }
+}
+
+#endif /* PANDIS_IMPLEMENTATION */

@@ -1,0 +1,74 @@
+"""The servo loop: the binding of ``servo.c``."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.native.compiler import load
+
+_LOCKED, _REALTIME = 1, 2
+#: A tick's last part is spent watching the clock: sleeping is not that exact (s).
+SPIN = 1e-4
+
+
+class Run(NamedTuple):
+    """What a servo run saw, per tick.
+
+    Attributes
+    ----------
+    compute : ndarray, shape (n,)
+        Seconds that the force took.
+    lateness : ndarray, shape (n,)
+        Seconds between the tick's due time and its start.
+    force : ndarray, shape (n, 3)
+        At stiffness 1, mesh units; zero where nothing was computed.
+    locked, realtime : bool
+        Whether the system let memory be locked, and the loop have a real-time priority.
+    """
+
+    compute: np.ndarray
+    lateness: np.ndarray
+    force: np.ndarray
+    locked: bool
+    realtime: bool
+
+
+@cache
+def library():
+    """Return the compiled library with its functions' types declared."""
+    lib = load(Path(__file__).with_name("servo.c"))
+    pointer, i64 = ctypes.c_void_p, ctypes.c_int64
+    lib.servo_run.argtypes = [pointer, pointer, i64, ctypes.c_double, i64, i64, i64, *[pointer] * 3]
+    return lib
+
+
+def run_ticks(field, points, count, rate):
+    """Ask a field for the force once per tick of a fixed-rate clock.
+
+    Parameters
+    ----------
+    field : pandis.native.runtime.NativeField or None
+        None: the clock alone, without work.
+    points : ndarray, shape (m, 3), mesh units
+        The probe's path; taken over and over.
+    count : int
+        Ticks.
+    rate : float
+        Ticks per second.
+
+    Returns
+    -------
+    Run
+    """
+    points = np.ascontiguousarray(points, np.float64)
+    compute, lateness, force = np.empty(count), np.empty(count), np.empty((count, 3))
+    columns = (column.ctypes.data for column in (compute, lateness, force))
+    period = round(1e9 / rate)
+    allowed = library().servo_run(
+        field.address if field else None, points.ctypes.data, len(points), 1.0, count, period,
+        min(round(SPIN * 1e9), period // 2), *columns,
+    )  # fmt: skip
+    return Run(compute, lateness, force, bool(allowed & _LOCKED), bool(allowed & _REALTIME))

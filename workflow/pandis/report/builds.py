@@ -1,0 +1,41 @@
+"""How long the jobs took that built a field: from Snakemake's benchmark files."""
+
+import json
+from pathlib import Path
+
+from pandis.catalogue import parse_field
+
+#: By the first word of an artifact's name: how the file of its job begins.
+_JOBS = {"grid": "bake", "model": "train", "method": "", "choice": "choose"}
+
+
+def build_seconds(mesh, fields, folder="results/benchmarks"):
+    """Return the seconds of the last job that built each field.
+
+    A job that went on from a checkpoint counts from there. Times lie beside the artifacts, not in
+    them, so that a field without one is simply not told.
+
+    Parameters
+    ----------
+    mesh : str
+    fields : list of str
+    folder : path-like
+
+    Returns
+    -------
+    dict of str to float
+        0 where nothing is built beyond the mesh.
+    """
+    found = {}
+    for field in fields:
+        first, _, rest = parse_field(field, [field]).artifact.partition("-")
+        if first == "mesh":
+            found[field] = 0.0
+            continue
+        name = "-".join(part for part in (_JOBS[first], rest) if part)
+        try:
+            lines = (Path(folder) / mesh / f"{name}.jsonl").read_text().splitlines()
+            found[field] = float(json.loads(lines[-1])["s"])
+        except (OSError, ValueError, KeyError, IndexError):
+            continue
+    return found

@@ -1,0 +1,73 @@
+"""Figures as the page holds them: to look at, to print, and as numbers."""
+
+import base64
+import io
+from itertools import zip_longest
+from typing import NamedTuple
+from urllib.parse import quote
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.rcParams["svg.hashsalt"] = "pandis"
+mpl.rcParams["svg.fonttype"] = "none"
+mpl.rcParams["font.size"] = 9
+mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
+
+#: What needs no escape in a URI within an attribute: shorter than base 64.
+_SAFE = " !$()*+,-./:;=?@[]_~{}|^"
+
+
+class Picture(NamedTuple):
+    """A figure of the report.
+
+    Attributes
+    ----------
+    svg, pdf : str
+        ``data:`` URIs.
+    csv : str
+        The numbers it was drawn from; empty where they are an artifact's.
+    """
+
+    svg: str
+    pdf: str
+    csv: str
+
+
+def save(figure, numbers=None, dpi=110):
+    """Return a matplotlib figure as a Picture.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    numbers : dict of str to sequence, optional
+        Columns of the table of numbers; they may differ in length.
+    dpi : int
+        Of the parts that are pixels.
+    """
+    svg = _written(figure, "svg", dpi, Date=None).decode()
+    pdf = _written(figure, "pdf", dpi, CreationDate=None)
+    return Picture(
+        f"data:image/svg+xml,{quote(svg, safe=_SAFE)}",
+        f"data:application/pdf;base64,{base64.b64encode(pdf).decode()}",
+        _csv(numbers or {}),
+    )
+
+
+def _written(figure, form, dpi, **metadata):
+    stream = io.BytesIO()
+    figure.savefig(stream, format=form, dpi=dpi, metadata=metadata, bbox_inches="tight")
+    return stream.getvalue()
+
+
+def _csv(numbers):
+    lines = [",".join(f'"{name}"' for name in numbers)] if numbers else []
+    for row in zip_longest(*numbers.values(), fillvalue=""):
+        lines.append(",".join(_cell(value) for value in row))
+    return "\n".join(lines)
+
+
+def _cell(value):
+    if isinstance(value, str):
+        return value
+    return f"{value:.6g}" if isinstance(value, float | np.floating) else str(value)

@@ -1,0 +1,59 @@
+"""What the page's three-dimensional view of a mesh is drawn from: short integers, as text."""
+
+import base64
+import json
+
+import numpy as np
+
+#: Powers of ten that the colours span, up to the largest errors.
+DECADES = 3
+#: Whole numbers per unit of length, and per field's range of colours.
+_STEPS, _COLOURS = 32767, 255
+
+
+def view(evaluation, names, first):
+    """Return the text of a JSON object for ``view.js``.
+
+    Parameters
+    ----------
+    evaluation : pandis.artifact.Artifact
+        Of kind ``evaluation``.
+    names : list of str
+        Fields whose errors can be chosen.
+    first : str
+        The one that is shown at first.
+
+    Returns
+    -------
+    str
+        ``vertices``, ``faces`` and each of ``paths``: little-endian integers in base 64, positions
+        in 1/32767 of the unit frame; ``errors``: by field, per vertex, a byte from 0 (10^low mN or
+        less) to 255 (10^high mN or more); ``low``, ``high``, ``first``; ``small``: faces are of 16
+        bits, not 32.
+    """
+    held = evaluation.arrays
+    errors = {n: held[f"view_error_{n}"] for n in names if f"view_error_{n}" in held}
+    scale = 1e3 * evaluation.attributes["newtons"]
+    largest = max((np.percentile(e, 99.5) * scale for e in errors.values()), default=0.0)
+    high = float(np.ceil(2 * np.log10(max(largest, 1e-6))) / 2)
+    with np.errstate(divide="ignore"):
+        shades = {n: (np.log10(e * scale) - high) / DECADES + 1 for n, e in errors.items()}
+    small = len(held["view_vertices"]) < 1 << 16
+    return json.dumps(
+        {
+            "vertices": _text(held["view_vertices"] * _STEPS, "<i2"),
+            "faces": _text(held["view_faces"], "<u2" if small else "<u4"),
+            "small": small,
+            "paths": [_text(path * _STEPS, "<i2") for path in held["paths"]],
+            "errors": {n: _text(s.clip(0, 1) * _COLOURS, "u1") for n, s in shades.items()},
+            "low": high - DECADES,
+            "high": high,
+            "first": first if first in errors else next(iter(errors), ""),
+        },
+        sort_keys=True,
+    )
+
+
+def _text(values, kind):
+    whole = np.rint(values) if np.issubdtype(values.dtype, np.floating) else values
+    return base64.b64encode(np.ascontiguousarray(whole).astype(kind).tobytes()).decode()
