@@ -303,7 +303,7 @@ def test_force_is_smooth_across_cells(torus, kind):
     engine, surface = torus
     if kind == "spline":
         made, size = spline_field(engine, surface, 60_000), 0
-        step = made._levels[1].lattice.step
+        step = made.levels[1].lattice.step
     else:
         made, size = field(kind, engine, 32), 32
         step = 2 / (size - 1)

@@ -27,7 +27,7 @@ def bunny_table():
         if row["mesh"] == "bunny" and row["bytes"]:
             errors = (row[f"{name}_mean"] for name in ("trajectory", "shallow", "deep"))
             cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
-            time = f"{float(row['one_p50_us']):.0f} µs"
+            time = f"{float(row['native_p50_us']):.2g} µs"
             table.append(f"| `{row['field']}` | {int(row['bytes']):,} | {cells} | {time} |")
     return _noted(table, notes)
 
@@ -245,3 +245,14 @@ def _short(text):
     """Format a percentage: what is below a billionth is rounding."""
     value = float(text or 0)
     return "0" if value < 1e-9 else f"{value:.2g}" if value < 99.5 else f"{value:.4g}"
+
+
+def native_table():
+    """Return the table of single queries: pandis.h and the usual ways."""
+    notes, rows = _figures("native")
+    table = ["| field | asked by | median (µs) | p99.9 (µs) | times pandis.h |", "|---|---|--:|--:|--:|"]
+    for row in rows:
+        cells = [row["field"], row["way"], f"{float(row['median_us']):.3g}"]
+        cells += [f"{float(row['p999_us']):.3g}", f"{float(row['of_native']):.3g}"]
+        table.append(_row(cells))
+    return _noted(table, notes)

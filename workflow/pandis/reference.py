@@ -105,6 +105,7 @@ def generated():
             distances=measured.distance_table(),
             fields=measured.field_table(),
             full=measured.full_table(),
+            native=measured.native_table(),
         ),
         TRAINING: with_generated(
             TRAINING,

@@ -244,9 +244,10 @@ static double pandis__clamp(const double *u, double *inside) {
 #define PANDIS__PART3 7.549789954891e-8f
 
 /* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, as of
- * 0. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+ * 0; NaN of what is no finite number. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
 static inline void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
+    float none = x - x;              /* 0, or NaN of what is no finite number */
     x = fabsf(x) <= 1e4f ? x : 0.0f;
     float k = (x * 0.636619772367581343f + whole) - whole;
     float r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3, q = r * r;
@@ -255,8 +256,8 @@ static inline void pandis__sine_cosine(float x, float *sine, float *cosine) {
               1.0f;
     int32_t quarter = (int32_t)k;
     float a = quarter & 1 ? c : s, b = quarter & 1 ? s : c;
-    *sine = quarter & 2 ? -a : a;
-    *cosine = (quarter + 1) & 2 ? -b : b;
+    *sine = (quarter & 2 ? -a : a) + none;
+    *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
 /* ---------------------------------------------------------------- B-splines */
@@ -333,25 +334,33 @@ static int pandis__count_bits(uint64_t x) {
 /* Find the 64 coefficients around a point; those that are not kept get the index `blank`. Tells
  * how much is kept: 0 nothing, 1 some of it, 2 everything. */
 static int pandis__locate(const pandis__layout *l, const int *first, int32_t blank, int32_t *index) {
-    int n = l->bricks, found = 0, missing = 0;
-    for (int bx = first[0] >> 1; bx <= (first[0] + 3) >> 1; bx++)
-        for (int by = first[1] >> 1; by <= (first[1] + 3) >> 1; by++)
-            for (int bz = first[2] >> 1; bz <= (first[2] + 3) >> 1; bz++) {
+    int n = l->bricks, found = 0, missing = 0, own[3][4], blocks[3];
+    int32_t start[3][3][3];
+    for (int k = 0; k < 3; k++) { /* which of the two or three blocks of an axis a node is in */
+        for (int i = 0; i < 4; i++) own[k][i] = ((first[k] + i) >> 1) - (first[k] >> 1);
+        blocks[k] = own[k][3] + 1;
+    }
+    for (int i = 0; i < blocks[0]; i++)
+        for (int j = 0; j < blocks[1]; j++)
+            for (int k = 0; k < blocks[2]; k++) {
+                int bx = (first[0] >> 1) + i, by = (first[1] >> 1) + j, bz = (first[2] >> 1) + k;
                 uint16_t brick = l->brick[((ptrdiff_t)(bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
                 int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
                 uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
                 int kept = (mask & one) != 0;
-                int32_t start =
-                    kept ? (int32_t)((l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1))) * 8) : 0;
+                uint32_t before = (uint32_t)pandis__count_bits(mask & (one - 1));
+                start[i][j][k] = kept ? (int32_t)((l->base[brick] + before) * 8) : -1;
                 found |= kept, missing |= !kept;
-                for (int c = 0; c < 8; c++) {
-                    int x = 2 * bx + (c >> 2) - first[0], y = 2 * by + (c >> 1 & 1) - first[1],
-                        z = 2 * bz + (c & 1) - first[2];
-                    if (x >= 0 && x < 4 && y >= 0 && y < 4 && z >= 0 && z < 4)
-                        index[(x * 4 + y) * 4 + z] = kept ? start + c : blank;
-                }
             }
-    return !found ? 0 : missing ? 1 : 2;
+    if (!found) return 0;
+    for (int x = 0; x < 4; x++)
+        for (int y = 0; y < 4; y++)
+            for (int z = 0; z < 4; z++) {
+                int32_t at = start[own[0][x]][own[1][y]][own[2][z]];
+                int c = ((first[0] + x) & 1) << 2 | ((first[1] + y) & 1) << 1 | ((first[2] + z) & 1);
+                index[(x * 4 + y) * 4 + z] = at < 0 ? blank : at + c;
+            }
+    return missing ? 1 : 2;
 }
 
 /* ---------------------------------------------------------------- closest points of a mesh */
@@ -770,24 +779,30 @@ static int pandis__answer_grid(const pandis__grid *g, const double *u, double *d
 
 /* ---------------------------------------------------------------- banded splines */
 
-static float pandis__restored(const pandis__spline *s, int level, int stored) {
-    return (float)(s->offset[level] + s->scale[level] * (double)stored);
+/* Coefficients from what is stored of them; what is not kept is zero. */
+static void pandis__restore(const pandis__spline *s, int level, const int32_t *stored, const int32_t *kept, float *c) {
+    double offset = s->offset[level], scale = s->scale[level];
+    for (int i = 0; i < 64; i++) {
+        float value = (float)(offset + scale * (double)stored[i]);
+        c[i] = kept[i] ? value : 0.0f;
+    }
 }
 
 /* Add one level's value and gradient; tells how much of it is kept. */
 static int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
     int first[3], kept;
-    int32_t index[64];
+    int32_t index[64], stored[64];
     double w[3][4], dw[3][4];
     float c[64];
     if (!pandis__place(l->size, l->low, l->per_step, p, first, w, dw)) return 0;
     kept = pandis__locate(l, first, -1, index);
     if (!kept) return 0;
     for (int i = 0; i < 64; i++) {
-        int32_t at = index[i];
-        c[i] = at < 0 ? 0.0f : pandis__restored(s, level, level ? s->fine[at] : s->coarse[at]);
+        int32_t at = index[i] < 0 ? 0 : index[i];
+        stored[i] = level ? s->fine[at] : s->coarse[at], index[i] = index[i] >= 0;
     }
+    pandis__restore(s, level, stored, index, c);
     pandis__tensor(c, w, dw, value, gradient);
     return kept;
 }
@@ -799,14 +814,16 @@ static int pandis__answer_spline(const pandis__spline *s, const double *u, doubl
     pandis__add_level(s, 1, p, &value, gradient);
     if (kept < 2 || outside > 0) {
         int first[3];
+        int32_t stored[64], all[64];
         double w[3][4], dw[3][4];
         float c[64];
         value = gradient[0] = gradient[1] = gradient[2] = 0;
         if (pandis__place(s->far_size, s->far_low, s->far_per_step, p, first, w, dw)) {
             for (int i = 0; i < 64; i++) {
                 ptrdiff_t x = first[0] + (i >> 4), y = first[1] + (i >> 2 & 3), z = first[2] + (i & 3);
-                c[i] = pandis__restored(s, 2, s->far[(x * s->far_size + y) * s->far_size + z]);
+                stored[i] = s->far[(x * s->far_size + y) * s->far_size + z], all[i] = 1;
             }
+            pandis__restore(s, 2, stored, all, c);
             pandis__tensor(c, w, dw, &value, gradient);
         }
         const pandis__layout *l = s->layout;

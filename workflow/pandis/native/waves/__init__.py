@@ -25,7 +25,7 @@ def _pool(threads):
 
 
 def sines(z, bias, cosine, rows, columns, threads):
-    """Replace z by sin(z + bias) and write cos(z + bias), both to 1e-7 for up to 1e4.
+    """Replace z by sin(z + bias) and write cos(z + bias), both to 1.2e-7 for up to 1e4.
 
     Parameters
     ----------

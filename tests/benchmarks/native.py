@@ -1,0 +1,164 @@
+"""pandis.h against the usual ways to ask the same fields; write docs/figures/native.csv.
+
+Usage: .venv/bin/python tests/benchmarks/native.py
+
+The mesh is the bunny that ships with PyMeshLab, the points are those of the default trajectory, one
+query at a time on one thread. Everything takes turns in one process; figures are medians of all
+queries of five turns. The networks are untrained, of the paper's size (four layers of 256), with
+four outputs and with one and its gradient: what they answer does not matter to the clock.
+"""
+
+import sys
+import time
+
+import igl
+import numpy as np
+import torch
+from common import write
+
+from pandis.artifact import Artifact
+from pandis.catalogue import GRID_FIELDS, parse_field
+from pandis.config import MeshOptions, TrajectoryOptions
+from pandis.distance import MeshDistance
+from pandis.export.native import native_bytes
+from pandis.export.networks import network_graph
+from pandis.export.session import Session
+from pandis.fields.exact import ExactField
+from pandis.fields.grids import open_field
+from pandis.fields.siren import SirenField
+from pandis.frame import Frame
+from pandis.grids.dense import DenseGrid
+from pandis.grids.spline import SplineFit, samples_for
+from pandis.mesh.build import build
+from pandis.native.runtime import NativeField
+from pandis.sampling import Surface
+from pandis.stage import silent_progress
+from pandis.training.network import Siren, named_arrays
+from pandis.trajectories import trace
+
+TURNS, QUERIES = 5, 2000
+UNIT = {"frame": Frame((0.0, 0.0, 0.0), 1.0).attributes()}
+COLUMNS = ("field", "way", "median_us", "p999_us", "bytes", "of_native")
+
+
+def bunny():
+    """Return the bunny's vertices and faces in the unit frame."""
+    options = MeshOptions().model_dump()
+    options |= {"source": "pymeshlab:bunny.obj", "sha256": None, "seed": 0}
+    arrays, _ = build(options, None, lambda text: None)
+    frame = Frame.of_bounds(arrays["vertices"].min(0), arrays["vertices"].max(0))
+    return frame.to_unit(arrays["vertices"]), arrays["faces"]
+
+
+def fields(vertices, faces):
+    """Yield name, kind and field of all that is asked."""
+    engine = MeshDistance(vertices, faces)
+    surface = Surface(engine.vertices, engine.faces)
+    arrays = {"vertices": vertices, "faces": faces}
+    held = Artifact(None, "mesh", arrays, UNIT | {"shape": None}, {}, "")
+    yield "exact", "exact", ExactField("exact", held)
+    for kind in ("nearest", "trilinear", "tricubic"):
+        made = DenseGrid(engine, GRID_FIELDS[kind], 64, (0.045, 0.02), silent_progress)
+        values = {"values": np.concatenate(list(made.slabs(64)))}
+        held = Artifact(None, "grid", values, made.attributes() | UNIT, {}, "")
+        yield f"{kind}-64", kind, open_field(parse_field(f"{kind}-64", ()), held)
+    fitted = SplineFit(engine, surface, (0.045, 0.02), 0, samples_for(budget=800_000))
+    arrays, attributes = fitted.build(fitted.choose_size(800_000), 800_000, silent_progress)
+    held = Artifact(None, "grid", arrays, attributes | UNIT, {}, "")
+    yield "spline-auto", "spline", open_field(parse_field("spline-auto", ()), held)
+    for outputs in (4, 1):
+        network = Siren(256, 4, 30.0, outputs, torch.Generator().manual_seed(0))
+        shape = {"width": 256, "depth": 4, "omega": 30.0, "outputs": outputs}
+        weights = named_arrays(list(network.parameters()))
+        held = Artifact(None, "model", weights, UNIT | {"architecture": shape}, {}, "")
+        name = "network 4×256" if outputs == 4 else "network 4×256, gradient"
+        yield name, (held, network), SirenField(name, held)
+
+
+def one_by_one(answer, points):
+    """Return the seconds of single queries."""
+    clock, taken = time.perf_counter, np.empty(QUERIES)
+    single = [points[k % len(points)][None].copy() for k in range(QUERIES)]
+    for k, point in enumerate(single):
+        start = clock()
+        answer(point)
+        taken[k] = clock() - start
+    return taken
+
+
+def eager(network):
+    """Return what asks a network in PyTorch."""
+
+    @torch.no_grad()
+    def answer(point):
+        unit = torch.from_numpy(point).float()
+        if network.weights[-1].shape[0] == 4:
+            out = network(unit)
+            return out[:, 0], torch.nn.functional.normalize(out[:, 1:])
+        phi, slope = network.forward_with_gradient(unit)
+        return phi[:, 0], torch.nn.functional.normalize(slope)
+
+    return answer
+
+
+def ways(vertices, faces):
+    """Yield field, way, bytes and what times it."""
+    path = {}
+    for name, kind, field in fields(vertices, faces):
+        if name == "exact":
+            engine = field.engine
+            options = TrajectoryOptions().model_dump() | {"seed": 2}
+            surface = Surface(engine.vertices, engine.faces)
+            path["points"] = trace(surface, engine, options, silent_progress)["points"]
+        points = path["points"]
+        network = not isinstance(kind, str)
+        for bits in (32, 16) if network else (32,):
+            data = native_bytes(field, "network" if network else kind, {}, bits)
+            native = NativeField(data)
+            way = "pandis.h" if bits == 32 else "pandis.h, 16-bit weights"
+            yield name, way, len(data), lambda n=native, p=points: n.time(p, QUERIES)
+        if name == "exact":
+            tree = igl.AABB()
+            mesh = vertices, faces.astype(np.int64)
+            tree.init(*mesh)
+            asked = lambda p, t=tree, m=mesh: t.squared_distance(*m, p)  # noqa: E731
+            yield name, "igl.AABB", "", lambda a=asked, p=points: one_by_one(a, p)
+            scan = lambda p, e=engine: e.scan(p)  # noqa: E731
+            yield name, "all faces, in C", "", lambda a=scan, p=points[::20]: one_by_one(a, p)
+        if network:
+            held, module = kind
+            session = Session(network_graph(held).model(name, {})).distance_and_normal
+            yield name, "ONNX Runtime", "", lambda a=session, p=points: one_by_one(a, p)
+            asked = eager(module)
+            yield name, "PyTorch, eager", "", lambda a=asked, p=points: one_by_one(a, p)
+
+
+def main():
+    """Measure, and write the table."""
+    torch.set_num_threads(1)
+    every = list(ways(*bunny()))
+    seconds = [[] for _ in every]
+    for turn in range(TURNS):
+        for index, (name, way, _, clock) in enumerate(every):
+            seconds[index].append(clock())
+            print(f"turn {turn + 1}: {name}, {way}", file=sys.stderr, flush=True)
+    rows, native = [], {}
+    for (name, way, size, _), turns in zip(every, seconds, strict=True):
+        found = np.concatenate(turns) * 1e6
+        middle = float(np.median(found))
+        native.setdefault(name, middle)
+        rows.append(
+            {
+                "field": name,
+                "way": way,
+                "median_us": middle,
+                "p999_us": float(np.percentile(found, 99.9)),
+                "bytes": size,
+                "of_native": middle / native[name],
+            }
+        )
+    write("native", COLUMNS, rows)
+
+
+if __name__ == "__main__":
+    main()
