@@ -250,7 +250,10 @@ def _short(text):
 def native_table():
     """Return the table of single queries: pandis.h and the usual ways."""
     notes, rows = _figures("native")
-    table = ["| field | asked by | median (µs) | p99.9 (µs) | times pandis.h |", "|---|---|--:|--:|--:|"]
+    table = [
+        "| field | asked by | median (µs) | p99.9 (µs) | times pandis.h |",
+        "|---|---|--:|--:|--:|",
+    ]
     for row in rows:
         cells = [row["field"], row["way"], f"{float(row['median_us']):.3g}"]
         cells += [f"{float(row['p999_us']):.3g}", f"{float(row['of_native']):.3g}"]
