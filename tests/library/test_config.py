@@ -77,6 +77,10 @@ def test_all_faults_at_once_with_paths_and_suggestions():
         ("fields: [exact, spline-8]", "fields.1: spline-8: it has 32 to 320 nodes"),
         ("fields: [trilinear-auto]", "fields.0: trilinear-auto needs to know what to achieve"),
         ("fields: [salisbury-tricubic-auto]", "fields.0: tricubic-auto needs to know"),
+        (
+            "{trajectory: {kind: spiral}, evaluation: {paths: 8}}",
+            "a spiral is always the same path",
+        ),
         ("fields: [salisbury-auto]", "fields.0: salisbury-auto: a contact point is tracked on"),
         ("bake: {auto: {trilinear: {}}}", "bake.auto.trilinear: name one of force_error and"),
         ("bake: {auto: {cubic: {bytes: 9}}}", "bake.auto.cubic"),

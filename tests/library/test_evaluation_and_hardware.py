@@ -264,7 +264,7 @@ def test_summary_has_every_column_and_the_configs_order():
     lines = to_csv(rows).splitlines()
     assert lines[0] == ",".join(COLUMNS)
     assert lines[2].endswith("0.5,0.1,2,yes,4,0,pass")
-    assert rows[0]["trajectory_newtons"] == pytest.approx(1000)
+    assert rows[0]["trajectory_millinewtons"] == pytest.approx(1000)
     assert rows[0]["trajectory_percent"] == pytest.approx(25)
 
 

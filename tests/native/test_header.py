@@ -19,6 +19,7 @@ from pandis.fields.base import BOUND, INVALID
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
 from pandis.native.runtime import NativeField, pack, read_provenance
+from pandis.native.servo import run_ticks
 from support import ROOT
 
 HERE = Path(__file__).parent
@@ -37,6 +38,9 @@ def files(fields, tmp_path_factory):
     for name, (field, kind) in fields.items():
         paths[name] = folder / f"{name}.pandis"
         paths[name].write_bytes(native_bytes(field, kind, {"of": name}))
+    for name in ("network", "gradient"):  # for what is asked of bytes, not of answers
+        paths[f"{name}-16"] = folder / f"{name}-16.pandis"
+        paths[f"{name}-16"].write_bytes(native_bytes(*fields[name], {"of": name}, 16))
     return paths
 
 
@@ -82,13 +86,28 @@ def test_what_is_no_place_gets_a_flag_and_no_force(name, fields, files):
     assert not native.force(points, k=1e3).any()
     tiny = native.query(np.array([[5e-324, -5e-324, 0.0]]))
     assert np.isfinite(tiny.distance).all()
-    far = native.query(np.array([[1e9, 0, 0]]))
-    assert far.flag[0] == BOUND
-    assert not native.force(np.array([[1e9, 0, 0]])).any()
+    directions = np.random.default_rng(7).normal(size=(50, 3))
+    for way in (1e9, 1e16, 1e20, 1e100, 1e149):
+        far = native.query(way * directions)
+        assert (far.flag == BOUND).all()
+        assert not native.force(way * directions).any()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("small", [1e-320, 1.6e-162, 3e-162, 1e-155])
+def test_normals_next_to_the_centre_have_unit_length(name, small, fields, files):
+    native = NativeField(files[name])
+    centre = np.array(native.frame.centre)
+    points = centre + small * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]])
+    answer = native.query(points)
+    assert np.linalg.norm(answer.normal, axis=1) == pytest.approx(1, abs=1e-12)
+    assert answer.distance == pytest.approx(native.query(centre[None]).distance[0], abs=1e-6)
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize(("language", "standard"), [("c", "c99"), ("c", "c11"), ("c++", "c++17")])
+@pytest.mark.parametrize(
+    ("language", "standard"), [("c", "c99"), ("c", "c11"), ("c++", "c++11"), ("c++", "c++17")]
+)
 def test_it_compiles_without_a_warning(compiler, language, standard, tmp_path):
     source = tmp_path / f"own.{'c' if language == 'c' else 'cpp'}"
     source.write_text(
@@ -166,6 +185,7 @@ def test_damage_is_found_and_named(name, files, tmp_path):
     refused(data + b"12345678", "shorter or longer")
     for at in rng.integers(32, len(data), 40):
         refused(data[:at] + bytes([data[at] ^ 1 << at % 8]) + data[at + 1 :], "damaged")
+    refused(data[:28] + b"\1" + data[29:], "damaged")
     refused(b"", "no .pandis file|cannot be read")
     refused(b"PK" + data[2:], "no .pandis file")
     refused(data[:8] + data[8:12][::-1] + data[12:], "another order")
@@ -213,10 +233,58 @@ def test_what_does_not_fit_together_is_refused(files):
         resealed(held["box"], 36, "<I", 33),
         resealed(mesh, 256 + 8, "<Q", 2**63),
         resealed(mesh, 256 + 16, "<Q", 2**64 - 64),
+        resealed(mesh, 256 + 4, "<I", 1),
+        resealed(mesh, 256 + 8, "<Q", 0),
     ]
     for case in cases:
         with pytest.raises(ArtifactError, match="does not fit together"):
             NativeField(case)
+
+
+def test_a_tree_that_goes_round_or_too_deep_is_refused(files):
+    """Shared children cost 8^n visits, a long chain the stack: nodes must come as they are met."""
+    mesh = files["exact"].read_bytes()
+    tree = section(mesh, b"TREE")
+    children = list(struct.unpack_from("<8i", mesh, tree + 192))
+    inner = [k for k, child in enumerate(children) if child > 0]
+    assert len(inner) >= 2
+    shared = children.copy()
+    shared[inner[1]] = children[inner[0]]
+    skipped = children.copy()
+    skipped[inner[0]] += 1
+    for bad in (shared, skipped):
+        with pytest.raises(ArtifactError, match="does not fit together"):
+            NativeField(resealed(mesh, tree + 192, "<8i", *bad))
+
+
+@pytest.mark.parametrize("flags", [("-ffast-math",), ("-ffinite-math-only",), ("-mfpmath=387",)])
+def test_it_does_not_compile_where_it_would_answer_wrongly(flags, tmp_path):
+    command = ["gcc", "-std=c99", "-O2", *flags, "-I", NATIVE, "-c", HERE / "probe.c"]
+    done = subprocess.run([*command, "-o", tmp_path / "p.o"], capture_output=True, check=False)
+    assert done.returncode != 0
+    assert b"pandis.h needs" in done.stderr
+
+
+def test_an_open_file_may_be_overwritten(files, tmp_path):
+    """What `cp new old` does, which keeps the file and changes its bytes."""
+    path = tmp_path / "field.pandis"
+    path.write_bytes(files["exact"].read_bytes())
+    field = NativeField(path)
+    before = field.query(np.zeros((1, 3))).distance
+    with path.open("r+b") as stream:
+        stream.write(b"\xff" * path.stat().st_size)
+        stream.truncate(100)
+    assert np.array_equal(field.query(np.zeros((1, 3))).distance, before)
+
+
+def test_a_clock_needs_something_to_time(files):
+    field = NativeField(files["sphere"])
+    assert len(field.time([0.0, 0, 0], 5)) == 5
+    for points, queries in ((np.zeros((0, 3)), 5), (np.zeros((1, 3)), 0)):
+        with pytest.raises(ValueError, match="at least one"):
+            field.time(points, queries)
+        with pytest.raises(ValueError, match="at least one"):
+            run_ticks(field, points, queries, 1000)
 
 
 def fuzz(files, tmp_path, seconds):
@@ -254,6 +322,15 @@ def test_sixteen_bits_cost_little(fields):
     off = np.abs(one.query(points).distance - other.query(points).distance).max()
     assert 0 < off * field.frame.scale < 2e-3
     assert "16-bit weights change the answers" in said[0]
+
+
+def test_a_broken_sixteen_bit_export_is_refused(fields, monkeypatch):
+    field, kind = fields["gradient"]
+    data = native_bytes(field, kind, {}, 16)
+    broken = resealed(data, section(data, b"SCAL"), "<f", 0.1)
+    monkeypatch.setattr("pandis.export.native.native_bytes", lambda *_: broken)
+    with pytest.raises(pandis.errors.PandisError, match="differs from its field"):
+        export_native(field, kind, {}, 16, print)
 
 
 def test_an_export_that_differs_from_its_field_is_refused(fields, monkeypatch):

@@ -127,7 +127,7 @@ class Chooser:
     def _exact(self):
         mesh, closed_form = self.mesh.arrays, bool(self.mesh.attributes.get("shape"))
         faces = len(mesh["faces"])
-        size = 0 if closed_form else 12 * (len(mesh["vertices"]) + faces)
+        size = 0 if closed_form else self.engine.tree_bytes
         count = 1 if closed_form else faces
         if not self._fitting("exact", {count: size}):
             return None

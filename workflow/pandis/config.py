@@ -143,8 +143,10 @@ class SampleOptions(Options):
 class Recipe(Options):
     """What both recipes of the sine network share."""
 
-    width: Count = Field(256, description="units of each sine layer")
-    depth: Count = Field(4, description="number of sine layers; 4 is the paper's 800 KB")
+    width: Annotated[int, Field(ge=1, le=1024)] = Field(256, description="units of each sine layer")
+    depth: Annotated[int, Field(ge=1, le=16)] = Field(
+        4, description="number of sine layers; 4 is the paper's 800 KB"
+    )
     steps: Count | None = Field(None, description="budget in optimiser steps: bytes reproduce")
     seconds: Positive | None = Field(
         None,
@@ -198,7 +200,7 @@ class ExactRecipe(Recipe):
         "force all but conservative and the error smaller, or three outputs of their own, which "
         "shortens a query",
     )
-    width: Count = Field(
+    width: Annotated[int, Field(ge=1, le=1024)] = Field(
         248, description="units of each sine layer; 248 and the base are as large as the paper's"
     )
     base: Annotated[int, Field(ge=4, le=64)] | None = Field(
@@ -445,6 +447,12 @@ class StageOptions(Options):
     hardware: HardwareOptions = Field(
         default_factory=HardwareOptions, description="the 1 kHz validation"
     )
+
+    @model_validator(mode="after")
+    def _one_spiral(self):
+        if self.trajectory.kind == "spiral" and self.evaluation.paths > 1:
+            raise ValueError("a spiral is always the same path: set evaluation.paths to 1")
+        return self
 
     @field_validator("fields", mode="before")
     @classmethod

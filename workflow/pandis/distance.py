@@ -118,6 +118,11 @@ class MeshDistance:
         return self._tree.parts()
 
     @property
+    def tree_bytes(self):
+        """How large all of that is."""
+        return sum(map(len, self.tree_parts().values()))
+
+    @property
     def reach(self):
         """The largest coordinate."""
         return self._tree.reach

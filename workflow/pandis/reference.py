@@ -32,6 +32,7 @@ _SECTIONS = {
     "train.{recipe}, loss: paper": config.PaperRecipe,
     "budget": config.BudgetOptions,
     "bake": config.BakeOptions,
+    "export": config.ExportOptions,
     "trajectory": config.TrajectoryOptions,
     "evaluation": config.EvaluationOptions,
     "stress": config.StressOptions,

@@ -3,6 +3,8 @@
 The format: docs/format.md.
 """
 
+import copy
+
 import numpy as np
 
 from pandis.distance import ShapeDistance
@@ -82,9 +84,8 @@ def _network(field, weight_bits):
         "BIAS": np.append(biases.ravel(), tail),
     }
     if weight_bits == 16:
-        scales = np.abs(rows).max(axis=1, initial=0) / _STEPS
-        steps = rows / np.maximum(scales, np.float32(1e-30))[:, None]
-        sections |= {"WHID": _pad(np.rint(steps).astype(np.int16)), "SCAL": scales}
+        steps, scales = _quantised(rows)
+        sections |= {"WHID": _pad(steps), "SCAL": scales}
     else:
         sections["WHID"] = _pad(rows)
     cells = 0
@@ -157,14 +158,32 @@ def export_native(field, kind, provenance, weight_bits, log):
         ``pandis.h`` does not answer as the field does.
     """
     data = native_bytes(field, kind, provenance, weight_bits)
-    native = NativeField(data)
-    rounded = weight_bits == 16 and isinstance(field, SirenField)
-    if rounded:  # what rounding costs is told; what is checked is the rest
+    native, wanted = NativeField(data), field
+    if weight_bits == 16 and isinstance(field, SirenField):
+        # the file must answer as the rounded weights do; what rounding costs is told
+        wanted = _rounded(field)
         whole = NativeField(native_bytes(field, kind, provenance))
         log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
-    answer = (whole if rounded else native).distance_and_normal
-    log(f"agrees with the field: {check(answer, _reference(field), field.frame)}")
+    differences = check(native.distance_and_normal, _reference(wanted), field.frame)
+    log(f"agrees with the field: {differences}")
     return data
+
+
+def _rounded(field):
+    """Return a network whose hidden weights are those of its 16-bit file."""
+    rounded, inner = copy.copy(field), []
+    for weight, bias in field.layers[1:-1]:
+        steps, scales = _quantised(weight.T)
+        inner.append(((steps * scales[:, None]).T.astype(np.float32), bias))
+    rounded.layers = [field.layers[0], *inner, field.layers[-1]]
+    return rounded
+
+
+def _quantised(rows):
+    """Return rows in whole steps of a size of each row's own, and the sizes."""
+    scales = (np.abs(rows).max(axis=1, initial=0) / _STEPS).astype(np.float32)
+    steps = np.rint(rows / np.maximum(scales, np.float32(1e-30))[:, None])
+    return steps.astype(np.int16), scales
 
 
 def _change(one, other, frame):

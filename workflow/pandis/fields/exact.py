@@ -9,12 +9,10 @@ class ExactField(Field):
     """Exact distance and direction of a mesh or a closed-form shape."""
 
     def __init__(self, name, mesh):
-        vertices, faces = mesh.arrays["vertices"], mesh.arrays["faces"]
-        closed_form = bool(mesh.attributes.get("shape"))
-        # as a program would hold it: float32 vertices, int32 faces; a formula holds nothing
-        size = 0 if closed_form else 12 * len(vertices) + 12 * len(faces)
-        super().__init__(name, Frame.from_attributes(mesh.attributes["frame"]), size)
         self.engine = open_distance(mesh)
+        # as pandis.h holds it: the tree and what it leads to; a formula holds nothing
+        size = 0 if mesh.attributes.get("shape") else self.engine.tree_bytes
+        super().__init__(name, Frame.from_attributes(mesh.attributes["frame"]), size)
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""

@@ -1,4 +1,4 @@
-"""Opens any field by its name. Only evaluation, timing, hardware and report import this.
+"""Opens any field by its name, for evaluation, stress, timing, report and native export alone.
 
 A new field is one module beside this one, its options in `pandis.config`, its
 name in `pandis.catalogue`, and one line here.

@@ -18,9 +18,11 @@
  * negative inside, normals point outward and have unit length. A field is only read: any number of
  * threads may ask it. The format of the file: docs/format.md of pandis.
  *
- * C99 or later, or C++11 or later. Compile with -O2 or more; without -ffast-math and with
- * -ffp-contract=off every compiler and every vector width gives the same bits. Define PANDIS_API as
- * static to keep the names to one source file, PANDIS_NO_FILE to leave out what opens files.
+ * C99 or later, or C++11 or later. For speed: -O3 -march=native -fno-math-errno -fno-trapping-math
+ * (without the last two compilers use no vectors for much of it). With -ffp-contract=off every compiler
+ * and every vector width gives the same bits; with -ffast-math or x87 arithmetic it does not compile,
+ * for it would answer wrongly. A query needs 80 KB of stack at most. Define PANDIS_API as static to keep
+ * the names to one source file, PANDIS_NO_FILE to leave out what opens files.
  *
  * Copyright: see LICENSE of pandis, under which this file may be used, too.
  */
@@ -38,9 +40,9 @@ extern "C" {
 #define PANDIS_API extern
 #endif
 
-/* Flags of an answer: as good as the field is; outside of what the field covers, so that side and
- * least distance are right and no more; no answer, because the point is no number (or beyond
- * 1e150), or the field overflowed. */
+/* Flags of an answer: as good as the field is; outside of what the field covers, so that the side is
+ * right and the distance an estimate, which may be too large; no answer, because the point is no
+ * number (or beyond 1e150), or the field overflowed. */
 enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2 };
 
 /* Why a field cannot be opened. */
@@ -150,7 +152,8 @@ typedef struct {
 PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size);
 
 #ifndef PANDIS_NO_FILE
-/* Open a file: mapped where there is mmap, else read into memory. */
+/* Read a file into memory of its own; with PANDIS_MMAP defined it is mapped instead, and must not be
+ * overwritten while it is open. */
 PANDIS_API int pandis_open_file(pandis_field *field, const char *path);
 #endif
 PANDIS_API void pandis_close(pandis_field *field);
@@ -179,11 +182,17 @@ PANDIS_API const char *pandis_error(int error);
 #if defined(PANDIS_IMPLEMENTATION) && !defined(PANDIS__IMPLEMENTED)
 #define PANDIS__IMPLEMENTED
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
+#error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
+#endif
+#if FLT_EVAL_METHOD != 0
+#error "pandis.h needs float and double arithmetic as such: compile with -mfpmath=sse"
+#endif
 #ifndef PANDIS_NO_FILE
-#if defined(__unix__) || defined(__APPLE__)
-#define PANDIS__MMAP
+#ifdef PANDIS_MMAP
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -194,7 +203,9 @@ PANDIS_API const char *pandis_error(int error);
 #endif
 #endif
 
-#ifdef __cplusplus
+#if defined(__GNUC__) || defined(_MSC_VER)
+#define PANDIS__RESTRICT __restrict
+#elif defined(__cplusplus)
 #define PANDIS__RESTRICT
 #else
 #define PANDIS__RESTRICT restrict
@@ -206,6 +217,7 @@ PANDIS_API const char *pandis_error(int error);
 #define PANDIS__MOST_WIDTH 1024
 #define PANDIS__MOST_DEPTH 16
 #define PANDIS__STACK 1024
+#define PANDIS__DEEPEST 145 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
 
 static double pandis__dot(const double *u, const double *v) {
@@ -218,10 +230,12 @@ static void pandis__cross(const double *u, const double *v, double *out) {
     out[2] = u[0] * v[1] - u[1] * v[0];
 }
 
+#define PANDIS__TINY 1e-150 /* squares of less have lost their digits */
+
 /* Scale to unit length; 0 if there is none. */
 static int pandis__normalise(double *v) {
     double length = sqrt(pandis__dot(v, v));
-    if (!(length > 0)) return 0;
+    if (!(length > PANDIS__TINY)) return 0;
     for (int k = 0; k < 3; k++) v[k] /= length;
     return 1;
 }
@@ -444,7 +458,6 @@ static void pandis__leaf_distances(const pandis__leaf *PANDIS__RESTRICT f, const
 /* Push the children nearer than `limit`, the nearest on top. */
 static int pandis__push(const pandis__node *node, const float *bounds, double limit, pandis__entry *stack, int top) {
     int first = top;
-    if (top > PANDIS__STACK - PANDIS__WIDTH) return top; /* no tree of ours is so deep */
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         if (!((double)bounds[i] <= limit) || node->low[0][i] > node->high[0][i]) continue;
         int at = top++;
@@ -547,6 +560,14 @@ static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pand
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
+/* On which side of the surface a point is: -1 inside. Beyond all vertices it is outside; very far
+ * away all triangles are equally near, and their normals tell nothing. */
+static double pandis__sign(const pandis__mesh *t, const double *p, const pandis__foot *foot, const double *n) {
+    for (int k = 0; k < 3; k++)
+        if (fabs(p[k]) > t->reach) return 1;
+    return pandis__dot(foot->offset, n) < 0 ? -1 : 1;
+}
+
 static int pandis__answer_mesh(const pandis__mesh *t, const double *u, double *distance, double *normal) {
     double start[3];
     for (int k = 0; k < 3; k++) start[k] = u[k] - t->vertices[3 * (ptrdiff_t)t->faces[0] + k];
@@ -559,7 +580,7 @@ static int pandis__answer_mesh(const pandis__mesh *t, const double *u, double *d
     double n[3];
     pandis__find_foot(t, face, u, &foot);
     pandis__pseudonormal(t, face, &foot, n);
-    double sign = pandis__dot(foot.offset, n) < 0 ? -1 : 1;
+    double sign = pandis__sign(t, u, &foot, n);
     *distance = sign * foot.distance;
     /* closer than this the quotient has lost too many digits */
     for (int k = 0; k < 3; k++) normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
@@ -571,7 +592,7 @@ static int pandis__answer_mesh(const pandis__mesh *t, const double *u, double *d
 /* Vectors as wide as the machine's, where the compiler has them: it would not see by itself that the
  * lanes of a sum can stay in registers. Elsewhere a vector is one number. What is added to what, and
  * in which order, is the same for every width. */
-#if defined(__GNUC__) && !defined(PANDIS_NO_VECTORS)
+#if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
 #if defined(__AVX512F__)
 #define PANDIS__VECTOR 16
 #elif defined(__AVX__)
@@ -868,7 +889,8 @@ static void pandis__answer_shape(const pandis__shape *s, const double *p, double
     }
     if (s->shape == PANDIS__TORUS) {
         double flat = sqrt(p[0] * p[0] + p[1] * p[1]);
-        offset[0] -= s->size[0] * (flat > 0 ? p[0] / flat : 1), offset[1] -= s->size[0] * (flat > 0 ? p[1] / flat : 0);
+        offset[0] -= s->size[0] * (flat > PANDIS__TINY ? p[0] / flat : 1);
+        offset[1] -= s->size[0] * (flat > PANDIS__TINY ? p[1] / flat : 0);
     }
     if (s->shape == PANDIS__CAPSULE) {
         double axis = p[2] < -s->size[1] ? -s->size[1] : p[2] > s->size[1] ? s->size[1] : p[2];
@@ -877,7 +899,7 @@ static void pandis__answer_shape(const pandis__shape *s, const double *p, double
     double length = sqrt(pandis__dot(offset, offset));
     *distance = length - s->size[s->shape == PANDIS__TORUS];
     memcpy(normal, offset, sizeof offset);
-    if (!(length > 0)) normal[s->shape == PANDIS__CAPSULE ? 0 : 2] = 1;
+    if (!(length > PANDIS__TINY)) normal[s->shape == PANDIS__CAPSULE ? 0 : 2] = 1;
 }
 
 /* ---------------------------------------------------------------- queries */
@@ -1090,7 +1112,34 @@ static int pandis__open_spline(pandis_field *f) {
     return s->far && s->side;
 }
 
-/* Every index must lead somewhere, and no child to where it came from. */
+/* Walk the tree: nodes and leaves must come in the order in which they are met, each of them once, so
+ * that no query can go round, or take longer than there are leaves; and not deeper than the stack. */
+static int pandis__walk(const pandis__mesh *m) {
+    int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
+    int next[PANDIS__DEEPEST], depth = 0;
+    path[0] = 0, next[0] = 0;
+    while (depth >= 0) {
+        const pandis__node *node = m->nodes + path[depth];
+        int k = next[depth]++;
+        if (k >= PANDIS__WIDTH) {
+            depth--;
+            continue;
+        }
+        if (node->low[0][k] > node->high[0][k]) continue;
+        int32_t child = node->child[k];
+        if (child < 0) {
+            if (~child != leaves || leaves >= m->leaf_count) return 0;
+            leaves++;
+        } else {
+            if (child != nodes || nodes >= m->node_count || depth + 1 >= PANDIS__DEEPEST) return 0;
+            nodes++, depth++;
+            path[depth] = child, next[depth] = 0;
+        }
+    }
+    return nodes == m->node_count && leaves == m->leaf_count;
+}
+
+/* Every index must lead somewhere. */
 static int pandis__open_mesh(pandis_field *f) {
     pandis__mesh *m = &f->as.mesh;
     m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
@@ -1110,19 +1159,13 @@ static int pandis__open_mesh(pandis_field *f) {
     for (uint64_t i = 0; i < 3 * t; i++)
         if (m->faces[i] < 0 || m->faces[i] >= m->vertex_count || m->neighbours[i] < -1 || m->neighbours[i] >= m->face_count)
             return 0;
-    for (int32_t i = 0; i < m->node_count; i++)
-        for (int k = 0; k < PANDIS__WIDTH; k++) {
-            int32_t child = m->nodes[i].child[k];
-            int used = !(m->nodes[i].low[0][k] > m->nodes[i].high[0][k]);
-            if (used && (child >= 0 ? child <= i || child >= m->node_count : ~child >= m->leaf_count)) return 0;
-        }
     for (int32_t i = 0; i < m->leaf_count; i++) {
         const pandis__leaf *leaf = m->leaves + i;
         if (leaf->count < 1 || leaf->count > PANDIS__LEAF) return 0;
         for (int k = 0; k < leaf->count; k++)
             if (leaf->face[k] < 0 || leaf->face[k] >= m->face_count) return 0;
     }
-    return 1;
+    return pandis__walk(m);
 }
 
 static int pandis__open_shape(pandis_field *f) {
@@ -1144,7 +1187,7 @@ PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
     if (pandis__u32(p + 8) != order || memcmp(p + 8, &order, 4)) return PANDIS_ERROR_ENDIAN;
     if (pandis__u32(p + 12) != PANDIS__VERSION) return PANDIS_ERROR_VERSION;
     if (pandis__u64(p + 16) != size) return PANDIS_ERROR_SIZE;
-    if (pandis__u32(p + 24) != pandis__crc(p + 32, size - 32)) return PANDIS_ERROR_CHECKSUM;
+    if (pandis__u32(p + 28) || pandis__u32(p + 24) != pandis__crc(p + 32, size - 32)) return PANDIS_ERROR_CHECKSUM;
     if ((uintptr_t)p % 8) return PANDIS_ERROR_CONTENT;
     field->data = p, field->size = size;
     uint32_t sections = pandis__u32(p + 36);
@@ -1153,7 +1196,8 @@ PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
     for (uint32_t i = 0; i < sections; i++) {
         const unsigned char *entry = p + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
         uint64_t start = pandis__u64(entry + 8), bytes = pandis__u64(entry + 16);
-        if (start % 8 || start > size || bytes > size - start) return PANDIS_ERROR_CONTENT;
+        if (start % 8 || start > size || bytes > size - start || pandis__u32(entry + 4)) return PANDIS_ERROR_CONTENT;
+        if (bytes && start < PANDIS__HEADER + (size_t)sections * PANDIS__SECTION) return PANDIS_ERROR_CONTENT;
     }
     for (int k = 0; k < 3; k++) field->centre[k] = pandis__f64(p + 40 + 8 * k);
     field->scale = pandis__f64(p + 64);
@@ -1175,7 +1219,7 @@ PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
 PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
     int error = PANDIS_ERROR_FILE;
     memset(field, 0, sizeof *field);
-#ifdef PANDIS__MMAP
+#ifdef PANDIS_MMAP
     struct stat found;
     int file = open(path, O_RDONLY);
     if (file < 0) return error;
@@ -1211,7 +1255,7 @@ PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
 PANDIS_API void pandis_close(pandis_field *field) {
 #ifndef PANDIS_NO_FILE
     void *data = (void *)(uintptr_t)field->data;
-#ifdef PANDIS__MMAP
+#ifdef PANDIS_MMAP
     if (field->mapped) munmap(data, field->size);
 #else
     if (field->mapped) free(data);

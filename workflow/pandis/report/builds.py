@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from pandis.catalogue import parse_field
+from pandis.catalogue import PROXY, parse_field
 
 #: By the first word of an artifact's name: how the file of its job begins.
 _JOBS = {"grid": "bake", "model": "train", "method": "", "choice": "choose"}
@@ -28,7 +28,8 @@ def build_seconds(mesh, fields, folder="results/benchmarks"):
     """
     found = {}
     for field in fields:
-        first, _, rest = parse_field(field, [field]).artifact.partition("-")
+        recipes = [field, field.removeprefix(f"{PROXY}-")]
+        first, _, rest = parse_field(field, recipes).artifact.partition("-")
         if first == "mesh":
             found[field] = 0.0
             continue

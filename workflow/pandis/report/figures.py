@@ -18,7 +18,7 @@ _COLOURS = {
     "trilinear-normal": "#1f6f8b",
     "trilinear-gradient": "#5fa8d3",
     "tricubic": "#3a56c5",
-    "spline": "#111111",
+    "spline": "#8b2be2",
     "kim": "#8d6e63",
     "kim-ray": "#a1887f",
     "kim-cell": "#bcaaa4",
@@ -28,7 +28,7 @@ _COLOURS = {
     **dict(zip(PLANE_FIELDS, ("#b0bec5", "#90a4ae", "#607d8b"), strict=True)),
 }
 _KEPT, _CAP = (176, 190, 214), (60, 160, 90)
-_NETWORKS = ("#b5179e", "#d62828", "#7209b7", "#f3722c")
+_NETWORKS = ("#d62828", "#f3722c", "#b5179e", "#f48fb1", "#7f1d1d", "#ff7f50")
 
 
 def colour(spec, networks):
@@ -43,7 +43,7 @@ def picture(vertices, faces, path):
     figure = Figure(figsize=(5, 5), layout="constrained")
     _show(figure.add_subplot(), vertices, faces, VIEW, points=path)
     figure.axes[0].set_title("")
-    return save(figure, dict(zip("xyz", path.T, strict=True)))
+    return save(figure)
 
 
 def heat_map(vertices, faces, origin, deviation, diagonal):
@@ -260,7 +260,9 @@ def training_curves(models):
     for index, (name, curve) in enumerate(models.items()):
         numbers |= {f"{name} step": curve[:, 0].astype(int), f"{name} error": curve[:, 2]}
         if len(curve):
-            axes.semilogy(curve[:, 0], curve[:, 2], color=_NETWORKS[index % 4], label=name)
+            axes.semilogy(
+                curve[:, 0], curve[:, 2], color=_NETWORKS[index % len(_NETWORKS)], label=name
+            )
     axes.set(xlabel="step", ylabel="held-out force error")
     axes.legend(frameon=False)
     axes.grid(True, alpha=0.25)

@@ -67,7 +67,8 @@ function tools(...links) {
 const names = new Map();
 for (const table of document.querySelectorAll("table")) {
   if (!table.tHead) continue;
-  [...table.tHead.rows[0].cells].forEach((heading, column) => {
+  // what mixes units, as the paper's tables do, has no order
+  if (!table.classList.contains("fixed")) [...table.tHead.rows[0].cells].forEach((heading, column) => {
     heading.tabIndex = 0;
     heading.title = "sort";
     heading.addEventListener("click", () => sortBy(table, column, heading));

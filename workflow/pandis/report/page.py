@@ -137,15 +137,15 @@ def _first(rows, networks):
 def _sentence(rows, networks, closed_form):
     """Say in one sentence who wins, whoever it is."""
     error = {row["field"]: row["trajectory_mean"] for row in rows if row["bytes"] != ""}
-    approximate = {k: v for k, v in error.items() if k != "exact"}
+    approximate = {k: v for k, v in error.items() if v > 0}
     if not approximate:
-        return "Only the exact field was built."
+        return "Only exact fields were built."
     best = min(approximate, key=approximate.get)
     text = f"Of the approximate fields, {best} has the least mean force error on the trajectory "
     text += f"({approximate[best]:.2e})."
     base = approximate.get("trilinear-64")
     for name in networks:
-        if base:
+        if base and name in approximate:
             text += (
                 f" {name} has {approximate[name] / base:.2f} times the error of the paper's "
                 "trilinear-64."

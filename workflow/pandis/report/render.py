@@ -67,8 +67,10 @@ def project(points, axes, size):
 
 
 def _draw_path(image, buffer, points, axes, size):
-    steps = np.linspace(0, 1, 8, endpoint=False)
-    dense = (points[:-1, None] + steps[:, None] * np.diff(points, axis=0)[:, None]).reshape(-1, 3)
+    steps, way = np.linspace(0, 1, 8, endpoint=False), np.diff(points, axis=0)
+    length = np.linalg.norm(way, axis=1)
+    whole = length <= 8 * np.median(length)  # a longer step is one to where it begins anew
+    dense = (points[:-1][whole, None] + steps[:, None] * way[whole, None]).reshape(-1, 3)
     row, column, depth = project(dense, axes, size)
     # the path runs below the surface: allow for the depth of penetration
     seen = depth > buffer[row, column] - 0.06

@@ -19,11 +19,11 @@ COLUMNS = {
     "shallow_mean": "Shallow probes, mean",
     "deep_mean": "Deep probes, mean",
     "trajectory_angle": "Angle (°)",
-    "trajectory_newtons": "Error (mN)",
+    "trajectory_millinewtons": "Error (mN)",
     "native_p50_us": "One query in C, p50 (µs)",
     "native_p999_us": "p99.9",
     "one_p50_us": "From Python, p50 (µs)",
-    "one_p99_us": "One query, p99 (µs)",
+    "one_p99_us": "p99",
     "one_p999_us": "p99.9",
     "libtorch_p50_us": "In LibTorch, p50 (µs)",
     "batch_us": "In a batch (µs)",
@@ -94,7 +94,7 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
             "shallow_mean": errors["shallow"]["mean"] if "shallow" in errors else "",
             "deep_mean": errors["deep"]["mean"] if "deep" in errors else "",
             "trajectory_angle": errors["trajectory"]["angle"],
-            "trajectory_newtons": 1e3 * errors["trajectory"]["mean"] * evaluation["newtons"],
+            "trajectory_millinewtons": 1e3 * errors["trajectory"]["mean"] * evaluation["newtons"],
         }
         if times := timing["fields"].get(field):
             keys = ("one_p50_us", "one_p99_us", "one_p999_us", "batch_us")

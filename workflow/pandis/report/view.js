@@ -161,10 +161,12 @@ class View {
 
   // A path runs a little below the surface: what is nearly in front is shown.
   trail(path, pixels, depth, width, height) {
-    const at = this.project(path);
+    const at = this.project(path), length = (i) => Math.hypot(...[3, 4, 5].map((k) => path[i + k] - path[i + k - 3]));
+    const lengths = Array.from({ length: path.length / 3 - 1 }, (_, i) => length(3 * i)).sort((a, b) => a - b);
+    const usual = lengths[lengths.length >> 1] || Infinity;
     for (let i = 0; i + 3 < at.length; i += 3) {
       const way = Math.hypot(at[i + 3] - at[i], at[i + 4] - at[i + 1]);
-      if (way > 0.1 * width * this.zoom) continue; // it has begun anew elsewhere
+      if (length(i) > 8 * usual) continue; // it has begun anew elsewhere
       const steps = Math.ceil(way) + 1;
       for (let s = 0; s < steps; s++) {
         const [x, y, z] = [0, 1, 2].map((k) => at[i + k] + (s / steps) * (at[i + 3 + k] - at[i + k]));

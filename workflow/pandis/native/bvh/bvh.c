@@ -555,7 +555,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         pandis__find_foot(&m, last, p, &foot);
         for (int k = 0; k < 3; k++) closest[k] = p[k] - foot.offset[k];
         pandis__pseudonormal(&m, last, &foot, n);
-        double sign = dot(foot.offset, n) < 0 ? -1 : 1;
+        double sign = pandis__sign(&m, p, &foot, n);
         if (check && foot.distance > on_surface) {
             double side = 0;
             for (int j = 0; j < KNOWN && !side; j++) {
@@ -622,7 +622,7 @@ void bvh_scan(const Bvh *t, const double *points, int64_t count, double *distanc
         }
         pandis__find_foot(&m, face, p, &foot);
         pandis__pseudonormal(&m, face, &foot, n);
-        double sign = dot(foot.offset, n) < 0 ? -1 : 1;
+        double sign = pandis__sign(&m, p, &foot, n);
         distance[i] = sign * foot.distance;
         for (int k = 0; k < 3; k++)
             normal[3 * i + k] = foot.distance > 0 ? sign * (foot.offset[k] / foot.distance) : n[k];

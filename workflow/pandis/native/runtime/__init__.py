@@ -123,7 +123,10 @@ class NativeField:
 
     def time(self, points, queries):
         """Return the seconds (queries,) of single queries at points (n, 3) in turn."""
-        points, taken = np.ascontiguousarray(points, np.float64), np.empty(queries)
+        points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+        if not len(points) or queries < 1:
+            raise ValueError("at least one point and one query are needed")
+        taken = np.empty(queries)
         self._library.runtime_time(
             self._field, points.ctypes.data, len(points), queries, taken.ctypes.data
         )

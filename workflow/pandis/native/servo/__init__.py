@@ -63,7 +63,9 @@ def run_ticks(field, points, count, rate):
     -------
     Run
     """
-    points = np.ascontiguousarray(points, np.float64)
+    points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+    if not len(points) or count < 1:
+        raise ValueError("at least one point and one tick are needed")
     compute, lateness, force = np.empty(count), np.empty(count), np.empty((count, 3))
     columns = (column.ctypes.data for column in (compute, lateness, force))
     period = round(1e9 / rate)

@@ -47,7 +47,8 @@ int servo_run(const pandis_field *field, const double *points, int64_t count, do
     memset(taken, 0, (size_t)ticks * sizeof *taken);
     memset(late, 0, (size_t)ticks * sizeof *late);
     memset(forces, 0, (size_t)ticks * 3 * sizeof *forces);
-    for (int64_t k = 0; field && k < WARM_UP; k++) pandis_force(field, points + 3 * (k % count), stiffness, forces);
+    double warm[3];
+    for (int64_t k = 0; field && k < WARM_UP; k++) pandis_force(field, points + 3 * (k % count), stiffness, warm);
     int64_t start = now() + 10 * period;
     for (int64_t tick = 0; tick < ticks; tick++) {
         int64_t due = start + tick * period;
