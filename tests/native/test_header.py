@@ -27,6 +27,8 @@ NATIVE = Path(pandis.__file__).parent / "native"
 NAMES = ("exact", "nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 NAMES += ("spline", "network", "gradient", "shallow", "sphere", "torus", "box", "capsule")
 STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wvla", "-Werror", "-I", str(NATIVE))
+needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
+needs_cpp = pytest.mark.skipif(not shutil.which("g++"), reason="no g++ here: apt-get install g++")
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
 
 
@@ -109,12 +111,14 @@ def test_normals_next_to_the_centre_have_unit_length(name, small, fields, files)
     ("language", "standard"), [("c", "c99"), ("c", "c11"), ("c++", "c++11"), ("c++", "c++17")]
 )
 def test_it_compiles_without_a_warning(compiler, language, standard, tmp_path):
+    tool = compiler if language == "c" else {"gcc": "g++", "clang": "clang++"}[compiler]
+    if not shutil.which(tool):
+        pytest.skip(f"no {tool} here")
     source = tmp_path / f"own.{'c' if language == 'c' else 'cpp'}"
     source.write_text(
         '#define PANDIS_IMPLEMENTATION\n#include "pandis.h"\n#include "pandis.h"\n'
         "int main(void) { pandis_field f; return !pandis_open(&f, 0, 0); }\n"
     )
-    tool = compiler if language == "c" else {"gcc": "g++", "clang": "clang++"}[compiler]
     for level in ("-O0", "-O3"):
         command = [tool, f"-std={standard}", level, *STRICT, source, "-lm", "-o", tmp_path / "own"]
         subprocess.run(command, check=True)
@@ -257,6 +261,7 @@ def test_a_tree_that_goes_round_or_too_deep_is_refused(files):
             NativeField(resealed(mesh, tree + 192, "<8i", *bad))
 
 
+@needs_gcc
 @pytest.mark.parametrize("flags", [("-ffast-math",), ("-ffinite-math-only",), ("-mfpmath=387",)])
 def test_it_does_not_compile_where_it_would_answer_wrongly(flags, tmp_path):
     command = ["gcc", "-std=c99", "-O2", *flags, "-I", NATIVE, "-c", HERE / "probe.c"]
@@ -301,11 +306,13 @@ def fuzz(files, tmp_path, seconds):
     assert 0 < opened < runs
 
 
+@needs_gcc
 def test_hostile_files_do_no_harm(files, tmp_path):
     """Mutated files with right checksums, under address and undefined-behaviour sanitizers."""
     fuzz(files, tmp_path, 20)
 
 
+@needs_gcc
 @pytest.mark.full
 def test_hostile_files_do_no_harm_for_half_an_hour(files, tmp_path):
     fuzz(files, tmp_path, 1800)
@@ -375,6 +382,7 @@ def test_the_format_is_as_documented():
     assert (name, start % 64, data[start : start + size]) == (b"PROV", 0, b"{}")
 
 
+@needs_cpp
 def test_the_examples_come_to_rest_where_the_weight_is_held(files, tmp_path):
     """A probe of 50 g on a wall of 400 N/m: 0.4905 N, 1.23 mm deep; in C++ as in Python."""
     program, examples = tmp_path / "servo", ROOT / "docs/examples"
