@@ -115,7 +115,7 @@ def results(folder):
     """Return path and bytes of every artifact and export but timing and hardware."""
     found = {}
     for path in sorted((folder / "results").rglob("*")):
-        reproducible = path.name.endswith((".zarr.zip", ".onnx")) and not path.name.startswith(
+        reproducible = path.name.endswith((".zarr.zip", ".onnx", ".pandis")) and not path.name.startswith(
             ("timing", "hardware")
         )
         if path.is_file() and reproducible:
