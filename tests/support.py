@@ -115,9 +115,8 @@ def results(folder):
     """Return path and bytes of every artifact and export but timing and hardware."""
     found = {}
     for path in sorted((folder / "results").rglob("*")):
-        reproducible = path.name.endswith((".zarr.zip", ".onnx", ".pandis")) and not path.name.startswith(
-            ("timing", "hardware")
-        )
+        kept = path.name.endswith((".zarr.zip", ".onnx", ".pandis"))
+        reproducible = kept and not path.name.startswith(("timing", "hardware"))
         if path.is_file() and reproducible:
             found[str(path.relative_to(folder))] = path.read_bytes()
     return found
