@@ -10,6 +10,7 @@ all_cores = workflow.resource_settings.cores or 1
 
 wildcard_constraints:
     mesh="|".join(plan.meshes),
+    scene="|".join(plan.scenes) or "no-scene",
     recipe="|".join(plan.recipes) or "no-recipe",
     field=rf"({'|'.join(GRID_FIELDS)})-(\d+|auto)",
     name=MESH_NAME,

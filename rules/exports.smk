@@ -1,6 +1,7 @@
 rule export_native:
     input:
         held=plan.native_artifact,
+        mesh="results/{mesh}/mesh.zarr.zip",
     output:
         "results/{mesh}/export/{name}.pandis",
     log:

@@ -46,3 +46,10 @@ rule hardware:
         plan.target("hardware"),
     message:
         "hardware: every result is there"
+
+
+rule scenes:
+    input:
+        plan.target("scenes"),
+    message:
+        "scenes: every result is there"

@@ -9,4 +9,5 @@ with stage(snakemake) as job:
     name, bits = job.options["field"], job.options["weight_bits"]
     held, spec = job.read_path(job.input.held), parse_field(name, [name])
     field, kind = open_field(spec, held), kind_of(spec, held)
-    job.write_file(export_native(field, kind, job.provenance(), bits, job.log))
+    mesh = job.read("mesh", "mesh")
+    job.write_file(export_native(field, kind, job.provenance(), bits, mesh, job.log))

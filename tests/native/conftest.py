@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from pandis.catalogue import GRID_FIELDS, parse_field
-from pandis.distance import MeshDistance
+from pandis.distance import open_distance
+from pandis.export.clearance import clearance
+from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
@@ -25,13 +27,11 @@ FRAME = Frame((3.0, -2.0, 0.5), 0.6428571428571429)
 
 
 def closed_form(name):
-    """Return the exact field of a closed form."""
+    """Return the mesh artifact of a closed form."""
     shape = SHAPES[name]
     frame = Frame.of_bounds(-shape.half_extent, shape.half_extent)
     arrays = dict(zip(("vertices", "faces"), shape.tessellation(), strict=True))
-    return ExactField(
-        "exact", artifact("mesh", arrays, {"shape": name, "frame": frame.attributes()})
-    )
+    return artifact("mesh", arrays, {"shape": name, "frame": frame.attributes()})
 
 
 def network(engine, width, depth, outputs, base):
@@ -49,16 +49,29 @@ def network(engine, width, depth, outputs, base):
     return SirenField("network", artifact("model", arrays, attributes))
 
 
+class Meshes(dict):
+    """The mesh artifact that each field is of: closed forms, and the torus of faces."""
+
+    def __missing__(self, name):
+        return self["exact"]
+
+
 @pytest.fixture(scope="session")
-def fields():
-    """Return (field, kind) by name: everything that has a native file."""
+def meshes():
+    """Return the mesh artifact of every field, by the field's name."""
     vertices, faces = SHAPES["torus"].tessellation(60, 30)
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-    engine = MeshDistance(frame.to_unit(vertices), faces)
-    surface, found = Surface(engine.vertices, engine.faces), {}
-    own = artifact("mesh", {"vertices": FRAME.to_mesh(engine.vertices), "faces": faces},
+    own = artifact("mesh", {"vertices": FRAME.to_mesh(frame.to_unit(vertices)), "faces": faces},
                    {"frame": FRAME.attributes(), "shape": None})  # fmt: skip
-    found["exact"] = ExactField("exact", own), "exact"
+    return Meshes({name: closed_form(name) for name in SHAPES} | {"exact": own})
+
+
+@pytest.fixture(scope="session")
+def fields(meshes):
+    """Return (field, kind) by name: everything that has a native file."""
+    found = {"exact": (ExactField("exact", meshes["exact"]), "exact")}
+    engine = found["exact"][0].engine
+    surface = Surface(engine.vertices, engine.faces)
     for rule in RULES:
         made = DenseGrid(engine, GRID_FIELDS[rule], 20, (0.2, 0.1), silent_progress)
         values = np.concatenate(list(made.slabs(32)))
@@ -74,5 +87,21 @@ def fields():
     found["gradient"] = network(engine, 50, 4, 1, 8), "network"
     found["shallow"] = network(engine, 17, 1, 1, 0), "network"
     for shape in SHAPES:
-        found[shape] = closed_form(shape), "exact"
+        found[shape] = ExactField("exact", meshes[shape]), "exact"
     return found
+
+
+@pytest.fixture(scope="session")
+def files(fields, meshes, tmp_path_factory):
+    """Return the path of every field's file."""
+    folder = tmp_path_factory.mktemp("native")
+    paths = {}
+    for name, (field, kind) in fields.items():
+        paths[name] = folder / f"{name}.pandis"
+        engine = open_distance(meshes[name])
+        safe = clearance(lambda points, f=field: f.query(points)[::2], meshes[name], engine)
+        paths[name].write_bytes(native_bytes(field, kind, {"of": name}, safe=safe))
+    for name in ("network", "gradient"):  # for what is asked of bytes, not of answers
+        paths[f"{name}-16"] = folder / f"{name}-16.pandis"
+        paths[f"{name}-16"].write_bytes(native_bytes(*fields[name], {"of": name}, 16))
+    return paths

@@ -32,20 +32,6 @@ needs_cpp = pytest.mark.skipif(not shutil.which("g++"), reason="no g++ here: apt
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
 
 
-@pytest.fixture(scope="module")
-def files(fields, tmp_path_factory):
-    """Return the path of every field's file."""
-    folder = tmp_path_factory.mktemp("native")
-    paths = {}
-    for name, (field, kind) in fields.items():
-        paths[name] = folder / f"{name}.pandis"
-        paths[name].write_bytes(native_bytes(field, kind, {"of": name}))
-    for name in ("network", "gradient"):  # for what is asked of bytes, not of answers
-        paths[f"{name}-16"] = folder / f"{name}-16.pandis"
-        paths[f"{name}-16"].write_bytes(native_bytes(*fields[name], {"of": name}, 16))
-    return paths
-
-
 def points_for(field, count=3000):
     """Return points (n, 3) in mesh units: in the box, around it, on its edges."""
     rng = np.random.default_rng(4)
@@ -318,11 +304,11 @@ def test_hostile_files_do_no_harm_for_half_an_hour(files, tmp_path):
     fuzz(files, tmp_path, 1800)
 
 
-def test_sixteen_bits_cost_little(fields):
+def test_sixteen_bits_cost_little(fields, meshes):
     field, kind = fields["gradient"]
     said = []
-    data = export_native(field, kind, {}, 16, said.append)
-    whole = export_native(field, kind, {}, 32, said.append)
+    data = export_native(field, kind, {}, 16, meshes["exact"], said.append)
+    whole = export_native(field, kind, {}, 32, meshes["exact"], said.append)
     assert len(data) < 0.75 * len(whole)
     points = points_for(field)
     one, other = NativeField(data), NativeField(whole)
@@ -331,16 +317,16 @@ def test_sixteen_bits_cost_little(fields):
     assert "16-bit weights change the answers" in said[0]
 
 
-def test_a_broken_sixteen_bit_export_is_refused(fields, monkeypatch):
+def test_a_broken_sixteen_bit_export_is_refused(fields, meshes, monkeypatch):
     field, kind = fields["gradient"]
     data = native_bytes(field, kind, {}, 16)
     broken = resealed(data, section(data, b"SCAL"), "<f", 0.1)
     monkeypatch.setattr("pandis.export.native.native_bytes", lambda *_: broken)
     with pytest.raises(pandis.errors.PandisError, match="differs from its field"):
-        export_native(field, kind, {}, 16, print)
+        export_native(field, kind, {}, 16, meshes["exact"], print)
 
 
-def test_an_export_that_differs_from_its_field_is_refused(fields, monkeypatch):
+def test_an_export_that_differs_from_its_field_is_refused(fields, meshes, monkeypatch):
     """The check must notice: here a bias is lost on the way."""
     field, kind = fields["network"]
     data = native_bytes(field, kind, {})
@@ -348,7 +334,7 @@ def test_an_export_that_differs_from_its_field_is_refused(fields, monkeypatch):
     broken = resealed(data, at, "<f", 3.0)
     monkeypatch.setattr("pandis.export.native.native_bytes", lambda *_: broken)
     with pytest.raises(pandis.errors.PandisError, match="differs from its field"):
-        export_native(field, kind, {}, 32, print)
+        export_native(field, kind, {}, 32, meshes["exact"], print)
 
 
 def test_provenance_travels_with_the_file(files, tmp_path):

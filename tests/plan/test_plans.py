@@ -1,12 +1,15 @@
 """Which jobs run after which change: the exact sets, through Snakemake's own dry run."""
 
 import os
+import re
 import shutil
 
 import pytest
 import yaml
 
-from support import edit, plan, snakemake
+from pandis.errors import PandisError
+from pandis.plan import Plan
+from support import ROOT, edit, plan, snakemake
 
 FAST = "config/fast.yaml"
 DOWNSTREAM = {"evaluate", "timing", "validate"}
@@ -259,3 +262,53 @@ def test_upstream_missing_reruns_what_follows(rerun):
 def test_named_targets(workspace, target, stages):
     jobs = plan(workspace, targets=[target])
     assert {job[0] for job in jobs} - {target} == stages
+
+
+SCENE = {"objects": {"a": {"mesh": "torus", "field": "trilinear-24"}}}
+
+
+def test_a_scene_builds_what_its_objects_need(workspace):
+    """No other mesh, no other field, and no stage besides."""
+    change(workspace, scenes={"table": SCENE})
+    wanted = {("mesh", "torus"), ("bake", "torus", "force", "24"), ("scene", None, "table")}
+    assert plan(workspace) == wanted | native("trilinear-24", meshes=["torus"])
+
+
+def test_a_scene_may_ask_for_a_field_that_is_not_listed(workspace):
+    objects = {"a": {"mesh": "torus", "field": "spline-auto"}, "b": SCENE["objects"]["a"]}
+    objects["c"] = {"mesh": "sphere", "field": "pandis-exact"}
+    change(workspace, scenes={"table": {"objects": objects}, "other": SCENE})
+    wanted = all_of("mesh") | {("bake", "torus", "force", "24"), ("bake_auto", "torus", "spline")}
+    wanted |= {("sample", "sphere"), ("train", "sphere", "pandis-exact")}
+    wanted |= {("scene", None, "table"), ("scene", None, "other")}
+    wanted |= native("trilinear-24", "spline-auto", meshes=["torus"])
+    wanted |= native("pandis-exact", meshes=["sphere"])
+    assert plan(workspace) == wanted
+
+
+def test_moving_an_object_tries_the_scene_alone(rerun):
+    """What a run without scenes has built is taken."""
+    change(rerun, scenes={"table": SCENE})
+    assert plan(rerun) == {("scene", None, "table")}
+
+
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        ({"objects": {"a": {"mesh": "cup", "field": "exact"}}}, "there is no mesh cup"),
+        ({"objects": {"a": {"mesh": "torus", "field": "exakt"}}}, "scenes.table.objects.a.field"),
+        ({"objects": {"a": {"mesh": "torus", "field": "salisbury"}}}, "has no file for pandis.h"),
+        ({"objects": {"a": {"mesh": "torus", "field": "auto"}}}, "budget.force_error"),
+        ({"objects": {"a": {"mesh": "torus"}}}, "scenes.table.objects.a.field: "),
+        ({"objects": {}}, "scenes.table.objects: "),
+        ({}, "scenes.table.objects: "),
+        ({"objects": {"A b": SCENE["objects"]["a"]}}, "an object's name starts with a-z"),
+        ({"objects": {"a": SCENE["objects"]["a"] | {"size": 0}}}, "scenes.table.objects.a.size"),
+        ({"objects": {"a": SCENE["objects"]["a"] | {"sise": 1}}}, "unknown option"),
+        ({"objects": {"a": SCENE["objects"]["a"] | {"position": [0, 0]}}}, "objects.a.position"),
+    ],
+)
+def test_a_scene_that_cannot_be_is_refused(scene, said):
+    config = {"meshes": {"torus": {"source": "analytic:torus"}}, "scenes": {"table": scene}}
+    with pytest.raises(PandisError, match=re.escape(said)):
+        Plan(config, ROOT / "workflow")

@@ -50,7 +50,7 @@ def test_every_script_has_a_rule():
 
 
 def test_clocked_rules_claim_all_cores():
-    for name in ("timing", "validate", "calibrate"):
+    for name in ("timing", "validate", "calibrate", "scene"):
         assert "threads: all_cores" in RULES[name]
 
 
@@ -102,7 +102,7 @@ def test_few_stages_may_import_torch(name):
 def test_floors_import_downwards_only():
     floors = [
         {"errors", "catalogue", "config", "artifact", "provenance", "stage", "plan", "frame",
-         "machine", "measured", "reference", "native"},
+         "machine", "measured", "reference", "native", "placing"},
         {"mesh"},
         {"distance"},
         {"sampling", "strata", "forces", "thickness"},
@@ -110,7 +110,7 @@ def test_floors_import_downwards_only():
         {"fields", "trajectories"},
         {"training"},
         {"export", "choice"},
-        {"evaluation", "hardware", "stress"},
+        {"evaluation", "hardware", "stress", "scenes"},
         {"report", "verification"},
     ]  # fmt: skip
     level = {name: index for index, floor in enumerate(floors) for name in floor}

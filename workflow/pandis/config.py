@@ -34,8 +34,10 @@ from pandis.catalogue import (
 )
 from pandis.errors import PandisError
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
+Triple = tuple[Finite, Finite, Finite]
 
 
 class Options(BaseModel):
@@ -381,15 +383,38 @@ class TimingOptions(Options):
     )
 
 
+class AttachedOptions(Options):
+    """A haptic device of 3D Systems that is attached to this machine, and held by somebody."""
+
+    library: str = Field("libHD.so", description="OpenHaptics' library, a name or a path")
+    name: str = Field("", description="of the device, as set up there; empty: the default one")
+    model: Literal["touch", "touch-x"] = Field(
+        "touch", description="which it is: its limits are kept"
+    )
+    arm: bool = Field(
+        False,
+        description="send forces. Without it positions are read and no force is sent. Hold the "
+        "stylus before you set it",
+    )
+
+
 class HardwareOptions(Options):
     """The 1 kHz validation on this machine."""
 
     seconds: Positive = Field(3.0, description="length of the run, per field")
-    rate: Positive = Field(1000.0, description="ticks per second")
+    rate: Positive = Field(1000.0, ge=100, le=20_000, description="ticks per second")
     deadline: Positive = Field(0.8e-3, description="a tick that computes longer is a miss (s)")
     misses: float = Field(0.001, ge=0, lt=1, description="share of misses a pass allows")
     loaded_seconds: float = Field(
-        1.0, ge=0, le=600, description="length of a second run, beside a busy loop on every core"
+        0.5, ge=0, le=600, description="length of a second run, beside a busy loop on every core"
+    )
+    devices: list[Literal["touch", "touch-x", "omega-3", "falcon"]] = Field(
+        ["touch"],
+        description="devices that are simulated, with the hand of `stress`, to find the largest "
+        "safe stiffness",
+    )
+    attached: AttachedOptions | None = Field(
+        None, description="a device to run every field on, through OpenHaptics; null: none"
     )
 
 
@@ -503,6 +528,37 @@ class MeshEntry(StageOptions):
         return self
 
 
+class SceneObject(Options):
+    """An object of a scene."""
+
+    mesh: str = Field(description="one of `meshes`")
+    field: str = Field(
+        description="which of its fields; it need not stand under `fields`, but must have a file "
+        "for `pandis.h`"
+    )
+    position: Triple = Field((0.0, 0.0, 0.0), description="where its box's centre lies (m)")
+    rotation: Triple = Field(
+        (0.0, 0.0, 0.0),
+        description="how it is turned: the axis, as long as the angle in degrees",
+    )
+    size: Positive | None = Field(
+        None, description="metres of its longest side; null: `device.size` of its mesh"
+    )
+    stiffness: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+        None, description="N/m; null: `device.stiffness` of its mesh"
+    )
+
+
+class SceneOptions(Options):
+    """Several objects under one probe. With scenes, `all` builds what they need, and no more."""
+
+    objects: Annotated[dict[str, SceneObject], Field(min_length=1)] = Field(
+        description="name: {mesh: …, field: …, and where it lies}"
+    )
+    ticks: Count = Field(20_000, description="ticks of the walk through the scene that tries it")
+    speed: Positive = Field(0.5, description="of the probe on it, m/s")
+
+
 MeshName = Annotated[str, Field(pattern=f"^{MESH_NAME}$")]
 
 
@@ -511,6 +567,9 @@ class Config(StageOptions):
 
     meshes: Annotated[dict[MeshName, MeshEntry], Field(min_length=1)] = Field(
         description="name: {source: …, and any option above that differs for this mesh}"
+    )
+    scenes: dict[MeshName, SceneOptions] = Field(
+        default_factory=dict, description="name: {objects: …}; see `scenes`"
     )
 
 
@@ -594,9 +653,9 @@ def load_config(raw):
         Lists every fault at once, each with its dotted path.
     """
     raw = _read_numbers(raw)
-    top = {key: value for key, value in raw.items() if key != "meshes"}
+    top = {key: value for key, value in raw.items() if key not in ("meshes", "scenes")}
     meshes = raw.get("meshes")
-    faults = _faults(StageOptions, top)
+    faults = faults_of(StageOptions, top)
     merged = {}
     if not isinstance(meshes, dict) or not meshes:
         faults["meshes"] = "at least one mesh is needed: `meshes: {name: {source: …}}`"
@@ -611,12 +670,18 @@ def load_config(raw):
             faults[path] = "expected a mapping such as {source: path/to/mesh.obj}"
         else:
             options = merge(top, entry)
-            own = _faults(MeshEntry, options)
+            own = faults_of(MeshEntry, options)
             for key, message in own.items():
                 if key not in faults:
                     faults[f"{path}.{key}" if key else path] = message
             if not own:
                 merged[name] = MeshEntry.model_validate(options)
+    raise_faults(faults)
+    return merged
+
+
+def raise_faults(faults):
+    """Raise a PandisError that lists faults, messages by dotted path, if there are any."""
     if faults:
         lines = [f"  {key or 'config'}: {message}" for key, message in faults.items()]
         raise PandisError(
@@ -624,10 +689,9 @@ def load_config(raw):
             + "\n".join(lines)
             + "\nEvery option is described in config/README.md."
         )
-    return merged
 
 
-def _faults(model, values):
+def faults_of(model, values):
     """Map dotted path to message for everything that ``model`` refuses in ``values``."""
     try:
         model.model_validate(values)
@@ -635,12 +699,13 @@ def _faults(model, values):
         faults = dict(_describe(fault, model) for fault in error.errors(include_url=False))
     else:
         faults = {}
-    for key, message in _name_faults(values):
-        faults.setdefault(key, message)
+    if model is not SceneOptions:
+        for key, message in name_faults(values):
+            faults.setdefault(key, message)
     return faults
 
 
-def _name_faults(values):
+def name_faults(values):
     """Yield path and message for every recipe and field whose name cannot be."""
     recipes = values.get("train") or {}
     names = values.get("fields", StageOptions.model_fields["fields"].default)

@@ -17,6 +17,8 @@ from urllib.parse import urlsplit
 from pandis.catalogue import AUTO, GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.config import check_yaml, load_config, plain, recipe_options
 from pandis.errors import PandisError
+from pandis.placing import STAGES as SCENE_STAGES
+from pandis.placing import load_scenes, needed, scene_options
 from pandis.provenance import CodeDigests, unused_modules
 
 #: Named targets and the stages whose outputs they ask for.
@@ -81,7 +83,9 @@ class Plan:
         self.files = [os.path.relpath(path) for path in files]
         for path in self.files:
             check_yaml(path)
-        self.entries = load_config(config)
+        entries = load_config(config)
+        self.scenes = load_scenes(config, entries)
+        self.entries = needed(entries, self.scenes)
         self.digests = CodeDigests(root)
         self._options, self._train_digests = {}, {}
         self._start = time.time()
@@ -175,10 +179,27 @@ class Plan:
         no reason to run: after a failure it would otherwise find nothing to
         do, over results of older options.
         """
-        stages = TARGETS.get(name)
+        if name == "scenes":
+            return [output.path for output in self.scene_outputs()]
+        if name not in TARGETS:
+            return [output.path for output in self.everything()]
         every = (output for mesh in self.entries for output in self.outputs(mesh))
-        files = [o.path for o in every if stages is None or o.stage in stages]
-        return [*files, SUMMARY, REPORT] if stages is None else files
+        return [o.path for o in every if o.stage in TARGETS[name]]
+
+    def everything(self):
+        """Return every output of this configuration: with scenes, what they need alone."""
+        every = [output for mesh in self.entries for output in self.outputs(mesh)]
+        if not self.scenes:
+            return [*every, *FINAL]
+        return [*(o for o in every if o.stage in SCENE_STAGES), *self.scene_outputs()]
+
+    def scene_outputs(self):
+        """Return the outputs of all scenes."""
+        return [
+            Output(f"results/scenes/{scene}.{ending}", "scene", {"scene": scene})
+            for scene in self.scenes
+            for ending in ("zarr.zip", "json", "h")
+        ]
 
     # --- inputs of rules ---------------------------------------------------------
 
@@ -214,6 +235,12 @@ class Plan:
         """Return the files for ``pandis.h`` of a mesh."""
         specs = [spec for spec in self.specs(wildcards.mesh) if spec.native]
         return [f"results/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
+
+    def scene_fields(self, wildcards):
+        """Return the files for ``pandis.h`` of the objects of a scene, each once."""
+        objects = self.scenes[wildcards.scene].objects.values()
+        files = (f"results/{own.mesh}/export/{own.field}.pandis" for own in objects)
+        return list(dict.fromkeys(files))
 
     def unexported(self, wildcards):
         """Return the artifacts of the fields that are timed from the library itself."""
@@ -282,6 +309,8 @@ class Plan:
             return {"configfiles": self.files}
         if stage == "calibrate":
             return {"table": self.query_times}
+        if stage == "scene":
+            return scene_options(self.scenes[wildcards["scene"]], self.entries)
         if mesh is None:
             return {"fields": {name: entry.fields for name, entry in self.entries.items()}}
         entry = self.entries[mesh]
@@ -341,8 +370,11 @@ class Plan:
                 own = [spec.name for spec in self.specs(mesh) if not spec.exports]
                 return entry.timing.model_dump() | {"in_python": own}
             case "validate":
+                own = ("hand_stiffness", "hand_damping", "press", "delay")
+                hand = {key.removeprefix("hand_"): getattr(entry.stress, key) for key in own}
                 return {
                     **entry.hardware.model_dump(),
+                    "hand": hand,
                     "fields": [spec.name for spec in self.specs(mesh) if spec.native],
                     "size": size,
                     "stiffness": stiffness,
@@ -353,6 +385,8 @@ class Plan:
 
     def farewell(self):
         """Return what a successful run prints at its end."""
+        if self.scenes:
+            return "\nThe scenes are in  results/scenes/"
         if not Path(REPORT).is_file() or Path(REPORT).stat().st_mtime < self._start:
             return "Done. The report is made by the targets all and report."
         return (

@@ -38,6 +38,9 @@ _SECTIONS = {
     "stress": config.StressOptions,
     "timing": config.TimingOptions,
     "hardware": config.HardwareOptions,
+    "hardware.attached": config.AttachedOptions,
+    "scenes.{scene}": config.SceneOptions,
+    "scenes.{scene}.objects.{object}": config.SceneObject,
 }
 
 
@@ -78,6 +81,8 @@ def _default(model, key, field):
     if key == "steps":
         kind = "paper" if model is config.PaperRecipe else "exact"
         return f"`{config.DEFAULT_STEPS[kind]}` if neither budget is given"
+    if field.is_required():
+        return "must be given"
     default = field.get_default(call_default_factory=True)
     return f"`{json.dumps(default)}`"
 

@@ -13,7 +13,7 @@ from pandis.errors import PandisError
 from pandis.export.session import read_export, read_program_metadata
 from pandis.export.vti import read_note
 from pandis.native.runtime import read_provenance
-from pandis.plan import DEFAULT_CONFIG, FINAL
+from pandis.plan import DEFAULT_CONFIG
 from pandis.provenance import unused_modules
 from pandis.report.seal import read_seal
 from pandis.report.tables import summarise, to_csv
@@ -35,7 +35,7 @@ def verify(plan, log):
         message says the command that mends it.
     """
     checker = _Checker(plan)
-    outputs = [output for mesh in plan.meshes for output in plan.outputs(mesh)] + [*FINAL]
+    outputs = plan.everything()
     found = [(output, fault) for output in outputs if (fault := checker.fault(output))]
     total = len(outputs)
     width = max((len(output.path) for output, _ in found), default=0)
@@ -113,14 +113,18 @@ class _Checker:
         return None if same else "differs from the artifacts it sums up"
 
     def _companion(self, path):
-        """Return what is wrong with hardware.json: it repeats its artifact's attributes."""
+        """Return what is wrong with a file for people: it repeats its artifact's attributes."""
         try:
-            text = json.loads(path.read_text(encoding="utf-8"))
-            attributes = read_artifact(path.with_suffix(".zarr.zip"), "hardware").attributes
-        except (PandisError, ValueError):
+            attributes = read_artifact(path.with_suffix(".zarr.zip")).attributes
+            text = path.read_text(encoding="utf-8")
+            if path.suffix == ".h":
+                return None if text == attributes["header"] else "differs from its artifact"
+            found = json.loads(text)
+        except (PandisError, ValueError, KeyError):
             return "damaged, or without its artifact"
-        text.pop("mesh", None)
-        return None if text == attributes else "differs from its artifact"
+        found.pop("mesh", None)
+        wanted = {key: value for key, value in attributes.items() if key != "header"}
+        return None if found == wanted else "differs from its artifact"
 
     def _provenance(self, path):
         """Return an output's provenance; None for a plain companion file."""

@@ -7,9 +7,10 @@ import copy
 
 import numpy as np
 
-from pandis.distance import ShapeDistance
+from pandis.distance import ShapeDistance, open_distance
 from pandis.errors import PandisError
 from pandis.export.check import FORCE_LENGTH, check, check_points
+from pandis.export.clearance import clearance
 from pandis.fields.exact import ExactField
 from pandis.fields.grid import GridField
 from pandis.fields.siren import SirenField
@@ -34,7 +35,7 @@ _LANES = 16
 _STEPS = 32767
 
 
-def native_bytes(field, kind, provenance, weight_bits=32):
+def native_bytes(field, kind, provenance, weight_bits=32, safe=None):
     """Return a field as the bytes of a ``.pandis`` file.
 
     Parameters
@@ -45,6 +46,8 @@ def native_bytes(field, kind, provenance, weight_bits=32):
     provenance : dict
     weight_bits : {32, 16}
         Of a network's hidden layers.
+    safe : ndarray, shape (8,), optional
+        From `pandis.export.clearance.clearance`; without it a scene asks the field at every tick.
 
     Raises
     ------
@@ -64,6 +67,8 @@ def native_bytes(field, kind, provenance, weight_bits=32):
     else:
         raise PandisError(f"{field.name}: pandis.h knows no fields of the kind {kind}")
     number, wholes, reals, sections = parts
+    if safe is not None:
+        sections = sections | {"SAFE": np.asarray(safe, np.float64)}
     return pack(number, field.frame, wholes, reals, sections, provenance)
 
 
@@ -143,13 +148,15 @@ def _shape(shape):
     return [SHAPES.index(type(shape).__name__.lower())], sizes, {}
 
 
-def export_native(field, kind, provenance, weight_bits, log):
+def export_native(field, kind, provenance, weight_bits, mesh, log):
     """Return the ``.pandis`` file of a field, checked against it.
 
     Parameters
     ----------
     field, kind, provenance, weight_bits
         As for `native_bytes`.
+    mesh : pandis.artifact.Artifact
+        What the field is of: how far its distances are off there goes with it.
     log : callable
 
     Raises
@@ -157,8 +164,7 @@ def export_native(field, kind, provenance, weight_bits, log):
     PandisError
         ``pandis.h`` does not answer as the field does.
     """
-    data = native_bytes(field, kind, provenance, weight_bits)
-    native, wanted = NativeField(data), field
+    native, wanted = NativeField(native_bytes(field, kind, provenance, weight_bits)), field
     if weight_bits == 16 and isinstance(field, SirenField):
         # the file must answer as the rounded weights do; what rounding costs is told
         wanted = _rounded(field)
@@ -166,7 +172,20 @@ def export_native(field, kind, provenance, weight_bits, log):
         log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
     differences = check(native.distance_and_normal, _reference(wanted), field.frame)
     log(f"agrees with the field: {differences}")
-    return data
+    safe = clearance(_in_unit_frame(native), mesh, open_distance(mesh))
+    log("scenes go by its distance less {:.2g}, or {:.2g} where it is a bound".format(*safe[6:]))
+    return native_bytes(field, kind, provenance, weight_bits, safe)
+
+
+def _in_unit_frame(native):
+    """Return what answers distances and flags at points, both in the unit frame."""
+    frame = native.frame
+
+    def answer(points):
+        found = native.query(frame.to_mesh(points))
+        return found.distance * frame.scale, found.flag
+
+    return answer
 
 
 def _rounded(field):

@@ -14,6 +14,14 @@
  *     ...
  *     pandis_close(&bunny);
  *
+ * Several objects, of which only those are asked that the probe may touch:
+ *
+ *     pandis_object objects[2] = {...};        fields and where they lie
+ *     static double room[PANDIS_SCENE_ROOM(2)];
+ *     pandis_scene scene;
+ *     error = pandis_scene_open(&scene, objects, 2, room);
+ *     pandis_scene_force(&scene, position, force);
+ *
  * Positions and distances are in the units of the mesh that the field was made from; distances are
  * negative inside, normals point outward and have unit length. A field is only read: any number of
  * threads may ask it. The format of the file: docs/format.md of pandis.
@@ -53,7 +61,8 @@ enum {
     PANDIS_ERROR_VERSION = 4,  /* it is of a later version */
     PANDIS_ERROR_SIZE = 5,     /* it is shorter or longer than it says */
     PANDIS_ERROR_CHECKSUM = 6, /* its bytes have changed */
-    PANDIS_ERROR_CONTENT = 7   /* what it says does not fit together */
+    PANDIS_ERROR_CONTENT = 7,  /* what it says does not fit together */
+    PANDIS_ERROR_POSE = 8      /* an object of a scene lies nowhere: see pandis_object */
 };
 
 enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5 };
@@ -137,7 +146,8 @@ typedef struct {
     const unsigned char *data;
     size_t size;
     int kind, mapped;
-    double centre[3], scale; /* of the unit frame: u = (p - centre) * scale */
+    double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
+    double low[3], high[3], margin[2]; /* see pandis__measure; unit frame */
     union {
         pandis__network network;
         pandis__grid grid;
@@ -168,6 +178,46 @@ PANDIS_API int pandis_force(const pandis_field *field, const double point[3], do
 /* Answer `count` points, three doubles each; normals (three doubles each) and flags may be NULL. */
 PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
                                   double *normals, unsigned char *flags);
+
+/* An object of a scene: a field, and where it lies. A point p of the mesh lies at
+ * scale * rotation * p + translation of the scene; the rotation, row by row, is one without
+ * reflection (columns of unit length, at right angles, within 1e-6), the scale positive, the stiffness
+ * not negative, everything finite. */
+typedef struct {
+    const pandis_field *field;
+    double rotation[9], translation[3], scale;
+    double stiffness; /* force per length of the scene */
+} pandis_object;
+
+/* Objects under one probe. Each is asked again only when the probe may touch it: a field that is
+ * nowhere nearer than d cannot be touched before the probe has gone that far. Forces are those of
+ * pandis_object_force, added up in the order of the objects, to the last bit as long as no field's
+ * distance is further off than its file says. One probe, and one thread, has a scene of its own. */
+typedef struct {
+    const pandis_object *objects;
+    size_t count;
+    double *room;
+    size_t asked; /* so many fields were asked for the last answer */
+} pandis_scene;
+
+/* Doubles that a scene of so many objects needs; objects that are looked at together. */
+#define PANDIS_SCENE_BLOCK 32
+#define PANDIS_SCENE_ROOM(count) \
+    (4 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
+
+/* Make a scene of objects and room that the caller keeps. Returns 0 or PANDIS_ERROR_POSE. */
+PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room);
+
+/* Say that an object was moved, turned, scaled, or given another field. Returns 0 or
+ * PANDIS_ERROR_POSE: it is left out until it lies somewhere. */
+PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object);
+
+/* The sum of the penalty forces of all objects at a point of the scene. Returns the worst flag of
+ * those that were asked. */
+PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
+
+/* The penalty force of one object at a point of the scene. Returns the flag. */
+PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
 
 /* What an error code means. */
 PANDIS_API const char *pandis_error(int error);
@@ -955,6 +1005,144 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
     }
 }
 
+/* ---------------------------------------------------------------- scenes */
+
+/* A point of the scene in the coordinates of an object's mesh. */
+static void pandis__enter(const pandis_object *o, const double *point, double *p) {
+    double off[3];
+    for (int k = 0; k < 3; k++) off[k] = point[k] - o->translation[k];
+    for (int k = 0; k < 3; k++)
+        p[k] = (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) / o->scale;
+}
+
+/* Answer a point of the mesh; adds nothing to the force outside, or without an answer. */
+static void pandis__add_force(const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
+    pandis_query(o->field, p, answer);
+    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* not so for NaN */
+    if (!(push > 0)) return;
+    for (int k = 0; k < 3; k++) {
+        const double *row = o->rotation + 3 * k;
+        force[k] += push * pandis__dot(row, answer->normal);
+    }
+}
+
+PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]) {
+    pandis_answer answer;
+    double p[3];
+    force[0] = force[1] = force[2] = 0;
+    pandis__enter(object, point, p);
+    pandis__add_force(object, p, &answer, force);
+    return answer.flag;
+}
+
+static int pandis__lies(const pandis_object *o) {
+    double most = 0;
+    if (!o->field || !o->field->kind) return 0;
+    for (int i = 0; i < 3; i++) {
+        if (!(fabs(o->translation[i]) <= 1e100)) return 0;
+        for (int j = 0; j < 3; j++) {
+            double product = 0;
+            for (int k = 0; k < 3; k++) product += o->rotation[3 * k + i] * o->rotation[3 * k + j];
+            double off = fabs(product - (i == j));
+            if (!(off <= most)) most = off; /* NaN, too */
+        }
+    }
+    double across[3];
+    pandis__cross(o->rotation, o->rotation + 3, across);
+    if (!(most <= 1e-6 && pandis__dot(across, o->rotation + 6) > 0)) return 0;
+    return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= 1e100;
+}
+
+/* A scene keeps of each object a ball around some point in which it cannot be touched: centre and
+ * squared radius, in blocks, coordinate by coordinate. */
+static double *pandis__ball(const pandis_scene *scene, size_t object) {
+    return scene->room + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK + object % PANDIS_SCENE_BLOCK;
+}
+
+static void pandis__keep_ball(double *ball, const double *centre, double radius) {
+    for (int k = 0; k < 3; k++) ball[k * PANDIS_SCENE_BLOCK] = centre[k];
+    ball[3 * PANDIS_SCENE_BLOCK] = radius > 0 ? radius * radius : -1;
+}
+
+/* How far from a point (unit frame) nothing can be touched, going by where the surface lies. */
+static double pandis__clearance(const pandis_field *f, const double *u) {
+    double off[3];
+    for (int k = 0; k < 3; k++) {
+        double below = f->low[k] - u[k], above = u[k] - f->high[k];
+        double d = below > above ? below : above;
+        off[k] = d > 0 ? d : 0;
+    }
+    return sqrt(pandis__dot(off, off)) - f->margin[0];
+}
+
+/* Ask an object unless it cannot be touched at a point, and keep how far that is so. */
+static int pandis__visit(pandis_scene *scene, size_t index, const double *point, double *force) {
+    const pandis_object *o = scene->objects + index;
+    const pandis_field *f = o->field;
+    double p[3], u[3], size = 0;
+    int flag = PANDIS_OK, inside = 1;
+    pandis__enter(o, point, p);
+    for (int k = 0; k < 3; k++) {
+        u[k] = (p[k] - f->centre[k]) * f->scale;
+        inside &= fabs(u[k]) <= 1;
+        size = fmax(size, fmax(fabs(point[k]), fabs(o->translation[k])));
+    }
+    double clear = pandis__clearance(f, u);
+    if (!(clear > 0)) {
+        pandis_answer answer;
+        pandis__add_force(o, p, &answer, force);
+        scene->asked++;
+        flag = answer.flag;
+        if (inside && flag != PANDIS_INVALID) clear = answer.distance * f->scale - f->margin[flag == PANDIS_BOUND];
+    }
+    /* less what the arithmetic of this function may have lost */
+    pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 1e-9) - 1e-12 * size);
+    return flag;
+}
+
+PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object) {
+    const double origin[3] = {0};
+    int lies = pandis__lies(scene->objects + object);
+    pandis__keep_ball(pandis__ball(scene, object), origin, lies ? 0 : 1e150);
+    return lies ? 0 : PANDIS_ERROR_POSE;
+}
+
+PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room) {
+    const double origin[3] = {0};
+    int error = 0;
+    scene->objects = objects, scene->count = count, scene->room = room, scene->asked = 0;
+    for (size_t i = 0; i < PANDIS_SCENE_ROOM(count) / 4; i++) pandis__keep_ball(pandis__ball(scene, i), origin, 1e150);
+    for (size_t i = 0; i < count; i++)
+        if (pandis_scene_moved(scene, i)) error = PANDIS_ERROR_POSE;
+    return error;
+}
+
+PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
+    int worst = PANDIS_OK;
+    force[0] = force[1] = force[2] = 0;
+    scene->asked = 0;
+    for (int k = 0; k < 3; k++)
+        if (!(fabs(point[k]) <= 1e100)) return PANDIS_INVALID;
+    for (size_t start = 0; start < scene->count; start += PANDIS_SCENE_BLOCK) {
+        const double *ball = pandis__ball(scene, start);
+        int awake = 0;
+        for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
+            double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
+            double z = point[2] - ball[i + 2 * PANDIS_SCENE_BLOCK];
+            awake |= x * x + y * y + z * z >= ball[i + 3 * PANDIS_SCENE_BLOCK];
+        }
+        for (size_t i = start; awake && i < scene->count && i < start + PANDIS_SCENE_BLOCK; i++) {
+            const double *own = pandis__ball(scene, i);
+            double x = point[0] - own[0], y = point[1] - own[PANDIS_SCENE_BLOCK];
+            double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
+            if (x * x + y * y + z * z < own[3 * PANDIS_SCENE_BLOCK]) continue;
+            int flag = pandis__visit(scene, i, point, force);
+            worst = flag > worst ? flag : worst;
+        }
+    }
+    return worst;
+}
+
 /* ---------------------------------------------------------------- files */
 
 #define PANDIS__HEADER 256
@@ -1178,6 +1366,23 @@ static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
+/* Where the surface lies: the box around it; and two margins: nothing outside of that box is touched
+ * further off than the first, nor before the probe has gone the distance less a margin: the first, or
+ * the second where the answer is flagged as a bound. Without the section nothing is known. */
+static int pandis__measure(pandis_field *f) {
+    const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 8, sizeof(double));
+    for (int k = 0; k < 2; k++) {
+        f->margin[k] = bounds ? pandis__f64(bounds + 48 + 8 * k) : (double)INFINITY;
+        if (!(f->margin[k] >= 0)) return 0;
+    }
+    for (int k = 0; k < 3; k++) {
+        f->low[k] = bounds ? pandis__f64(bounds + 8 * k) : -1;
+        f->high[k] = bounds ? pandis__f64(bounds + 24 + 8 * k) : 1;
+        if (!(f->low[k] >= -1e30 && f->low[k] <= f->high[k] && f->high[k] <= 1e30)) return 0;
+    }
+    return 1;
+}
+
 PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;
     const uint32_t order = PANDIS__ORDER;
@@ -1210,7 +1415,7 @@ PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
     if (kind == PANDIS_SPLINE) good = pandis__open_spline(field);
     if (kind == PANDIS_MESH) good = pandis__open_mesh(field);
     if (kind == PANDIS_SHAPE) good = pandis__open_shape(field);
-    if (!good) return PANDIS_ERROR_CONTENT;
+    if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;
     return 0;
 }
@@ -1274,6 +1479,7 @@ PANDIS_API const char *pandis_error(int error) {
         case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
         case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
         case PANDIS_ERROR_CONTENT: return "what the file says does not fit together";
+        case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
         default: return "unknown error";
     }
 }

@@ -1,0 +1,12 @@
+"""Try a scene. Reads its objects' fields, writes scenes/{scene}.zarr.zip, .json and .h."""
+
+from pandis.scenes import try_scene
+from pandis.stage import stage
+
+with stage(snakemake) as job:
+    files = [job.note_file(path) for path in job.input.fields]
+    name = job.output[0].rsplit("/", 1)[-1].removesuffix(".zarr.zip")
+    arrays, attributes, text = try_scene(name, files, job.options, job.progress, job.log)
+    job.write("scene", arrays, attributes)
+    job.write_file(text.encode(), index=1)
+    job.write_file(attributes["header"].encode(), index=2)

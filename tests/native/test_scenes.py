@@ -1,0 +1,277 @@
+"""Scenes of pandis.h: only what the probe may touch is asked, and nothing comes out differently."""
+
+import json
+import shutil
+import struct
+import subprocess
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import pandis
+from pandis.distance import open_distance
+from pandis.errors import PandisError
+from pandis.export.clearance import clearance
+from pandis.export.native import native_bytes
+from pandis.fields.base import INVALID
+from pandis.native.runtime import NativeField
+from pandis.native.scene import NativeScene, Placed
+from pandis.scenes import try_scene
+from pandis.stage import silent_progress
+
+NATIVE = Path(pandis.__file__).parent / "native"
+#: Way of a tick at 0.5 m/s (m).
+PACE = 5e-4
+
+
+def same_bits(one, other):
+    """Tell whether two float64 arrays hold the same bits: 0 and -0 differ."""
+    return np.array_equal(one.view(np.uint64), other.view(np.uint64))
+
+
+def walk(count, rng, size):
+    """Return a random walk (count, 3) in a cube of half side ``size``, reflected at its faces."""
+    steps = rng.normal(size=(count, 3)) * PACE / np.sqrt(3)
+    # runs of one direction among them: a probe goes somewhere
+    steps += np.repeat(rng.normal(size=(count // 50 + 1, 3)), 50, axis=0)[:count] * PACE / 2
+    path = np.cumsum(steps, axis=0) / size
+    return size * (1 - np.abs((path + 1) % 4 - 2))
+
+
+def place(field, rng, size, where=0.15):
+    """Place a field somewhere, turned anyhow, with its longest side of ``size`` metres."""
+    scale = size * field.frame.scale / 1.8
+    rotation = Rotation.random(random_state=rng.integers(1 << 31)).as_matrix()
+    centre = scale * rotation @ np.array(field.frame.centre)
+    return Placed(field, rotation, rng.uniform(-where, where, 3) - centre, scale, 400.0)
+
+
+def room(files, names, count, seed):
+    rng = np.random.default_rng(seed)
+    opened = {name: NativeField(files[name]) for name in names}
+    return [place(opened[names[k % len(names)]], rng, rng.uniform(0.02, 0.1)) for k in range(count)]
+
+
+KINDS = ("exact", "nearest", "trilinear", "trilinear-normal", "tricubic", "spline", "gradient")
+KINDS += ("sphere", "torus", "box", "capsule")
+
+
+def compare(objects, points):
+    scene = NativeScene(objects)
+    answer = scene.answer(points)
+    assert same_bits(answer.force, scene.ask_all(points))
+    assert answer.force.any()
+    return answer
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_forces_are_those_of_asking_every_object(name, files):
+    """To the last bit, along 20,000 ticks among ten objects of a kind."""
+    answer = compare(room(files, [name], 10, 1), walk(20_000, np.random.default_rng(2), 0.15))
+    if name not in ("nearest", "gradient"):  # whose distances are too far off to go by
+        assert answer.asked.mean() < 1.5
+
+
+def test_many_objects_of_all_kinds(files):
+    answer = compare(room(files, KINDS, 77, 3), walk(5_000, np.random.default_rng(4), 0.2))
+    assert np.median(answer.asked) < 30
+
+
+@pytest.mark.full
+def test_ten_million_ticks_among_two_hundred_splines(files):
+    objects, rng = room(files, ["spline"], 200, 5), np.random.default_rng(6)
+    scene, contacts = NativeScene(objects), 0
+    for _ in range(100):
+        points = walk(100_000, rng, 0.15)
+        answer = scene.answer(points)
+        assert same_bits(answer.force, scene.ask_all(points))
+        contacts += answer.force.any(axis=1).sum()
+    assert contacts > 100_000
+
+
+def resealed(data, safe):
+    """Return a file with another clearance and the right checksum."""
+    made = bytearray(data)
+    (count,) = struct.unpack_from("<I", made, 36)
+    names = [struct.unpack_from("<4sIQQ", made, 256 + 24 * k) for k in range(count)]
+    start = next(start for name, _, start, _ in names if name == b"SAFE")
+    made[start : start + 64] = struct.pack("<8d", *safe)
+    made[24:28] = struct.pack("<I", zlib.crc32(made[32:]))
+    return bytes(made)
+
+
+def test_the_margin_is_what_keeps_contacts(files):
+    """A field whose distances are too large is left asleep where its file says nothing of it."""
+    data = files["gradient"].read_bytes()
+    wrong = NativeField(resealed(data, [-0.9, -0.9, -0.9, 0.9, 0.9, 0.9, 0.0, 0.0]))
+    objects = [place(wrong, np.random.default_rng(7), 0.1, 0.0)]
+    points = walk(20_000, np.random.default_rng(8), 0.05)
+    scene = NativeScene(objects)
+    assert not same_bits(scene.answer(points).force, scene.ask_all(points))
+
+
+def test_a_file_that_says_nothing_is_always_asked(fields):
+    field = NativeField(native_bytes(*fields["tricubic"], {}))
+    objects = [place(field, np.random.default_rng(9), 0.1, 0.0)]
+    answer = compare(objects, walk(2_000, np.random.default_rng(10), 0.3))
+    assert (answer.asked == 1).all()
+
+
+@pytest.mark.parametrize(
+    "safe",
+    [
+        [-0.9] * 3 + [0.9] * 3 + [-1e-9, 0.0],
+        [-0.9] * 3 + [0.9] * 3 + [0.0, np.nan],
+        [0.9] * 3 + [-0.9] * 3 + [0.0, 0.0],
+        [np.nan] * 3 + [0.9] * 3 + [0.0, 0.0],
+        [-0.9] * 3 + [np.inf] * 3 + [0.0, 0.0],
+    ],
+)
+def test_a_clearance_that_cannot_be_is_refused(safe, files):
+    with pytest.raises(PandisError, match="does not fit together"):
+        NativeField(resealed(files["tricubic"].read_bytes(), safe))
+
+
+def test_clearance_is_what_a_field_errs(fields, meshes):
+    """Exact fields have none, the nearest node's has that of half its cell's diagonal, and more."""
+    found = {}
+    for name in ("exact", "sphere", "tricubic", "trilinear-normal", "nearest"):
+        field, mesh = fields[name][0], meshes[name]
+        safe = clearance(lambda p, f=field: f.query(p)[::2], mesh, open_distance(mesh))
+        found[name] = safe[6]
+        assert safe[:6] == pytest.approx([-0.9, -0.9, safe[2], 0.9, 0.9, -safe[2]], abs=1e-12)
+        assert safe[7] >= found[name] or name in ("exact", "sphere")
+    assert found["exact"] < 1e-8
+    assert found["sphere"] < 1e-8
+    assert max(found["tricubic"], found["trilinear-normal"]) < found["nearest"]
+    assert found["nearest"] > 0.05
+
+
+def test_what_moves_is_looked_at_again(files):
+    """Nothing is known of an object that was moved."""
+    objects = room(files, ["torus"], 3, 11)
+    scene, point = NativeScene(objects), np.array([[0.0, 0.0, 0.0]])
+    scene.answer(point)
+    inside = objects[1].field.frame.to_mesh(np.array([[1.0 * 0.9 * 1 / 1.4, 0, 0]]))[0]
+    objects[1] = objects[1]._replace(translation=-objects[1].scale * objects[1].rotation @ inside)
+    scene.move(1, objects[1])
+    assert same_bits(scene.answer(point).force, NativeScene(objects).ask_all(point))
+    assert scene.answer(point).force.any()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"rotation": np.eye(3) * 1.01},
+        {"rotation": np.diag([1.0, 1.0, -1.0])},
+        {"rotation": np.full((3, 3), np.nan)},
+        {"scale": 0.0},
+        {"scale": -1.0},
+        {"scale": np.nan},
+        {"stiffness": -1.0},
+        {"translation": np.array([0, np.inf, 0])},
+    ],
+)
+def test_an_object_that_lies_nowhere_is_refused(change, files):
+    objects = room(files, ["sphere"], 2, 12)
+    with pytest.raises(PandisError, match="no rotation, scale, place"):
+        NativeScene([objects[0], objects[1]._replace(**change)])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+def test_no_place_no_force(bad, files):
+    """And the next tick is as if it had not been."""
+    scene = NativeScene(room(files, ["spline"], 40, 13))
+    points = walk(200, np.random.default_rng(14), 0.1)
+    points[::3, 1] = bad
+    answer = scene.answer(points)
+    assert (answer.flag[::3] == INVALID).all()
+    assert not answer.force[::3].any()
+    good = np.arange(200) % 3 > 0
+    assert same_bits(answer.force[good], scene.ask_all(points[good]))
+
+
+def test_an_empty_scene_is_free_space():
+    answer = NativeScene([]).answer(np.zeros((3, 3)))
+    assert not answer.force.any()
+    assert not answer.asked.any()
+
+
+# --- scenes of the workflow -----------------------------------------------------------
+
+
+OBJECTS = [
+    {"name": "left", "mesh": "a", "field": "spline", "position": (-0.03, 0, 0.01)},
+    {"name": "right", "mesh": "a", "field": "spline", "position": (0.03, 0, 0)},
+    {"name": "ball", "mesh": "b", "field": "sphere", "position": (0.0, 0.05, 0.0)},
+]
+COMMON = {"rotation": (10.0, 90.0, -20.0), "size": 0.05, "stiffness": 400.0}
+
+
+@pytest.fixture
+def tried(files, tmp_path):
+    """Return the files, arrays, attributes and text of a scene that was tried."""
+    found = []
+    for mesh, name in (("a", "spline"), ("b", "sphere")):
+        path = tmp_path / mesh / "export" / f"{name}.pandis"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(files[name].read_bytes())
+        found.append(path)
+    options = {"objects": [own | COMMON for own in OBJECTS], "ticks": 5000, "speed": 0.5}
+    return found, *try_scene("my-table", found, options, silent_progress, print)
+
+
+def test_a_scene_is_tried(tried):
+    _, arrays, attributes, text = tried
+    assert attributes["verdict"] == "pass"
+    assert attributes["different"] == 0
+    assert 0.1 < attributes["touched_share"] < 0.9
+    assert attributes["asked_mean"] < 1.5
+    assert json.loads(text)["sentence"].endswith("every force is that of asking every object")
+    steps = np.linalg.norm(np.diff(arrays["points"], axis=0), axis=1)
+    assert np.median(steps) == pytest.approx(5e-4)
+    left = attributes["objects"][0]
+    centre = NativeField(left["file"]).frame.centre
+    there = left["scale"] * np.array(left["rotation_matrix"]) @ centre + left["translation"]
+    assert there == pytest.approx(OBJECTS[0]["position"])
+
+
+def test_a_scene_that_loses_contacts_fails(tried, tmp_path):
+    found, *_ = tried
+    data = resealed(found[0].read_bytes(), [-0.1, -0.1, -0.1, 0.1, 0.1, 0.1, 0.0, 0.0])
+    found[0].write_bytes(data)  # so small a box: nearly all of it is left out
+    options = {"objects": [own | COMMON for own in OBJECTS], "ticks": 5000, "speed": 0.5}
+    _, attributes, _ = try_scene("table", found, options, silent_progress, print)
+    assert attributes["verdict"] == "fail"
+    assert "export it again" in attributes["sentence"]
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
+def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
+    _, arrays, attributes, _ = tried
+    (tmp_path / "scene.h").write_text(attributes["header"])
+    (tmp_path / "main.c").write_text(
+        '#define PANDIS_IMPLEMENTATION\n#include "scene.h"\n'
+        "int main(void) {\n"
+        "    static double room[PANDIS_SCENE_ROOM(MY_TABLE_OBJECTS)];\n"
+        "    double point[3], force[3];\n"
+        "    pandis_scene scene;\n"
+        "    for (int k = 0; k < MY_TABLE_FILES; k++)\n"
+        "        if (pandis_open_file(my_table_fields + k, my_table_files[k])) return 1;\n"
+        "    if (pandis_scene_open(&scene, my_table_objects, MY_TABLE_OBJECTS, room)) return 2;\n"
+        "    while (fread(point, sizeof point, 1, stdin) == 1) {\n"
+        "        pandis_scene_force(&scene, point, force);\n"
+        "        fwrite(force, sizeof force, 1, stdout);\n"
+        "    }\n"
+        "    return 0;\n}\n"
+    )
+    command = ["gcc", "-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]
+    command += ["-I", NATIVE, tmp_path / "main.c", "-o", tmp_path / "main", "-lm"]
+    subprocess.run(command, check=True)
+    done = subprocess.run(
+        [tmp_path / "main"], input=arrays["points"].tobytes(), capture_output=True, check=True
+    )
+    assert done.stdout == arrays["force"].tobytes()

@@ -1,0 +1,145 @@
+"""Several objects under one probe, of which only those are asked that it may touch."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.errors import PandisError
+from pandis.native.compiler import load
+from pandis.native.runtime import NativeField
+from pandis.native.runtime import library as runtime
+
+
+class Placed(NamedTuple):
+    """A field and where it lies in a scene.
+
+    Attributes
+    ----------
+    field : pandis.native.runtime.NativeField
+    rotation : ndarray, shape (3, 3)
+        A point p of the mesh lies at ``scale * rotation @ p + translation``.
+    translation : ndarray, shape (3,)
+        Scene units.
+    scale : float
+        Scene lengths per mesh unit.
+    stiffness : float
+        Force per length of the scene.
+    """
+
+    field: NativeField
+    rotation: np.ndarray
+    translation: np.ndarray
+    scale: float
+    stiffness: float
+
+
+class Answers(NamedTuple):
+    """Forces (n, 3), flags (n,), fields asked (n,), and seconds (n,) or None, point by point."""
+
+    force: np.ndarray
+    flag: np.ndarray
+    asked: np.ndarray
+    seconds: np.ndarray | None
+
+
+class _Object(ctypes.Structure):
+    _fields_ = (
+        ("field", ctypes.c_void_p),
+        ("rotation", ctypes.c_double * 9),
+        ("translation", ctypes.c_double * 3),
+        ("scale", ctypes.c_double),
+        ("stiffness", ctypes.c_double),
+    )
+
+
+def _fill(place, placed):
+    place.field = placed.field.address
+    place.rotation[:] = np.ravel(placed.rotation).tolist()
+    place.translation[:] = np.ravel(placed.translation).tolist()
+    place.scale, place.stiffness = placed.scale, placed.stiffness
+
+
+@cache
+def library():
+    """Return the compiled library with its functions' types declared."""
+    lib = load(Path(__file__).with_name("scene.c"))
+    pointer, size = ctypes.c_void_p, ctypes.c_size_t
+    for name in ("scene_bytes", "scene_object_bytes", "scene_room"):
+        getattr(lib, name).restype = size
+    lib.scene_room.argtypes = [size]
+    lib.pandis_scene_open.argtypes = [pointer, pointer, size, pointer]
+    lib.pandis_scene_moved.argtypes = [pointer, size]
+    lib.scene_forces.argtypes = [pointer, pointer, size, *[pointer] * 4]
+    lib.scene_ask_all.argtypes = [pointer, pointer, size, pointer]
+    return lib
+
+
+class NativeScene:
+    """Objects under one probe, as ``pandis.h`` answers them.
+
+    Parameters
+    ----------
+    objects : list of Placed
+
+    Raises
+    ------
+    PandisError
+        An object lies nowhere: its rotation is none, its scale not positive.
+    """
+
+    def __init__(self, objects):
+        self._library, self.objects = library(), list(objects)
+        count = len(self.objects)
+        self._placed = (_Object * max(count, 1))()
+        for place, own in zip(self._placed, self.objects, strict=False):
+            _fill(place, own)
+        self._room = np.empty(max(self._library.scene_room(count), 1))
+        self._scene = ctypes.create_string_buffer(self._library.scene_bytes())
+        self._check(
+            self._library.pandis_scene_open(
+                self._scene, self._placed, count, self._room.ctypes.data
+            )
+        )
+
+    def _check(self, error):
+        if error:
+            raise PandisError(runtime().pandis_error(error).decode())
+
+    def move(self, index, placed):
+        """Give one of the objects another place, another field, or both.
+
+        Raises
+        ------
+        PandisError
+            It lies nowhere; until it does, it is left out.
+        """
+        self.objects[index] = placed
+        _fill(self._placed[index], placed)
+        self._check(self._library.pandis_scene_moved(self._scene, index))
+
+    @property
+    def address(self):
+        """Where the scene lies, for other C code."""
+        return ctypes.addressof(self._scene)
+
+    def answer(self, points, timed=False):
+        """Return the `Answers` along a path (n, 3), scene units, of which only some are asked."""
+        points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+        count = len(points)
+        force, flag = np.empty((count, 3)), np.empty(count, np.uint8)
+        asked, seconds = np.empty(count, np.int64), np.empty(count) if timed else None
+        self._library.scene_forces(
+            self._scene, points.ctypes.data, count, force.ctypes.data, flag.ctypes.data,
+            asked.ctypes.data, seconds.ctypes.data if timed else None,
+        )  # fmt: skip
+        return Answers(force, flag, asked, seconds)
+
+    def ask_all(self, points):
+        """Return the forces (n, 3) at points (n, 3) by asking every object at every point."""
+        points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+        force = np.empty_like(points)
+        self._library.scene_ask_all(self._scene, points.ctypes.data, len(points), force.ctypes.data)
+        return force

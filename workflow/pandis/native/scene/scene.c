@@ -1,0 +1,40 @@
+/* Scenes of pandis.h, for Python: along a path, by the scene or by asking every object. */
+#define _POSIX_C_SOURCE 199309L
+#define PANDIS_IMPLEMENTATION
+#include "../pandis.h"
+
+#include <time.h>
+
+size_t scene_bytes(void) { return sizeof(pandis_scene); }
+size_t scene_object_bytes(void) { return sizeof(pandis_object); }
+size_t scene_room(size_t count) { return PANDIS_SCENE_ROOM(count); }
+
+static double seconds(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* Forces (three doubles each), flags, and how many fields were asked, point by point; with `taken`
+ * also the seconds of each. */
+void scene_forces(pandis_scene *scene, const double *points, size_t count, double *forces, unsigned char *flags,
+                  int64_t *asked, double *taken) {
+    for (size_t i = 0; i < count; i++) {
+        double start = taken ? seconds() : 0;
+        flags[i] = (unsigned char)pandis_scene_force(scene, points + 3 * i, forces + 3 * i);
+        if (taken) taken[i] = seconds() - start;
+        asked[i] = (int64_t)scene->asked;
+    }
+}
+
+/* The same by asking every object at every point. */
+void scene_ask_all(const pandis_scene *scene, const double *points, size_t count, double *forces) {
+    for (size_t i = 0; i < count; i++) {
+        double own[3], *sum = forces + 3 * i;
+        sum[0] = sum[1] = sum[2] = 0;
+        for (size_t k = 0; k < scene->count; k++) {
+            pandis_object_force(scene->objects + k, points + 3 * i, own);
+            for (int axis = 0; axis < 3; axis++) sum[axis] += own[axis];
+        }
+    }
+}

@@ -1,0 +1,99 @@
+"""Scenes in the configuration: which objects lie where, and what has to be built for them.
+
+This module stands on the ground floor, as `pandis.config` does.
+"""
+
+import re
+
+from pandis.catalogue import MESH_NAME, parse_field
+from pandis.config import SceneOptions, faults_of, name_faults, raise_faults
+
+#: The stages that an object of a scene needs; the scene's own comes last.
+STAGES = (
+    "fetch", "mesh", "sample", "train", "choose", "bake", "bake_spline", "bake_auto",
+    "support_planes", "export_native",
+)  # fmt: skip
+
+
+def load_scenes(raw, entries):
+    """Validate the scenes of a configuration.
+
+    Parameters
+    ----------
+    raw : dict
+        The parsed YAML.
+    entries : dict of str to pandis.config.MeshEntry
+
+    Returns
+    -------
+    dict of str to pandis.config.SceneOptions
+
+    Raises
+    ------
+    PandisError
+        Lists every fault at once, each with its dotted path.
+    """
+    faults, scenes = {}, {}
+    given = raw.get("scenes") or {}
+    if not isinstance(given, dict):
+        faults["scenes"] = "expected a mapping: {name: {objects: {name: {mesh: …, field: …}}}}"
+        given = {}
+    for name, scene in given.items():
+        path = f"scenes.{name}"
+        if not re.fullmatch(MESH_NAME, str(name)):
+            faults[path] = "a scene's name starts with a-z and goes on with a-z, 0-9, - or _"
+            continue
+        own = faults_of(SceneOptions, scene if isinstance(scene, dict) else {"objects": scene})
+        faults |= {f"{path}.{key}" if key else path: message for key, message in own.items()}
+        if own:
+            continue
+        scenes[name] = SceneOptions.model_validate(scene)
+        for key, placed in scenes[name].objects.items():
+            faults |= _object_faults(f"{path}.objects.{key}", key, placed, entries)
+    raise_faults(faults)
+    return scenes
+
+
+def _object_faults(path, key, placed, entries):
+    if not re.fullmatch(MESH_NAME, str(key)):
+        return {path: "an object's name starts with a-z and goes on with a-z, 0-9, - or _"}
+    entry = entries.get(placed.mesh)
+    if entry is None:
+        return {f"{path}.mesh": f"there is no mesh {placed.mesh} under `meshes`: add it there"}
+    values = entry.model_dump() | {"fields": [placed.field]}
+    found = next((message for at, message in name_faults(values) if at == "fields.0"), None)
+    if found is None and not parse_field(placed.field, entry.train).native:
+        found = f"{placed.field} has no file for pandis.h: take a grid, a spline, a network, exact"
+    return {f"{path}.field": found} if found else {}
+
+
+def needed(entries, scenes):
+    """Return the meshes that scenes need, each with the fields that they need alone.
+
+    Without scenes that is everything.
+    """
+    if not scenes:
+        return entries
+    fields = {}
+    for scene in scenes.values():
+        for placed in scene.objects.values():
+            own = fields.setdefault(placed.mesh, [])
+            if placed.field not in own:
+                own.append(placed.field)
+    return {
+        mesh: entry.model_copy(update={"fields": fields[mesh]})
+        for mesh, entry in entries.items()
+        if mesh in fields
+    }
+
+
+def scene_options(scene, entries):
+    """Return what the stage of a scene is asked: its objects with everything filled in."""
+    objects = []
+    for name, placed in scene.objects.items():
+        device = entries[placed.mesh].device
+        own = placed.model_dump() | {"name": name}
+        own["size"] = placed.size or device.size
+        own["stiffness"] = device.stiffness if placed.stiffness is None else placed.stiffness
+        objects.append(own)
+    return {"objects": objects, "ticks": scene.ticks, "speed": scene.speed}
