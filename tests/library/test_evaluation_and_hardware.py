@@ -13,7 +13,7 @@ from pandis.evaluation.timing import summarise, time_queries
 from pandis.fields.base import Field
 from pandis.frame import Frame
 from pandis.hardware.load import busy_cores
-from pandis.hardware.validation import NO_DEVICE, _longest_run, validate
+from pandis.hardware.validation import NO_ATTACHED, _longest_run, validate
 from pandis.machine import describe
 from pandis.native.runtime import SHAPE, NativeField, pack
 from pandis.native.servo import run_ticks
@@ -234,7 +234,7 @@ def test_machine_is_described_without_its_name():
 
     text = json.dumps(describe())
     assert socket.gethostname() == "" or f'"{socket.gethostname()}"' not in text
-    assert "No haptic device was attached" in NO_DEVICE
+    assert "No haptic device was attached" in NO_ATTACHED
 
 
 def test_summary_has_every_column_and_the_configs_order():

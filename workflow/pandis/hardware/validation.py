@@ -5,7 +5,11 @@ import json
 import numpy as np
 
 from pandis.frame import Frame
+from pandis.hardware.attached import run_attached
+from pandis.hardware.devices import DEVICES
 from pandis.hardware.load import busy_cores
+from pandis.hardware.pressing import Hand, contact, press
+from pandis.hardware.verdict import device_sentence, judge, paragraph
 from pandis.machine import describe, governor
 from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
@@ -14,9 +18,10 @@ from pandis.native.servo import run_ticks
 AGREEMENT = 2e-5
 _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
+NO_ATTACHED = "No haptic device was attached."
 NO_DEVICE = (
-    "No haptic device was attached: the exported files were asked by pandis.h in a C loop at the "
-    "servo rate, along the evaluation trajectory, on the machine named here."
+    "The exported files were asked by pandis.h in a C loop at the servo rate, along the evaluation "
+    "trajectory, on the machine named here; devices that are named are simulated."
 )
 
 
@@ -46,18 +51,28 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
     frame = Frame.from_attributes(trajectory.attributes["frame"])
     points = frame.to_mesh(trajectory.arrays["points"])
     arrays, fields = {}, {}
+    surface = contact(trajectory.arrays, frame, options["size"])
     report = progress("fields", len(exports), "fields")
     idle = run_ticks(None, points, _ticks(options), options["rate"])
     arrays["lateness"] = idle.lateness
     for index, path in enumerate(exports):
         name = path.stem
         reference = evaluation.arrays[f"force_{name}"]
-        ticks, fields[name] = validate(NativeField(path), frame, points, reference, options)
+        field = NativeField(path)
+        ticks, verdict = validate(field, frame, points, reference, options)
+        verdict["devices"] = press_devices(field, surface, options)
+        verdict["advice"] = paragraph(verdict, verdict["devices"], options)
+        if options["attached"]:
+            own, verdict["attached"] = run_attached(
+                field, options["size"], options["stiffness"], options | options["attached"]
+            )
+            ticks |= {f"device_{key}": values for key, values in own.items()}
         arrays |= {f"{key}_{name}": values for key, values in ticks.items()}
+        fields[name] = verdict
         report.update(index + 1)
     attributes = {
-        "statement": NO_DEVICE,
-        "device": None,
+        "statement": _statement(fields),
+        "devices": {name: DEVICES[name]._asdict() for name in options["devices"]},
         "machine": describe() | {"governor": governor()},
         "locked": idle.locked,
         "realtime": idle.realtime,
@@ -70,6 +85,33 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
         "reproducible": False,
     }
     return arrays, attributes, json.dumps({"mesh": mesh} | attributes, indent=2) + "\n"
+
+
+def _statement(fields):
+    """Say what ran: never that a device did, unless one has, to the end, with forces."""
+    said = [v["attached"]["statement"] for v in fields.values() if "attached" in v]
+    return " ".join([NO_DEVICE, *dict.fromkeys(said)]) if said else f"{NO_ATTACHED} {NO_DEVICE}"
+
+
+def press_devices(field, surface, options):
+    """Press every simulated device that is asked for onto a field's object.
+
+    Returns
+    -------
+    dict of str to dict
+        By the device's name: what `pandis.hardware.pressing.press` found, ``verdict`` and
+        ``sentence``.
+    """
+    hand, stiffness = Hand(**options["hand"]), options["stiffness"]
+    found = {}
+    for name in options["devices"]:
+        own = press(
+            field, DEVICES[name], surface, options["size"], stiffness, hand, options["rate"]
+        )
+        own["device"] = name
+        own["verdict"], own["sentence"] = judge(own, stiffness), device_sentence(own, stiffness)
+        found[name] = own
+    return found
 
 
 def validate(field, frame, points, reference, options):

@@ -94,9 +94,17 @@ def simulate(answer, points, normals, stiffness, scale, device, ticks=TICKS, sta
         energy -= (force * (position - before)).sum(axis=1)
         if tick >= ticks * 2 // 3:
             path.append(position)
-    path = np.array(path)
-    shaking = path - uniform_filter1d(path, _MEAN, axis=0)
-    return np.linalg.norm(np.ptp(shaking[_MEAN:-_MEAN], axis=0), axis=1), energy
+    return shaking(np.array(path)), energy
+
+
+def shaking(path, period=TICK):
+    """Return how far a path (t, ..., 3) shakes above 30 Hz, peak to peak: what is slower slides.
+
+    ``period`` is that of the path's ticks, s.
+    """
+    mean = round(_MEAN * TICK / period)
+    fast = path - uniform_filter1d(path, mean, axis=0)
+    return np.linalg.norm(np.ptp(fast[mean:-mean], axis=0), axis=-1)
 
 
 def stable_stiffness(answer, points, normals, scale, device):

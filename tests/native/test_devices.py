@@ -1,0 +1,306 @@
+"""Forces on devices: the simulated one against the stress suite's, and HDAPI against a stand-in.
+
+No test here needs a device, or a loop that holds a rate: what is late is counted, not judged.
+"""
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pandis
+from pandis.native import hdapi
+from pandis.native.runtime import NativeField
+from pandis.native.scene import NativeScene, Placed
+from pandis.stress import coupled
+from pandis.stress.physical import Device, Scale
+
+HERE = Path(__file__).parent
+HDAPI = Path(pandis.__file__).parent / "native" / "hdapi"
+#: The sphere of the tests has radius 1; it lies at the workspace's origin with 5 cm.
+RADIUS, STIFFNESS = 0.05, 400.0
+LIMITS = {"force": 3.3, "step": 3.3, "speed": 1.5, "ramp": 100, "damping": 0.1, "friction": 0.26}
+TOUCH = {
+    "mass": 0.045, "damping": 0.1, "friction": 0.26, "encoder": 55e-6, "force": 3.3,
+    "impulse": 3.3, "speed": 1.5, "hand_stiffness": 20.0, "hand_damping": 3.0, "period": 1e-3,
+    "delay": 0,
+}  # fmt: skip
+needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
+
+
+def ball(files, stiffness=STIFFNESS):
+    field = NativeField(files["sphere"])
+    return NativeScene([Placed(field, np.eye(3), np.zeros(3), RADIUS, stiffness)])
+
+
+def order(files, ticks=400, stiffness=STIFFNESS, limits=None, **changes):
+    given = hdapi.Limits(**(LIMITS | (limits or {})))
+    return hdapi.Order(ball(files, stiffness), ticks, given, **({"armed": True} | changes))
+
+
+def press(files, ticks=900, stiffness=STIFFNESS, limits=None, device=None, start=2e-4, **changes):
+    """Press a simulated device onto the ball's side."""
+    spec = hdapi.Simulated(**(TOUCH | (device or {})))
+    side = np.array([1.0, 0, 0])
+    wanted = order(files, ticks, stiffness, limits, **changes)
+    return hdapi.run_simulated(spec, (RADIUS + start) * side, RADIUS * side, -0.5 * side, wanted)
+
+
+# --- the simulated device ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("friction", [0.0, 0.26])
+def test_the_simulated_device_moves_as_the_stress_suite_s(delay, friction, files):
+    """Two programs of the same equations, one of them in C: the same shaking."""
+    scale, ticks = Scale(2 * RADIUS, 400.0), 600
+    device = Device(0.045, 0.1, friction, 0.0, delay, 3.3, 20.0, 0.5, 0.5)
+    side = np.array([[1.0, 0, 0]])
+
+    def answer(points):
+        length = np.linalg.norm(points, axis=1)
+        return length - 0.9, points / length[:, None]
+
+    swing, _ = coupled.simulate(
+        answer, 0.9 * side, side, np.array([400.0]), scale, device, ticks=ticks
+    )
+    changes = {"friction": friction, "delay": delay, "encoder": 0.0, "impulse": 1e9}
+    session = press(
+        files, ticks + 1, 400.0, {"ramp": 0, "step": 1e9},
+        changes | {"hand_damping": 0.5}, start=coupled.START,
+    )  # fmt: skip
+    assert session.cause == hdapi.DONE
+    assert session.path[:-1] == pytest.approx(session.position[1:], abs=1e-15)
+    found = coupled.shaking(session.path[ticks * 2 // 3 : ticks])
+    assert found == pytest.approx(swing[0], rel=1e-6, abs=1e-12)
+    assert swing[0] > 1e-7 or friction
+
+
+def test_forces_follow_the_position_that_the_device_reports(files):
+    session = press(files, 300, limits={"ramp": 0})
+    depth = np.maximum(RADIUS - np.linalg.norm(session.position, axis=1), 0)
+    assert np.linalg.norm(session.force, axis=1) == pytest.approx(STIFFNESS * depth, abs=1e-9)
+    assert session.simulated
+    assert not session.stand_in
+    assert session.model == "simulated"
+
+
+def test_a_run_is_the_same_again(files):
+    one, other = press(files), press(files)
+    assert np.array_equal(one.position, other.position)
+    assert np.array_equal(one.force, other.force)
+
+
+def test_the_force_comes_in_by_a_ramp(files):
+    whole, slow = press(files, 50, limits={"ramp": 0}), press(files, 50, limits={"ramp": 1000})
+    assert 0 < slow.strongest < 0.3 * whole.strongest
+
+
+def test_force_and_change_stay_below_their_limits(files):
+    free = press(files, 300, limits={"ramp": 0}, start=-0.02)
+    assert free.cut > 0
+    assert free.strongest == pytest.approx(3.3, rel=1e-9)
+    gentle = press(files, 300, limits={"ramp": 0, "step": 0.05}, start=-0.02)
+    assert gentle.cause == hdapi.DONE
+    assert gentle.slowed > 0
+    changes = np.linalg.norm(np.diff(gentle.force, axis=0, prepend=np.zeros((1, 3))), axis=1)
+    assert changes.max() <= 0.05 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("device", "code"),
+    [({"force": 1.0}, 0x0201), ({"impulse": 0.05}, 0x0202), ({"speed": 1e-4}, 0x0203)],
+)
+def test_what_a_driver_refuses_ends_the_run(device, code, files):
+    """The limits here are set wrongly on purpose: wider than the device's own."""
+    limits = {"ramp": 0, "force": 50, "step": 50}
+    session = press(files, 300, 2000, limits, device, start=-0.01)
+    if code == 0x0201:  # the client knows the device's own largest force
+        assert session.cause == hdapi.DONE
+        assert session.strongest <= 1.0
+        return
+    assert (session.cause, session.code) == (hdapi.ERROR, code)
+    assert not session.force[-1].any()
+    assert "HD_EXCEEDED" in session.sentence
+
+
+def test_a_stiff_wall_gives_energy_and_a_soft_one_does_not(files):
+    """K < 2 b / T without friction: 200 N/m at 0.1 Ns/m (Colgate and Schenkel)."""
+    bare = {"friction": 0.0, "encoder": 0.0, "hand_damping": 0.0, "hand_stiffness": 0.0}
+    losses = {"ramp": 0, "damping": 0.1, "friction": 0.0, "force": 1e3, "step": 1e3}
+    wide = bare | {"force": 1e3, "impulse": 1e3, "speed": 1e3}
+    soft = press(files, 900, 100.0, losses | {"speed": 1e3}, wide)
+    stiff = press(files, 900, 1200.0, losses | {"speed": 1e3}, wide)
+    assert soft.worst > -1e-9
+    assert stiff.worst < -1e-6
+
+
+def test_without_arming_nothing_is_sent(files):
+    session = press(files, 200, armed=False)
+    assert session.cause == hdapi.DONE
+    assert not session.force.any()
+    assert np.linalg.norm(session.position, axis=1).min() < RADIUS - 1e-4
+
+
+@pytest.mark.parametrize("limit", [0.01, 0.2])
+def test_a_fast_probe_ends_the_run(limit, files):
+    session = press(files, 500, limits={"speed": limit, "ramp": 0}, start=-0.03)
+    assert session.cause == hdapi.SPEED
+    assert not session.force[-1].any()
+    assert len(session.force) < 500
+
+
+# --- HDAPI, against the stand-in ----------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stand_in(tmp_path_factory):
+    """Return the path of a compiled stand-in."""
+    if not shutil.which("gcc"):
+        pytest.skip("no gcc here")
+    return compile_stand_in(tmp_path_factory.mktemp("hd") / "libHD.so")
+
+
+def compile_stand_in(path, *flags):
+    command = ["gcc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared", *flags]
+    command += ["-I", HDAPI, HERE / "libhd.c", "-o", path, "-lpthread", "-lm"]
+    subprocess.run(command, check=True)
+    return path
+
+
+class Seen(ctypes.Structure):
+    """What reached the stand-in: see libhd.c."""
+
+    _fields_ = (
+        *((n, ctypes.c_longlong) for n in ("begun", "ended", "calls", "enabled", "disabled")),
+        ("largest", ctypes.c_double),
+        ("sum", ctypes.c_double * 3),
+    )
+
+
+@pytest.fixture
+def run(stand_in, files, monkeypatch):
+    """Return what runs an order on the stand-in with a fault, and says what reached it."""
+
+    def go(fault="", name="", **changes):
+        monkeypatch.setenv("PANDIS_FAULT", fault)
+        monkeypatch.setenv("PANDIS_PLACE", f"{RADIUS - 0.002} 0 0")
+        wanted = {"deadline": 10.0, "ticks": 150, "limits": {"ramp": 20}} | changes
+        session = hdapi.run_device(str(stand_in), name, order(files, **wanted))
+        seen = Seen.in_dll(ctypes.CDLL(str(stand_in)), "standin_seen")
+        assert seen.begun == seen.ended
+        return session, seen
+
+    return go
+
+
+def test_a_run_on_the_stand_in(run):
+    """Begun and ended, the force in newtons, and never said to be a device's."""
+    session, seen = run(name="Default Device")
+    assert (session.cause, session.code) == (hdapi.DONE, 0)
+    assert session.stand_in
+    assert session.model == "stand-in"
+    assert len(session.force) == 150
+    assert seen.begun == 150
+    assert seen.enabled == 1
+    assert seen.disabled >= 1
+    assert seen.largest == pytest.approx(session.strongest)
+    assert 0.1 < session.strongest < 1.0
+    assert np.array(seen.sum) == pytest.approx(session.force.sum(axis=0))
+    depth = RADIUS - np.linalg.norm(session.position, axis=1)
+    late = slice(30, None)  # after the ramp
+    sizes = np.linalg.norm(session.force, axis=1)[late]
+    assert sizes == pytest.approx(STIFFNESS * np.maximum(depth, 0)[late], abs=1e-9)
+    assert session.rate == pytest.approx(1000)
+    assert session.nominal_force == pytest.approx(3.3)
+
+
+def test_unarmed_no_force_is_sent(run):
+    session, seen = run(armed=False)
+    assert session.cause == hdapi.DONE
+    assert seen.enabled == 0
+    assert seen.largest == 0
+    assert session.position.any()
+
+
+@pytest.mark.parametrize("code", sorted(hdapi.ERRORS))
+def test_every_error_ends_the_run_without_force(code, run):
+    session, seen = run(f"error 60 {code:x}")
+    assert (session.cause, session.code) == (hdapi.ERROR, code)
+    assert hdapi.ERRORS[code] in session.sentence
+    assert session.force[59].any()
+    assert not session.force[61:].any()
+    assert len(session.force) == 60 + hdapi.RELEASE
+    assert seen.calls == len(session.force)
+
+
+def test_an_unknown_error_ends_it_too(run):
+    session, _ = run("error 60 777")
+    assert (session.cause, session.code) == (hdapi.ERROR, 0x777)
+    assert "0x0777" in session.sentence
+
+
+def test_a_device_that_is_unplugged(run):
+    session, _ = run("unplugged 50")
+    assert session.cause == hdapi.WATCHDOG
+    assert len(session.force) == 50
+    assert "no call" in session.sentence
+
+
+def test_a_callback_that_overruns(run):
+    """One late call is counted, several in a row end the run."""
+    once, _ = run("slow 40", deadline=0.02, overruns=2)
+    assert once.cause == hdapi.DONE
+    assert once.taken[40] > 0.02
+    session, _ = run("slow 40", deadline=0.02, overruns=1)
+    assert session.cause == hdapi.OVERRUN
+    assert not session.force[40:].any()
+
+
+def test_a_position_that_is_no_number(run):
+    session, _ = run("nan 40")
+    assert session.cause == hdapi.NUMBER
+    assert session.force[39].any()
+    assert not session.force[40:].any()
+
+
+def test_a_position_that_jumps(run):
+    session, _ = run("jump 40")
+    assert session.cause == hdapi.SPEED
+    assert not session.force[40:].any()
+
+
+def test_no_device(run):
+    for fault, name in (("init", ""), ("", "Left Device")):
+        session, seen = run(fault, name)
+        assert (session.cause, session.code) == (hdapi.DEVICE, 0x0300)
+        assert len(session.force) == 0
+        assert seen.enabled == 0
+
+
+def test_a_scheduler_that_does_not_start(run):
+    session, _ = run("start")
+    assert (session.cause, session.code) == (hdapi.DEVICE, 0x0304)
+    assert len(session.force) == 0
+
+
+def test_no_library(files, tmp_path):
+    session = hdapi.run_device(str(tmp_path / "libHD.so"), "", order(files))
+    assert session.cause == hdapi.LIBRARY
+    assert "libHD.so" in session.sentence
+
+
+@needs_gcc
+def test_a_library_that_lacks_a_function(files, tmp_path):
+    old = compile_stand_in(tmp_path / "libHD.so", "-DhdGetString=hdGetText")
+    session = hdapi.run_device(str(old), "", order(files))
+    assert session.cause == hdapi.LIBRARY
+    assert "hdGetString" in session.sentence
+
+
+def test_nothing_to_run(files):
+    with pytest.raises(ValueError, match="at least one tick"):
+        press(files, 0)

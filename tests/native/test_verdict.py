@@ -1,0 +1,125 @@
+"""What is said of a field on a device: limits, energy, safe stiffness, and what ran at all."""
+
+import shutil
+
+import pytest
+from test_devices import RADIUS, compile_stand_in
+
+from pandis.config import HardwareOptions, TrajectoryOptions
+from pandis.hardware.attached import run_attached
+from pandis.hardware.devices import DEVICES
+from pandis.hardware.pressing import Hand, contact, press
+from pandis.hardware.validation import _statement, press_devices
+from pandis.hardware.verdict import device_sentence, judge, machine_sentence
+from pandis.native.runtime import NativeField
+from pandis.sampling import Surface
+from pandis.stage import silent_progress
+from pandis.trajectories import trace
+
+HAND = {"stiffness": 20.0, "damping": 3.0, "press": 0.5, "delay": 0}
+SIZE = 0.1
+
+
+@pytest.fixture(scope="module")
+def surface(fields):
+    """Return where the torus is pressed on: as `trajectory` gives it."""
+    field = fields["exact"][0]
+    engine = field.engine
+    options = TrajectoryOptions(samples=400).model_dump() | {"seed": 2}
+    held = trace(Surface(engine.vertices, engine.faces), engine, options, silent_progress)
+    return contact(held, field.frame, SIZE)
+
+
+def pressed(name, files, surface, device="touch", stiffness=400.0, **hand):
+    field = NativeField(files[name])
+    spec = DEVICES[device]
+    found = press(field, spec, surface, SIZE, stiffness, Hand(**(HAND | hand)), 1000.0)
+    return found | {"device": device}
+
+
+def test_an_exact_surface_is_safe_on_every_device(files, surface):
+    for device, spec in DEVICES.items():
+        found = pressed("exact", files, surface, device)
+        assert found["within_limits"]
+        assert found["passive"]
+        assert found["quiet"] == 1
+        assert found["safe_n_m"] <= spec.stiffness
+        assert judge(found, 400.0) == "pass"
+        assert "keeps still and gives no energy" in device_sentence(found, 400.0)
+
+
+def test_a_stepped_field_gives_energy_and_is_told_so(files, surface):
+    """The nearest of 20³ nodes: its force jumps at every cell, and work goes missing."""
+    found = pressed("nearest", files, surface)
+    assert not found["passive"]
+    assert found["energy_j"] < -1e-4
+    assert judge(found, 400.0) == "fail"
+    sentence = device_sentence(found, 400.0)
+    assert "mJ more than the device loses" in sentence
+    assert "use at most" in sentence or "do not use it" in sentence
+    assert found["safe_n_m"] < pressed("exact", files, surface)["safe_n_m"]
+
+
+def test_a_hard_push_is_beyond_the_devices_limit(files, surface):
+    found = pressed("exact", files, surface, press=6.0)
+    assert found["cut"] > 0
+    assert found["strongest_n"] == pytest.approx(DEVICES["touch"].force)
+    assert judge(found, 400.0) == "fail"
+    assert "wanted more than its 3.3 N" in device_sentence(found, 400.0)
+
+
+def test_late_forces_lower_the_safe_stiffness(files, surface):
+    """On a device whose friction does not carry it: the Touch X."""
+    prompt, late = (
+        pressed("exact", files, surface, "touch-x", 1000.0, delay=delay) for delay in (0, 10)
+    )
+    assert late["safe_n_m"] < prompt["safe_n_m"]
+
+
+def test_the_verdict_is_the_same_again(files, surface):
+    assert pressed("tricubic", files, surface) == pressed("tricubic", files, surface)
+
+
+def test_every_device_is_named(files, surface):
+    options = HardwareOptions(devices=["touch", "falcon"]).model_dump()
+    options |= {"hand": HAND, "size": SIZE, "stiffness": 400.0}
+    found = press_devices(NativeField(files["torus"]), surface, options)
+    assert list(found) == ["touch", "falcon"]
+    assert found["falcon"]["sentence"].startswith("On a simulated Falcon at 400 N/m")
+
+
+def test_a_slow_machine_is_told_what_to_do():
+    verdict = {"agrees": True, "in_time": False, "miss_share": 0.25, "compute_us": {"p99.9": 900.0}}
+    options = {"rate": 1000.0, "deadline": 0.8e-3}
+    assert "25 % of the ticks compute longer than 800 µs" in machine_sentence(verdict, options)
+    good = machine_sentence(verdict | {"in_time": True}, options)
+    assert good == "It holds 1000 Hz here: 900 of 800 µs in 99.9 % of the ticks."
+    assert "export it again" in machine_sentence(verdict | {"agrees": False}, options)
+
+
+@pytest.mark.parametrize(("arm", "fault"), [(True, ""), (False, ""), (True, "error 20 301")])
+def test_a_stand_in_is_never_a_device(arm, fault, files, tmp_path, monkeypatch):
+    if not shutil.which("gcc"):
+        pytest.skip("no gcc here")
+    library = compile_stand_in(tmp_path / "libHD.so")
+    monkeypatch.setenv("PANDIS_FAULT", fault)
+    monkeypatch.setenv("PANDIS_PLACE", f"{0.9 * RADIUS} 0 0")
+    options = HardwareOptions(seconds=0.05, deadline=10, attached={"library": str(library)})
+    options = options.model_dump() | options.attached.model_dump() | {"arm": arm}
+    arrays, found = run_attached(NativeField(files["sphere"]), SIZE, 1e4, options)
+    assert found["stand_in"]
+    assert not found["hardware"]
+    assert found["stiffness"] == DEVICES["touch"].stiffness
+    assert "nothing of it is a hardware result" in found["statement"]
+    assert arrays["force"].any() == arm
+    statement = _statement({"sphere": {"attached": found}})
+    assert "forces were sent" not in statement
+    assert "stand-in" in statement
+
+
+def test_no_library_is_said(files, tmp_path):
+    options = HardwareOptions(seconds=0.01, attached={"library": str(tmp_path / "none.so")})
+    options = options.model_dump() | options.attached.model_dump()
+    _, found = run_attached(NativeField(files["sphere"]), SIZE, 400.0, options)
+    assert found["statement"].startswith("No device ran: the device's library cannot be used")
+    assert not found["hardware"]

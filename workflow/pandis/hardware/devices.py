@@ -1,0 +1,89 @@
+"""What is known of haptic devices: data sheets, and the limits that programs in the field keep.
+
+Forces, stiffnesses and workspaces are those that CHAI3D sets for each device, encoder steps and
+frictions the makers' nominal values, where they give them; what nobody gives is assumed, and
+listed.
+"""
+
+from typing import NamedTuple
+
+from pandis.native.hdapi import Limits, Simulated
+
+
+class Specification(NamedTuple):
+    """A haptic device.
+
+    Attributes
+    ----------
+    title : str
+    force : float
+        Largest, N.
+    stiffness : float
+        Largest that programs give it, N/m.
+    workspace : float
+        Radius, m.
+    encoder : float
+        Step of the position it reports, m.
+    friction : float
+        Coulomb, N.
+    mass : float
+        At the tip, kg.
+    damping : float
+        Viscous, Ns/m.
+    impulse : float
+        Largest change of the force, N per ms.
+    speed : float
+        Largest, m/s.
+    rate : float
+        Ticks per second.
+    assumed : tuple of str
+        What of this is no maker's figure.
+    """
+
+    title: str
+    force: float
+    stiffness: float
+    workspace: float
+    encoder: float
+    friction: float
+    mass: float
+    damping: float
+    impulse: float
+    speed: float
+    rate: float
+    assumed: tuple
+
+    def simulated(self, hand_stiffness, hand_damping, delay, period):
+        """Return the simulated device with a hand."""
+        return Simulated(
+            self.mass, self.damping, self.friction, self.encoder, self.force, self.impulse,
+            self.speed, hand_stiffness, hand_damping, period, delay,
+        )  # fmt: skip
+
+    def limits(self, ramp, period):
+        """Return the limits that no force to this device may go beyond.
+
+        ``ramp`` in seconds, ``period`` of a tick in seconds.
+        """
+        step = self.impulse * period * 1e3
+        return Limits(self.force, step, self.speed, ramp / period, self.damping, self.friction)
+
+
+_ALWAYS = ("damping", "impulse", "speed")
+#: By the names that the configuration uses.
+DEVICES = {
+    "touch": Specification(
+        "Touch", 3.3, 400.0, 0.075, 55e-6, 0.26, 0.045, 0.1, 3.3, 1.5, 1000.0, _ALWAYS
+    ),
+    "touch-x": Specification(
+        "Touch X", 7.9, 1000.0, 0.1, 23e-6, 0.06, 0.09, 0.1, 7.9, 1.5, 1000.0, (*_ALWAYS, "mass")
+    ),
+    "omega-3": Specification(
+        "omega.3", 12.0, 5000.0, 0.075, 10e-6, 0.1, 0.2, 0.5, 12.0, 1.5, 4000.0,
+        (*_ALWAYS, "mass", "friction"),
+    ),
+    "falcon": Specification(
+        "Falcon", 8.0, 3000.0, 0.04, 63e-6, 0.3, 0.15, 0.3, 8.0, 1.5, 1000.0,
+        (*_ALWAYS, "mass", "friction"),
+    ),
+}  # fmt: skip

@@ -1,0 +1,164 @@
+"""A field under a simulated device and a hand: limits, energy, the largest safe stiffness.
+
+The C loop of a real device runs here on a simulated one, in the time of ticks: position in, force
+out through the guard, HDAPI's order and errors. The hand presses on points of the surface, and
+slides along the evaluation trajectory.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.frame import UNIT_SIDE
+from pandis.native.hdapi import DONE, Order, run_simulated
+from pandis.native.scene import NativeScene, Placed
+from pandis.stress.coupled import CALM, LADDER, QUIET, START, shaking
+
+#: Points that are pressed on; ticks of each; ticks of the slide.
+POINTS, TICKS, SLIDE = 8, 900, 2000
+#: So much energy (J) may be missing: an encoder's step at the force that is pressed with hides it.
+SLACK = 2e-5
+
+
+class Hand(NamedTuple):
+    """The hand that holds the device.
+
+    ``stiffness`` N/m, ``damping`` Ns/m, ``press`` N: with how much it presses; ``delay``: ticks by
+    which the force comes late.
+    """
+
+    stiffness: float
+    damping: float
+    press: float
+    delay: int
+
+
+class Contact(NamedTuple):
+    """Where the hand presses: surface points and outward normals (n, 3), m, workspace."""
+
+    points: np.ndarray
+    normals: np.ndarray
+
+
+def contact(trajectory, frame, size):
+    """Return the surface above a trajectory, in the device's workspace.
+
+    Parameters
+    ----------
+    trajectory : dict of str to ndarray
+        ``points``, ``distance`` and ``normal`` in the unit frame.
+    frame : pandis.frame.Frame
+    size : float
+        Metres of the longest side.
+    """
+    normals = trajectory["normal"]
+    above = trajectory["points"] - trajectory["distance"][:, None] * normals
+    return Contact(above * size / UNIT_SIDE, normals)
+
+
+def press(field, spec, surface, size, stiffness, hand, rate):
+    """Press a device with a field onto a mesh, and slide along it.
+
+    Parameters
+    ----------
+    field : pandis.native.runtime.NativeField
+    spec : pandis.hardware.devices.Specification
+    surface : Contact
+    size, stiffness : float
+        Metres of the longest side, and N/m asked for.
+    hand : Hand
+    rate : float
+        Ticks per second.
+
+    Returns
+    -------
+    dict
+        ``strongest_n``, ``steepest_n_per_ms``, ``cut`` (ticks at the force limit), ``energy_j``
+        (the least that the wall took and the device lost since a contact began), ``quiet`` (share
+        of the points that do not shake), ``ended`` (why, if a run ended early),
+        ``within_limits``, ``passive``, ``safe_n_m``, ``limited_by``.
+    """
+    rig = _Rig(field, spec, surface, size, hand, rate)
+    runs = rig.presses(stiffness)
+    slide = rig.slide(stiffness)
+    every = [*runs, slide]
+    ended = next((run.sentence for run in every if run.cause != DONE), "")
+    cut = sum(run.cut for run in every)
+    energy = min(run.worst for run in every)
+    safe, limit = rig.safe(stiffness)
+    return {
+        "strongest_n": max(run.strongest for run in every),
+        "steepest_n_per_ms": max(run.steepest for run in every) * 1e-3 * rate,
+        "cut": int(cut),
+        "energy_j": float(energy),
+        "quiet": float(np.mean([rig.is_quiet(run) for run in runs])),
+        "ended": ended,
+        "within_limits": not cut and not ended,
+        "passive": bool(energy >= -SLACK),
+        "safe_n_m": safe,
+        "limited_by": limit,
+    }
+
+
+class _Rig:
+    def __init__(self, field, spec, surface, size, hand, rate):
+        self.field, self.spec, self.hand, self.period = field, spec, hand, 1 / rate
+        self.scale = size * field.frame.scale / UNIT_SIDE
+        self.surface = surface
+        picks = np.linspace(0, len(surface.points) - 1, POINTS).astype(int)
+        self.picked = list(zip(surface.points[picks], surface.normals[picks], strict=True))
+        self.ticks = round(TICKS * 1e-3 * rate)
+
+    def order(self, stiffness, ticks):
+        origin = -self.scale * np.array(self.field.frame.centre)
+        scene = NativeScene([Placed(self.field, np.eye(3), origin, self.scale, stiffness)])
+        limits = self.spec.limits(0, self.period)
+        # in the time of ticks nothing is late
+        return Order(scene, ticks, limits, self.period, deadline=1e9, armed=True)
+
+    def simulated(self):
+        hand = self.hand
+        return self.spec.simulated(hand.stiffness, hand.damping, hand.delay, self.period)
+
+    def presses(self, stiffness):
+        wanted = self.order(stiffness, self.ticks)
+        return [
+            run_simulated(
+                self.simulated(), point + START * normal, point, -self.hand.press * normal, wanted
+            )
+            for point, normal in self.picked
+        ]
+
+    def slide(self, stiffness):
+        """The hand follows the trajectory, at its step per millisecond."""
+        count = min(SLIDE, len(self.surface.points))
+        at = np.arange(round(count * 1e-3 / self.period)) * self.period * 1e3
+        steps = np.arange(len(self.surface.points))
+        rest, push = (
+            np.stack([np.interp(at, steps, values[:, k]) for k in range(3)], axis=1)
+            for values in (self.surface.points, -self.hand.press * self.surface.normals)
+        )
+        start = self.surface.points[0] + START * self.surface.normals[0]
+        return run_simulated(self.simulated(), start, rest, push, self.order(stiffness, len(at)))
+
+    def is_quiet(self, run):
+        path = run.path[len(run.path) * 2 // 3 :]
+        return run.cause == DONE and shaking(path, self.period) < QUIET
+
+    def safe(self, stiffness):
+        """Return the largest stiffness that is quiet and passive, and what keeps it from more."""
+        last, why = 0.0, ""
+        for wanted in LADDER * stiffness:
+            runs = self.presses(wanted)
+            if np.mean([self.is_quiet(run) for run in runs]) < CALM:
+                why = "it shakes beyond"
+            if min(run.worst for run in runs) < -SLACK:
+                why = "the wall gives energy beyond"
+            if why:
+                break
+            last = float(wanted)
+            if wanted > self.spec.stiffness:
+                break
+        if last >= self.spec.stiffness:
+            return self.spec.stiffness, "more is not asked of this device"
+        return last, why or "more was not tried"

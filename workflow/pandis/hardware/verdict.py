@@ -1,0 +1,62 @@
+"""What a person should do about a field, on this machine and on each device, in a paragraph."""
+
+from pandis.hardware.devices import DEVICES
+from pandis.stress.coupled import CALM
+
+
+def judge(found, stiffness):
+    """Return ``pass`` or ``fail`` for what `pandis.hardware.pressing.press` has found."""
+    good = found["within_limits"] and found["passive"] and found["quiet"] >= CALM
+    device = DEVICES[found["device"]]
+    return "pass" if good and found["safe_n_m"] >= min(stiffness, device.stiffness) else "fail"
+
+
+def device_sentence(found, stiffness):
+    """Say what a simulated device made of a field.
+
+    Parameters
+    ----------
+    found : dict
+        From `pandis.hardware.pressing.press`, with ``device``.
+    stiffness : float
+        That was asked for, N/m.
+    """
+    device = DEVICES[found["device"]]
+    faults = []
+    if found["ended"]:
+        faults.append(f"a run ended early ({found['ended']})")
+    if found["cut"]:
+        faults.append(f"{found['cut']} ticks wanted more than its {device.force:g} N")
+    if found["quiet"] < CALM:
+        faults.append(f"it shakes on {100 * (1 - found['quiet']):.0f} % of the points")
+    if not found["passive"]:
+        faults.append(
+            f"the wall gives {-1e3 * found['energy_j']:.2g} mJ more than the device loses"
+        )
+    says = "; ".join(faults) or (
+        f"at most {found['strongest_n']:.2g} of its {device.force:g} N, it keeps still and gives "
+        "no energy"
+    )
+    safe = found["safe_n_m"]
+    advice = f"use at most {safe:.0f} N/m: {found['limited_by']}" if safe else "do not use it"
+    return f"On a simulated {device.title} at {stiffness:g} N/m: {says}; {advice}."
+
+
+def machine_sentence(verdict, options):
+    """Say whether a field holds the rate on this machine."""
+    rate, deadline = options["rate"], 1e6 * options["deadline"]
+    took = verdict["compute_us"]["p99.9"]
+    if not verdict["agrees"]:
+        return "Do not use this file: its forces are not those of the field; export it again."
+    if not verdict["in_time"]:
+        return (
+            f"It does not hold {rate:g} Hz here: {100 * verdict['miss_share']:.2g} % of the ticks "
+            f"compute longer than {deadline:.0f} µs; use a smaller field, or a faster machine."
+        )
+    return f"It holds {rate:g} Hz here: {took:.3g} of {deadline:.0f} µs in 99.9 % of the ticks."
+
+
+def paragraph(verdict, devices, options):
+    """Return what to do about a field: the machine's sentence, then one for each device."""
+    own = [device_sentence(found, options["stiffness"]) for found in devices.values()]
+    return " ".join([machine_sentence(verdict, options), *own])

@@ -1,0 +1,277 @@
+"""Forces on a haptic device, real or simulated: the binding of ``client.c``."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.native.compiler import load
+
+#: Why a run ended: numbers of ``guard.h``.
+DONE, LIBRARY, DEVICE, ERROR, SPEED, NUMBER, OVERRUN, WATCHDOG = range(8)
+#: Ticks of zero force before a failed run lets go of the device.
+RELEASE = 5
+CAUSES = {
+    DONE: "ran to its end",
+    LIBRARY: "the device's library cannot be used",
+    DEVICE: "the device does not start",
+    ERROR: "the device reported an error",
+    SPEED: "the probe was faster than the limit",
+    NUMBER: "a position or a force was no number",
+    OVERRUN: "callbacks computed longer than the deadline, several in a row",
+    WATCHDOG: "the device's scheduler made no call, or one did not come back",
+}
+#: HDAPI's error codes, and what to do about them.
+ERRORS = {
+    0x0100: "HD_INVALID_ENUM: the library knows no such parameter; use OpenHaptics 3",
+    0x0101: "HD_INVALID_VALUE: the library refuses a value; use OpenHaptics 3",
+    0x0102: "HD_INVALID_OPERATION: not allowed now; stop other programs that use the device",
+    0x0104: "HD_BAD_HANDLE: the device is not there; look at its cable and its name",
+    0x0200: "HD_WARM_MOTORS: the motors are hot; let them cool, and lower the stiffness",
+    0x0201: "HD_EXCEEDED_MAX_FORCE: lower hardware.force_limit",
+    0x0202: "HD_EXCEEDED_MAX_FORCE_IMPULSE: lower hardware.step_limit",
+    0x0203: "HD_EXCEEDED_MAX_VELOCITY: move more slowly, or lower the stiffness",
+    0x0204: "HD_FORCE_ERROR: the force went wrong; lower the stiffness",
+    0x0300: "HD_DEVICE_FAULT: look at power and cable, and calibrate the device",
+    0x0302: "HD_COMM_ERROR: the connection is lost; look at the cable",
+    0x0304: "HD_TIMER_ERROR: the scheduler's timer fails; stop other programs",
+    0x0400: "HD_ILLEGAL_BEGIN: a frame was begun within another; stop other programs",
+    0x0401: "HD_ILLEGAL_END: a frame was ended that was not begun; stop other programs",
+    0x0402: "HD_FRAME_ERROR: two frames in a tick; stop other programs",
+}
+
+
+class Limits(ctypes.Structure):
+    """What no force may go beyond; see ``guard.h``.
+
+    ``force`` and ``step`` (change between ticks), N; ``speed`` of the probe, m/s; ``ramp``, ticks
+    until the whole force is given; ``damping`` (Ns/m) and ``friction`` (N) of the device itself.
+    """
+
+    _fields_ = tuple(
+        (name, ctypes.c_double)
+        for name in ("force", "step", "speed", "ramp", "damping", "friction")
+    )
+
+
+class Simulated(ctypes.Structure):
+    """A simulated device and the hand that holds it.
+
+    ``mass`` (kg), ``damping`` (Ns/m), ``friction`` (N), ``encoder`` (step of its position, m);
+    beyond ``force`` (N), ``impulse`` (N per ms) and ``speed`` (m/s) it reports errors; the hand's
+    ``hand_stiffness`` (N/m) and ``hand_damping`` (Ns/m); ``period`` of a tick (s); ``delay``, ticks
+    by which a force comes late, at most 20.
+    """
+
+    _fields_ = (
+        *(
+            (name, ctypes.c_double)
+            for name in (
+                "mass", "damping", "friction", "encoder", "force", "impulse", "speed",
+                "hand_stiffness", "hand_damping", "period",
+            )
+        ),
+        ("delay", ctypes.c_int),
+    )  # fmt: skip
+
+
+class _Order(ctypes.Structure):
+    _fields_ = (
+        ("scene", ctypes.c_void_p),
+        ("limits", Limits),
+        ("period", ctypes.c_double),
+        ("deadline", ctypes.c_double),
+        ("overruns", ctypes.c_int),
+        ("patience", ctypes.c_double),
+        ("armed", ctypes.c_int),
+        ("ticks", ctypes.c_longlong),
+        *((name, ctypes.c_void_p) for name in ("positions", "forces", "taken", "since")),
+    )
+
+
+class _Outcome(ctypes.Structure):
+    _fields_ = (
+        ("cause", ctypes.c_int),
+        ("code", ctypes.c_uint),
+        ("stand_in", ctypes.c_int),
+        ("simulated", ctypes.c_int),
+        ("ticks", ctypes.c_longlong),
+        ("worst", ctypes.c_double),
+        *((name, ctypes.c_double) for name in ("strongest", "steepest", "fastest")),
+        *((name, ctypes.c_longlong) for name in ("cut", "slowed")),
+        ("nominal_force", ctypes.c_double),
+        ("rate", ctypes.c_double),
+        ("model", ctypes.c_char * 64),
+        ("why", ctypes.c_char * 256),
+    )
+
+
+class Session(NamedTuple):
+    """What a run on a device came to.
+
+    Attributes
+    ----------
+    position, force : ndarray, shape (n, 3)
+        Per tick: where the device said it was (m), and what was sent (N).
+    taken, since : ndarray, shape (n,)
+        Per tick: seconds of computing, and since the last call.
+    cause : int
+        Why it ended: `CAUSES`.
+    code : int
+        The device's error, if that is why: `ERRORS`.
+    worst : float
+        J. The least that the wall had taken and the device lost, together, since a contact began:
+        below zero, the wall gave more energy than the device could lose.
+    strongest, steepest, fastest : float
+        Largest force (N), change between ticks (N) and speed (m/s).
+    cut, slowed : int
+        Ticks in which the force, or its change, was beyond the limit.
+    model : str
+        What the device calls itself.
+    nominal_force, rate : float
+        N and ticks per second, by the device.
+    stand_in, simulated : bool
+        The library is a stand-in for a device's; there was no library at all.
+    why : str
+        What the system said of the library.
+    path : ndarray, shape (n, 3), or None
+        Where a simulated device really was at the end of each tick, m.
+    """
+
+    position: np.ndarray
+    force: np.ndarray
+    taken: np.ndarray
+    since: np.ndarray
+    cause: int
+    code: int
+    worst: float
+    strongest: float
+    steepest: float
+    fastest: float
+    cut: int
+    slowed: int
+    model: str
+    nominal_force: float
+    rate: float
+    stand_in: bool
+    simulated: bool
+    why: str
+    path: np.ndarray | None = None
+
+    @property
+    def sentence(self):
+        """Why the run ended, in words."""
+        if self.code:
+            known = ERRORS.get(self.code, f"error {self.code:#06x}: see OpenHaptics' manual")
+            return f"{CAUSES[self.cause]}: {known}"
+        return f"{CAUSES[self.cause]}: {self.why}" if self.why else CAUSES[self.cause]
+
+
+@cache
+def library():
+    """Return the compiled library with its functions' types declared."""
+    lib = load(Path(__file__).with_name("client.c"))
+    pointer, text = ctypes.c_void_p, ctypes.c_char_p
+    lib.client_device.argtypes = [text, text, pointer, pointer]
+    lib.client_simulated.argtypes = [pointer] * 7
+    return lib
+
+
+class Order(NamedTuple):
+    """What is asked of a device.
+
+    Attributes
+    ----------
+    scene : pandis.native.scene.NativeScene
+        In metres and newtons of the device's workspace.
+    ticks : int
+    limits : Limits
+    period : float
+        Of a tick, s.
+    deadline : float
+        A tick that computes longer (s) is an overrun; ``overruns`` of them in a row end the run.
+    overruns : int
+    patience : float
+        After so many seconds without a call the watchdog ends the run.
+    armed : bool
+        Whether forces are sent.
+    """
+
+    scene: object
+    ticks: int
+    limits: Limits
+    period: float = 1e-3
+    deadline: float = 0.8e-3
+    overruns: int = 10
+    patience: float = 0.2
+    armed: bool = False
+
+
+def run_device(path, name, order):
+    """Run an order on a device by its library.
+
+    Parameters
+    ----------
+    path : str
+        OpenHaptics' ``libHD.so``.
+    name : str
+        Of the device; empty: the default one.
+    order : Order
+
+    Returns
+    -------
+    Session
+    """
+    return _run(order, lambda *ends: library().client_device(path.encode(), name.encode(), *ends))
+
+
+def run_simulated(device, start, rest, press, order):
+    """Run an order on a simulated device, in the time of ticks.
+
+    Parameters
+    ----------
+    device : Simulated
+    start : ndarray, shape (3,)
+        Where it lies at rest at first, m.
+    rest, press : ndarray, shape (ticks, 3)
+        Where the hand would rest (m), and how it presses (N).
+    order : Order
+
+    Returns
+    -------
+    Session
+    """
+    if not 0 <= device.delay <= 20:
+        raise ValueError("a force can be late by 0 to 20 ticks")
+    columns = [
+        np.ascontiguousarray(np.broadcast_to(values, shape), np.float64)
+        for values, shape in ((start, 3), (rest, (order.ticks, 3)), (press, (order.ticks, 3)))
+    ]
+    path = np.zeros((order.ticks, 3))
+    places = [column.ctypes.data for column in (*columns, path)]
+    given = ctypes.byref(device)
+    session = _run(order, lambda *ends: library().client_simulated(given, *places, *ends))
+    return session._replace(path=path[: len(session.position)])
+
+
+def _run(order, function):
+    if order.ticks < 1:
+        raise ValueError("at least one tick is needed")
+    position, force = np.zeros((order.ticks, 3)), np.zeros((order.ticks, 3))
+    taken, since = np.zeros(order.ticks), np.zeros(order.ticks)
+    given = _Order(
+        order.scene.address, order.limits, order.period, order.deadline, order.overruns,
+        order.patience, order.armed, order.ticks,
+        *(column.ctypes.data for column in (position, force, taken, since)),
+    )  # fmt: skip
+    found = _Outcome()
+    function(ctypes.byref(given), ctypes.byref(found))
+    count = found.ticks
+    return Session(
+        position[:count], force[:count], taken[:count], since[:count], found.cause, found.code,
+        found.worst, found.strongest, found.steepest, found.fastest, found.cut, found.slowed,
+        found.model.decode(errors="replace"), found.nominal_force, found.rate,
+        bool(found.stand_in), bool(found.simulated), found.why.decode(errors="replace"),
+    )  # fmt: skip

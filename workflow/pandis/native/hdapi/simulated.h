@@ -1,0 +1,234 @@
+/* A simulated device with the hand that holds it, behind HDAPI's functions: their order, their errors.
+ *
+ * Time is that of ticks: `simulated_advance` calls what is scheduled once and moves the device by one
+ * tick under the force that was sent, so that a run is the same on every machine.
+ *
+ * Device and hand are one mass: m x'' = F + press + k (rest - x) + b_hand rest' - (b + b_hand) x', with
+ * Coulomb friction; its motion under a constant force is exact, the friction is applied in four steps of
+ * a tick.
+ */
+#ifndef SIMULATED_H
+#define SIMULATED_H
+
+#include "hd.h"
+
+#include <math.h>
+#include <string.h>
+
+#define SIMULATED_SUBSTEPS 4
+#define SIMULATED_DELAY 20
+#define SIMULATED_ERRORS 16
+
+typedef struct {
+    double mass, damping, friction, encoder; /* kg, Ns/m, N, m */
+    double force, impulse, speed;            /* what it reports errors beyond: N, N per ms, m/s */
+    double hand_stiffness, hand_damping;     /* N/m, Ns/m */
+    double period;                           /* s */
+    int delay;                               /* ticks by which a force comes late */
+} simulated_spec;
+
+static struct {
+    simulated_spec spec;
+    const double *rest, *press; /* per tick: where the hand would rest (m), how it presses (N) */
+    long long ticks, tick;      /* without an end if ticks is 0: then the hand holds still */
+    double *path; /* per tick, unless NULL: where it really is at the end (m) */
+    double position[3], speed[3];
+    double late[SIMULATED_DELAY + 1][3], acting[3], sent[3], pending[3];
+    double xx, xv, vx, vv, xu, vu; /* motion of a substep */
+    double wall, lost, worst;      /* energy, see guard.h; exact here */
+    int initialised, framed, frames, output, scheduled, running;
+    hd_callback callback;
+    void *data;
+    unsigned int error[SIMULATED_ERRORS];
+    int errors;
+} simulated;
+
+static void simulated_report(unsigned int code) {
+    if (simulated.errors < SIMULATED_ERRORS) simulated.error[simulated.errors++] = code;
+}
+
+/* The motion of a substep: the exponential of [[0, 1, 0], [-k/m, -b/m, 1/m], [0, 0, 0]] h, by its series. */
+static void simulated_motion(void) {
+    const simulated_spec *s = &simulated.spec;
+    double h = s->period / SIMULATED_SUBSTEPS;
+    double a = -s->hand_stiffness / s->mass * h, b = -(s->damping + s->hand_damping) / s->mass * h, c = h / s->mass;
+    double term[2][3] = {{1, 0, 0}, {0, 1, 0}}, sum[2][3] = {{1, 0, 0}, {0, 1, 0}};
+    for (int n = 1; n < 40; n++)
+        for (int row = 0; row < 2; row++) {
+            double *t = term[row], x = t[0], v = t[1];
+            t[0] = v * a / n, t[1] = (x * h + v * b) / n, t[2] = v * c / n;
+            for (int k = 0; k < 3; k++) sum[row][k] += t[k];
+        }
+    simulated.xx = sum[0][0], simulated.xv = sum[0][1], simulated.xu = sum[0][2];
+    simulated.vx = sum[1][0], simulated.vv = sum[1][1], simulated.vu = sum[1][2];
+}
+
+/* Prepare a device at rest at a place, with a hand for so many ticks; 0: a hand that holds still. */
+static void simulated_prepare(const simulated_spec *spec, const double *start, const double *rest, const double *press,
+                              long long ticks) {
+    memset(&simulated, 0, sizeof simulated);
+    simulated.spec = *spec, simulated.rest = rest, simulated.press = press, simulated.ticks = ticks;
+    memcpy(simulated.position, start, sizeof simulated.position);
+    simulated_motion();
+}
+
+static double simulated_size(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+
+static unsigned int simulated_init(const char *name) {
+    (void)name;
+    if (simulated.initialised) {
+        simulated_report(HD_INVALID_OPERATION);
+        return HD_INVALID_HANDLE;
+    }
+    simulated.initialised = 1;
+    return 0;
+}
+
+static int simulated_is(unsigned int device) {
+    if (simulated.initialised && device == 0) return 1;
+    simulated_report(HD_BAD_HANDLE);
+    return 0;
+}
+
+static void simulated_disable_device(unsigned int device) {
+    if (simulated_is(device)) simulated.initialised = simulated.output = 0;
+}
+
+static void simulated_enable(unsigned int what) {
+    if (what == HD_FORCE_OUTPUT && simulated_is(0)) simulated.output = 1;
+}
+
+static void simulated_disable(unsigned int what) {
+    if (what == HD_FORCE_OUTPUT && simulated_is(0)) simulated.output = 0;
+}
+
+static void simulated_begin(unsigned int device) {
+    if (!simulated_is(device)) return;
+    if (simulated.framed) simulated_report(HD_ILLEGAL_BEGIN);
+    else if (simulated.frames++) simulated_report(HD_FRAME_ERROR); /* one frame a tick */
+    simulated.framed = 1;
+    memset(simulated.pending, 0, sizeof simulated.pending);
+}
+
+/* The force is sent; what a driver would refuse is reported, and not given to the motors. */
+static void simulated_end(unsigned int device) {
+    double change[3];
+    if (!simulated_is(device)) return;
+    if (!simulated.framed) {
+        simulated_report(HD_ILLEGAL_END);
+        return;
+    }
+    simulated.framed = 0;
+    double *force = simulated.pending;
+    for (int k = 0; k < 3; k++) change[k] = force[k] - simulated.sent[k];
+    unsigned int code = HD_SUCCESS;
+    if (!(simulated_size(force) <= simulated.spec.force * (1 + 1e-9))) code = HD_EXCEEDED_MAX_FORCE;
+    else if (!(simulated_size(change) <= simulated.spec.impulse * simulated.spec.period * 1e3 * (1 + 1e-9)))
+        code = HD_EXCEEDED_MAX_FORCE_IMPULSE;
+    else if (simulated_size(simulated.speed) > simulated.spec.speed) code = HD_EXCEEDED_MAX_VELOCITY;
+    if (code) simulated_report(code);
+    for (int k = 0; k < 3; k++) simulated.sent[k] = code || !simulated.output ? 0 : force[k];
+}
+
+static void simulated_get(unsigned int what, double *values) {
+    const simulated_spec *s = &simulated.spec;
+    if (what == HD_NOMINAL_MAX_FORCE) {
+        *values = s->force;
+        return;
+    }
+    if (what == HD_UPDATE_RATE) {
+        *values = 1 / s->period;
+        return;
+    }
+    for (int k = 0; k < 3; k++) {
+        double place = simulated.position[k];
+        if (what == HD_CURRENT_POSITION) values[k] = 1e3 * (s->encoder > 0 ? rint(place / s->encoder) * s->encoder : place);
+        if (what == HD_CURRENT_VELOCITY) values[k] = 1e3 * simulated.speed[k];
+        if (what == HD_CURRENT_FORCE) values[k] = simulated.sent[k];
+    }
+}
+
+static void simulated_set(unsigned int what, const double *values) {
+    if (what != HD_CURRENT_FORCE) return;
+    if (!simulated.framed) simulated_report(HD_INVALID_OPERATION);
+    else memcpy(simulated.pending, values, sizeof simulated.pending);
+}
+
+static const char *simulated_string(unsigned int what) {
+    return what == HD_DEVICE_MODEL_TYPE ? "simulated" : "";
+}
+
+static hd_error simulated_error(void) {
+    hd_error found = {HD_SUCCESS, 0, 0};
+    if (simulated.errors) {
+        found.code = simulated.error[0];
+        memmove(simulated.error, simulated.error + 1, sizeof simulated.error - sizeof *simulated.error);
+        simulated.errors--;
+    }
+    return found;
+}
+
+static unsigned long simulated_schedule(hd_callback callback, void *data, unsigned short priority) {
+    (void)priority;
+    simulated.callback = callback, simulated.data = data, simulated.scheduled = 1;
+    return 1;
+}
+
+static void simulated_unschedule(unsigned long handle) {
+    if (handle == 1) simulated.scheduled = 0;
+}
+
+static void simulated_start(void) { simulated.running = 1; }
+static void simulated_stop(void) { simulated.running = 0; }
+
+/* Move by a tick under the force that acts during it. */
+static void simulated_move(void) {
+    const simulated_spec *s = &simulated.spec;
+    long long now = simulated.ticks ? simulated.tick : 0;
+    const double *rest = simulated.rest + 3 * now, *press = simulated.press + 3 * now;
+    const double *next = now + 1 < simulated.ticks ? rest + 3 : rest;
+    double h = s->period / SIMULATED_SUBSTEPS, slip = s->friction / s->mass * h, before[3], work = 0;
+    memcpy(before, simulated.position, sizeof before);
+    for (int step = 0; step < SIMULATED_SUBSTEPS; step++) {
+        double way[3];
+        for (int k = 0; k < 3; k++) {
+            double x = simulated.position[k] - rest[k], v = simulated.speed[k];
+            double push = simulated.acting[k] + press[k] + s->hand_damping * (next[k] - rest[k]) / s->period;
+            double to = rest[k] + simulated.xx * x + simulated.xv * v + simulated.xu * push;
+            way[k] = to - simulated.position[k];
+            simulated.speed[k] = simulated.vx * x + simulated.vv * v + simulated.vu * push;
+            simulated.position[k] = to;
+        }
+        double fast = simulated_size(simulated.speed), length = simulated_size(way);
+        for (int k = 0; slip > 0 && k < 3; k++) simulated.speed[k] *= fmax(0, 1 - slip / fmax(fast, 1e-12));
+        simulated.lost += s->damping * length * length / h + s->friction * length;
+    }
+    for (int k = 0; k < 3; k++) work += simulated.acting[k] * (simulated.position[k] - before[k]);
+    if (simulated_size(simulated.acting) > 0) {
+        simulated.wall -= work;
+        simulated.worst = fmin(simulated.worst, simulated.wall + simulated.lost);
+    } else {
+        simulated.wall = simulated.lost = 0;
+    }
+}
+
+static void simulated_advance(void) {
+    if (!simulated.running || (simulated.ticks && simulated.tick >= simulated.ticks)) return;
+    simulated.frames = 0;
+    if (simulated.scheduled && simulated.callback(simulated.data) == HD_CALLBACK_DONE) simulated.scheduled = 0;
+    int last = simulated.spec.delay;
+    memcpy(simulated.late[last], simulated.sent, sizeof simulated.sent);
+    memcpy(simulated.acting, simulated.late[0], sizeof simulated.acting);
+    memmove(simulated.late[0], simulated.late[1], (size_t)last * sizeof *simulated.late);
+    simulated_move();
+    if (simulated.path) memcpy(simulated.path + 3 * simulated.tick, simulated.position, sizeof simulated.position);
+    simulated.tick++;
+}
+
+static const hd_api simulated_api = {
+    simulated_init,     simulated_disable_device, simulated_enable, simulated_disable,  simulated_begin,
+    simulated_end,      simulated_get,            simulated_set,    simulated_string,   simulated_error,
+    simulated_schedule, simulated_unschedule,     simulated_start,  simulated_stop,     simulated_advance,
+};
+
+#endif
