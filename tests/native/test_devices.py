@@ -38,7 +38,9 @@ def ball(files, stiffness=STIFFNESS):
 
 def order(files, ticks=400, stiffness=STIFFNESS, limits=None, **changes):
     given = hdapi.Limits(**(LIMITS | (limits or {})))
-    return hdapi.Order(ball(files, stiffness), ticks, given, **({"armed": True} | changes))
+    return hdapi.Order(
+        ball(files, stiffness), ticks, given, **({"armed": True, "patience": 10.0} | changes)
+    )
 
 
 def press(files, ticks=900, stiffness=STIFFNESS, limits=None, device=None, start=2e-4, **changes):
@@ -244,7 +246,7 @@ def test_an_unknown_error_ends_it_too(run):
 
 
 def test_a_device_that_is_unplugged(run):
-    session, _ = run("unplugged 50")
+    session, _ = run("unplugged 50", patience=0.2)
     assert session.cause == hdapi.WATCHDOG
     assert len(session.force) == 50
     assert "no call" in session.sentence
