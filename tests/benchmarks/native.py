@@ -6,10 +6,16 @@ The mesh is the bunny that ships with PyMeshLab, the points are those of the def
 query at a time on one thread. Everything takes turns in one process; figures are medians of all
 queries of five turns. The networks are untrained, of the paper's size (four layers of 256), with
 four outputs and with one and its gradient: what they answer does not matter to the clock.
+
+Floors, measured beside them by floor.c: what a query reads, at the rate at which as many bytes as
+the field has come through the caches; and the multiplications and additions of a network at the
+rate of a loop that does nothing else.
 """
 
+import ctypes
 import sys
 import time
+from pathlib import Path
 
 import igl
 import numpy as np
@@ -30,6 +36,7 @@ from pandis.frame import Frame
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
 from pandis.mesh.build import build
+from pandis.native.compiler import load
 from pandis.native.runtime import NativeField
 from pandis.sampling import Surface
 from pandis.stage import silent_progress
@@ -73,6 +80,33 @@ def fields(vertices, faces):
         held = Artifact(None, "model", weights, UNIT | {"architecture": shape}, {}, "")
         name = "network 4×256" if outputs == 4 else "network 4×256, gradient"
         yield name, (held, network), SirenField(name, held)
+
+
+#: Bytes of coefficients that a query of a grid reads.
+READ = {"nearest-64": 12, "trilinear-64": 96, "tricubic-64": 256, "spline-auto": 192}
+SIZES = {"nearest-64": 3145728, "trilinear-64": 3145728, "tricubic-64": 1048576}
+
+
+def floors():
+    """Yield field, way and microseconds of what no query can be faster than."""
+    library = load(Path(__file__).with_name("floor.c"))
+    library.floor_read.restype = library.floor_arithmetic.restype = ctypes.c_double
+    library.floor_read.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p]
+    library.floor_arithmetic.argtypes = [ctypes.c_void_p]
+    sink = np.zeros(1, np.float32)
+
+    def read(size):
+        data = np.ones(size // 4, np.float32)
+        return library.floor_read(data.ctypes.data, len(data), sink.ctypes.data)
+
+    for name, size in READ.items():
+        whole = SIZES.get(name, 800_000)
+        yield name, "floor: its bytes", 1e6 * read(whole) * size / whole
+    rate = library.floor_arithmetic(sink.ctypes.data)
+    hidden = 3 * 256 * 256
+    for name, passes in (("network 4×256", 1), ("network 4×256, gradient", 2)):
+        yield name, "floor: its bytes", 1e6 * passes * read(4 * hidden)
+        yield name, "floor: its arithmetic", 1e6 * passes * 2 * hidden / rate
 
 
 def one_by_one(answer, points):
@@ -157,6 +191,10 @@ def main():
                 "of_native": middle / native[name],
             }
         )
+    for name, way, least in floors():
+        row = {"field": name, "way": way, "median_us": least, "of_native": least / native[name]}
+        last = max(index for index, own in enumerate(rows) if own["field"] == name)
+        rows.insert(last + 1, row)
     write("native", COLUMNS, rows)
 
 

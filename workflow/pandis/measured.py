@@ -256,6 +256,66 @@ def native_table():
     ]
     for row in rows:
         cells = [row["field"], row["way"], f"{float(row['median_us']):.3g}"]
-        cells += [f"{float(row['p999_us']):.3g}", f"{float(row['of_native']):.3g}"]
+        cells.append(f"{float(row['p999_us']):.3g}" if row["p999_us"] else "")
+        cells.append(f"{float(row['of_native']):.2g}")
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
+def front_table():
+    """Return the table of the front of six meshes: time, bytes and error near the surface."""
+    notes, rows = _figures("front")
+    meshes = list(dict.fromkeys(row["mesh"] for row in rows))
+    table = [
+        "| field | KB | one query (µs) | " + " | ".join(meshes) + " |",
+        "|---|--:|--:|" + "--:|" * len(meshes),
+    ]
+    for field in dict.fromkeys(row["field"] for row in rows if row["bytes"]):
+        own = [row for row in rows if row["field"] == field]
+        cells = [f"`{field}`", _span([float(row["bytes"]) / 1e3 for row in own], ",.0f")]
+        cells.append(_span([float(row["native_p50_us"]) for row in own], ".2g"))
+        for row in own:
+            error = f"{1e3 * float(row['shallow_mean']):.3g}"
+            cells.append(f"**{error}**" if row["front"] else error)
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
+def _span(values, form):
+    low, high = format(min(values), form), format(max(values), form)
+    return low if low == high else f"{low}–{high}"
+
+
+def scene_table():
+    """Return the table of scenes of many objects."""
+    notes, rows = _figures("scenes")
+    table = [
+        "| field | objects | median (µs) | p99.9 (µs) | asked per tick | times one in contact |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        count = "one in contact" if row["scene"] == "one in contact" else f"{int(row['objects']):,}"
+        cells = [row["field"], count, f"{float(row['median_us']):.2g}"]
+        cells += [f"{float(row['p999_us']):.3g}", f"{float(row['asked']):.2g}"]
+        table.append(_row([*cells, f"{float(row['of_one']):.2g}"]))
+    return _noted(table, notes)
+
+
+def servo_table():
+    """Return the table of a minute at 1 kHz."""
+    notes, rows = _figures("servo")
+    table = [
+        "| field | load | computing, p50 (µs) | p99.9 | max | missed (%) | starts late, p99.9 (µs) "
+        "| max | past the deadline (%) |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        cells = [f"`{row['field']}`" if row["field"] != "clock alone" else row["field"]]
+        cells.append(row["load"])
+        for key in ("compute_p50_us", "compute_p999_us", "compute_max_us"):
+            cells.append(f"{float(row[key]):.3g}" if row["field"] != "clock alone" else "")
+        cells.append(f"{100 * float(row['missed']):.2g}")
+        cells += [f"{float(row[key]):.3g}" for key in ("late_p999_us", "late_max_us")]
+        cells.append(f"{100 * float(row['late']):.2g}")
         table.append(_row(cells))
     return _noted(table, notes)

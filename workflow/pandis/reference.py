@@ -112,6 +112,9 @@ def generated():
             fields=measured.field_table(),
             full=measured.full_table(),
             native=measured.native_table(),
+            front=measured.front_table(),
+            scenes=measured.scene_table(),
+            servo=measured.servo_table(),
         ),
         TRAINING: with_generated(
             TRAINING,

@@ -395,38 +395,6 @@ static int pandis__count_bits(uint64_t x) {
 #endif
 }
 
-/* Find the 64 coefficients around a point; those that are not kept get the index `blank`. Tells
- * how much is kept: 0 nothing, 1 some of it, 2 everything. */
-static int pandis__locate(const pandis__layout *l, const int *first, int32_t blank, int32_t *index) {
-    int n = l->bricks, found = 0, missing = 0, own[3][4], blocks[3];
-    int32_t start[3][3][3];
-    for (int k = 0; k < 3; k++) { /* which of the two or three blocks of an axis a node is in */
-        for (int i = 0; i < 4; i++) own[k][i] = ((first[k] + i) >> 1) - (first[k] >> 1);
-        blocks[k] = own[k][3] + 1;
-    }
-    for (int i = 0; i < blocks[0]; i++)
-        for (int j = 0; j < blocks[1]; j++)
-            for (int k = 0; k < blocks[2]; k++) {
-                int bx = (first[0] >> 1) + i, by = (first[1] >> 1) + j, bz = (first[2] >> 1) + k;
-                uint16_t brick = l->brick[((ptrdiff_t)(bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
-                int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
-                uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
-                int kept = (mask & one) != 0;
-                uint32_t before = (uint32_t)pandis__count_bits(mask & (one - 1));
-                start[i][j][k] = kept ? (int32_t)((l->base[brick] + before) * 8) : -1;
-                found |= kept, missing |= !kept;
-            }
-    if (!found) return 0;
-    for (int x = 0; x < 4; x++)
-        for (int y = 0; y < 4; y++)
-            for (int z = 0; z < 4; z++) {
-                int32_t at = start[own[0][x]][own[1][y]][own[2][z]];
-                int c = ((first[0] + x) & 1) << 2 | ((first[1] + y) & 1) << 1 | ((first[2] + z) & 1);
-                index[(x * 4 + y) * 4 + z] = at < 0 ? blank : at + c;
-            }
-    return missing ? 1 : 2;
-}
-
 /* ---------------------------------------------------------------- closest points of a mesh */
 
 typedef struct {
@@ -850,31 +818,58 @@ static int pandis__answer_grid(const pandis__grid *g, const double *u, double *d
 
 /* ---------------------------------------------------------------- banded splines */
 
-/* Coefficients from what is stored of them; what is not kept is zero. */
-static void pandis__restore(const pandis__spline *s, int level, const int32_t *stored, const int32_t *kept, float *c) {
+/* Coefficients from what is stored of them. */
+static void pandis__restore(const pandis__spline *s, int level, const int32_t *stored, int count, float *c) {
     double offset = s->offset[level], scale = s->scale[level];
-    for (int i = 0; i < 64; i++) {
-        float value = (float)(offset + scale * (double)stored[i]);
-        c[i] = kept[i] ? value : 0.0f;
-    }
+    for (int i = 0; i < count; i++) c[i] = (float)(offset + scale * (double)stored[i]);
+}
+
+/* The 64 coefficients around a point, block by block; what is not kept is zero. Tells how much is kept: 0
+ * nothing, 1 some of it, 2 everything. */
+static int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
+    const pandis__layout *l = s->layout + level;
+    int n = l->bricks, found = 0, missing = 0, blocks[3];
+    float room[6][6][6]; /* two or three blocks of an axis */
+    for (int k = 0; k < 3; k++) blocks[k] = ((first[k] + 3) >> 1) - (first[k] >> 1) + 1;
+    for (int i = 0; i < blocks[0]; i++)
+        for (int j = 0; j < blocks[1]; j++)
+            for (int k = 0; k < blocks[2]; k++) {
+                int bx = (first[0] >> 1) + i, by = (first[1] >> 1) + j, bz = (first[2] >> 1) + k;
+                uint16_t brick = l->brick[((ptrdiff_t)(bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
+                int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
+                uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
+                float own[8] = {0};
+                if (mask & one) {
+                    uint32_t before = l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1));
+                    ptrdiff_t at = (ptrdiff_t)before * 8;
+                    int32_t stored[8];
+                    if (level)
+                        for (int e = 0; e < 8; e++) stored[e] = s->fine[at + e];
+                    else
+                        for (int e = 0; e < 8; e++) stored[e] = s->coarse[at + e];
+                    pandis__restore(s, level, stored, 8, own);
+                    found = 1;
+                } else {
+                    missing = 1;
+                }
+                for (int e = 0; e < 4; e++)
+                    memcpy(&room[2 * i + (e >> 1)][2 * j + (e & 1)][2 * k], own + 2 * e, 2 * sizeof *own);
+            }
+    for (int x = 0; x < 4; x++)
+        for (int y = 0; y < 4; y++)
+            memcpy(c + 16 * x + 4 * y, &room[x + (first[0] & 1)][y + (first[1] & 1)][first[2] & 1], 4 * sizeof *c);
+    return found ? 2 - missing : 0;
 }
 
 /* Add one level's value and gradient; tells how much of it is kept. */
 static int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
     int first[3], kept;
-    int32_t index[64], stored[64];
     double w[3][4], dw[3][4];
     float c[64];
     if (!pandis__place(l->size, l->low, l->per_step, p, first, w, dw)) return 0;
-    kept = pandis__locate(l, first, -1, index);
-    if (!kept) return 0;
-    for (int i = 0; i < 64; i++) {
-        int32_t at = index[i] < 0 ? 0 : index[i];
-        stored[i] = level ? s->fine[at] : s->coarse[at], index[i] = index[i] >= 0;
-    }
-    pandis__restore(s, level, stored, index, c);
-    pandis__tensor(c, w, dw, value, gradient);
+    kept = pandis__collect(s, level, first, c);
+    if (kept) pandis__tensor(c, w, dw, value, gradient);
     return kept;
 }
 
@@ -885,16 +880,16 @@ static int pandis__answer_spline(const pandis__spline *s, const double *u, doubl
     pandis__add_level(s, 1, p, &value, gradient);
     if (kept < 2 || outside > 0) {
         int first[3];
-        int32_t stored[64], all[64];
+        int32_t stored[64];
         double w[3][4], dw[3][4];
         float c[64];
         value = gradient[0] = gradient[1] = gradient[2] = 0;
         if (pandis__place(s->far_size, s->far_low, s->far_per_step, p, first, w, dw)) {
             for (int i = 0; i < 64; i++) {
                 ptrdiff_t x = first[0] + (i >> 4), y = first[1] + (i >> 2 & 3), z = first[2] + (i & 3);
-                stored[i] = s->far[(x * s->far_size + y) * s->far_size + z], all[i] = 1;
+                stored[i] = s->far[(x * s->far_size + y) * s->far_size + z];
             }
-            pandis__restore(s, 2, stored, all, c);
+            pandis__restore(s, 2, stored, 64, c);
             pandis__tensor(c, w, dw, &value, gradient);
         }
         const pandis__layout *l = s->layout;

@@ -53,6 +53,38 @@ void spline_dense_adjoint(int32_t size, double low, double per_step, const doubl
 
 /* ---------------------------------------------------------------- sparse */
 
+/* Find the 64 coefficients around a point; those that are not kept get the index `blank`. Tells
+ * how much is kept: 0 nothing, 1 some of it, 2 everything. */
+static int locate(const pandis__layout *l, const int *first, int32_t blank, int32_t *index) {
+    int n = l->bricks, found = 0, missing = 0, own[3][4], blocks[3];
+    int32_t start[3][3][3];
+    for (int k = 0; k < 3; k++) { /* which of the two or three blocks of an axis a node is in */
+        for (int i = 0; i < 4; i++) own[k][i] = ((first[k] + i) >> 1) - (first[k] >> 1);
+        blocks[k] = own[k][3] + 1;
+    }
+    for (int i = 0; i < blocks[0]; i++)
+        for (int j = 0; j < blocks[1]; j++)
+            for (int k = 0; k < blocks[2]; k++) {
+                int bx = (first[0] >> 1) + i, by = (first[1] >> 1) + j, bz = (first[2] >> 1) + k;
+                uint16_t brick = l->brick[((ptrdiff_t)(bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
+                int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
+                uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
+                int kept = (mask & one) != 0;
+                uint32_t before = (uint32_t)pandis__count_bits(mask & (one - 1));
+                start[i][j][k] = kept ? (int32_t)((l->base[brick] + before) * 8) : -1;
+                found |= kept, missing |= !kept;
+            }
+    if (!found) return 0;
+    for (int x = 0; x < 4; x++)
+        for (int y = 0; y < 4; y++)
+            for (int z = 0; z < 4; z++) {
+                int32_t at = start[own[0][x]][own[1][y]][own[2][z]];
+                int c = ((first[0] + x) & 1) << 2 | ((first[1] + y) & 1) << 1 | ((first[2] + z) & 1);
+                index[(x * 4 + y) * 4 + z] = at < 0 ? blank : at + c;
+            }
+    return missing ? 1 : 2;
+}
+
 /* Add values and gradients at points; what is not kept counts as zero. `kept` tells how much of it
  * was kept, as above; coefficients[blank] must be 0. */
 void spline_evaluate(const Layout *l, const float *coefficients, int32_t blank, const double *points, int64_t count,
@@ -64,7 +96,7 @@ void spline_evaluate(const Layout *l, const float *coefficients, int32_t blank, 
         float c[64];
         kept[i] = 0;
         if (!pandis__place(l->size, l->low, l->per_step, points + 3 * i, first, w, dw)) continue;
-        kept[i] = (uint8_t)pandis__locate(l, first, blank, index);
+        kept[i] = (uint8_t)locate(l, first, blank, index);
         if (!kept[i]) continue;
         for (int k = 0; k < 64; k++) c[k] = coefficients[index[k]];
         pandis__tensor(c, w, dw, value + i, gradient + 3 * i);
