@@ -194,6 +194,30 @@ def test_no_place_no_force(bad, files):
     assert same_bits(answer.force[good], scene.ask_all(points[good]))
 
 
+def test_rotations_in_single_precision_lose_no_contact(files):
+    """They stretch by up to 1e-7: seen from ten metres away that is a micrometre."""
+    rng = np.random.default_rng(15)
+    rotations = [np.eye(3) * (1 + 4e-7), np.eye(3) * (1 - 4e-7)]
+    rotations += [Rotation.random(random_state=k).as_matrix().astype(np.float32) for k in range(9)]
+    for rotation in rotations:
+        placed = place(NativeField(files["sphere"]), rng, 0.1, 0.0)
+        scene = NativeScene([placed._replace(rotation=np.asarray(rotation, np.float64))])
+        way = rng.normal(size=(500, 3))
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        near = way * (0.05 + rng.uniform(-1e-5, 1e-5, 500))[:, None]
+        points = np.stack([10 * way, near], axis=1).reshape(-1, 3)
+        assert same_bits(scene.answer(points).force, scene.ask_all(points))
+
+
+def test_what_is_moved_must_be_there(files):
+    objects = room(files, ["sphere"], 2, 16)
+    scene = NativeScene(objects)
+    scene.move(-1, objects[0])
+    for index in (2, -3):
+        with pytest.raises(IndexError):
+            scene.move(index, objects[0])
+
+
 def test_an_empty_scene_is_free_space():
     answer = NativeScene([]).answer(np.zeros((3, 3)))
     assert not answer.force.any()
@@ -226,7 +250,6 @@ def tried(files, tmp_path):
 
 def test_a_scene_is_tried(tried):
     _, arrays, attributes, text = tried
-    assert attributes["verdict"] == "pass"
     assert attributes["different"] == 0
     assert 0.1 < attributes["touched_share"] < 0.9
     assert attributes["asked_mean"] < 1.5
@@ -244,9 +267,8 @@ def test_a_scene_that_loses_contacts_fails(tried, tmp_path):
     data = resealed(found[0].read_bytes(), [-0.1, -0.1, -0.1, 0.1, 0.1, 0.1, 0.0, 0.0])
     found[0].write_bytes(data)  # so small a box: nearly all of it is left out
     options = {"objects": [own | COMMON for own in OBJECTS], "ticks": 5000, "speed": 0.5}
-    _, attributes, _ = try_scene("table", found, options, silent_progress, print)
-    assert attributes["verdict"] == "fail"
-    assert "export it again" in attributes["sentence"]
+    with pytest.raises(PandisError, match=r"scene table: .* export it again"):
+        try_scene("table", found, options, silent_progress, print)
 
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")

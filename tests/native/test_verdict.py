@@ -1,6 +1,7 @@
 """What is said of a field on a device: limits, energy, safe stiffness, and what ran at all."""
 
 import shutil
+from functools import partial
 
 import pytest
 from test_devices import RADIUS, compile_stand_in
@@ -11,6 +12,7 @@ from pandis.hardware.devices import DEVICES
 from pandis.hardware.pressing import Hand, contact, press
 from pandis.hardware.validation import _statement, press_devices
 from pandis.hardware.verdict import device_sentence, judge, machine_sentence
+from pandis.native.hdapi import Order
 from pandis.native.runtime import NativeField
 from pandis.sampling import Surface
 from pandis.stage import silent_progress
@@ -44,8 +46,8 @@ def test_an_exact_surface_is_safe_on_every_device(files, surface):
         assert found["passive"]
         assert found["quiet"] == 1
         assert found["safe_n_m"] <= spec.stiffness
-        assert judge(found, 400.0) == "pass"
-        assert "keeps still and gives no energy" in device_sentence(found, 400.0)
+        assert judge(found) == "pass"
+        assert "keeps still and gives no energy" in device_sentence(found)
 
 
 def test_a_stepped_field_gives_energy_and_is_told_so(files, surface):
@@ -53,8 +55,8 @@ def test_a_stepped_field_gives_energy_and_is_told_so(files, surface):
     found = pressed("nearest", files, surface)
     assert not found["passive"]
     assert found["energy_j"] < -1e-4
-    assert judge(found, 400.0) == "fail"
-    sentence = device_sentence(found, 400.0)
+    assert judge(found) == "fail"
+    sentence = device_sentence(found)
     assert "mJ more than the device loses" in sentence
     assert "use at most" in sentence or "do not use it" in sentence
     assert found["safe_n_m"] < pressed("exact", files, surface)["safe_n_m"]
@@ -64,8 +66,8 @@ def test_a_hard_push_is_beyond_the_devices_limit(files, surface):
     found = pressed("exact", files, surface, press=6.0)
     assert found["cut"] > 0
     assert found["strongest_n"] == pytest.approx(DEVICES["touch"].force)
-    assert judge(found, 400.0) == "fail"
-    assert "wanted more than its 3.3 N" in device_sentence(found, 400.0)
+    assert judge(found) == "fail"
+    assert "wanted more than its 3.3 N" in device_sentence(found)
 
 
 def test_late_forces_lower_the_safe_stiffness(files, surface):
@@ -97,16 +99,29 @@ def test_a_slow_machine_is_told_what_to_do():
     assert "export it again" in machine_sentence(verdict | {"agrees": False}, options)
 
 
-@pytest.mark.parametrize(("arm", "fault"), [(True, ""), (False, ""), (True, "error 20 301")])
-def test_a_stand_in_is_never_a_device(arm, fault, files, tmp_path, monkeypatch):
-    if not shutil.which("gcc"):
-        pytest.skip("no gcc here")
-    library = compile_stand_in(tmp_path / "libHD.so")
+def attach(library, files, monkeypatch, arm=True, fault="", place=0.9 * RADIUS):
     monkeypatch.setenv("PANDIS_FAULT", fault)
-    monkeypatch.setenv("PANDIS_PLACE", f"{0.9 * RADIUS} 0 0")
+    monkeypatch.setenv("PANDIS_PLACE", f"{place} 0 0")
+    monkeypatch.setenv("PANDIS_ARM", "1")
+    monkeypatch.setattr("pandis.hardware.attached.Order", partial(Order, gap=100.0, patience=100.0))
     options = HardwareOptions(seconds=0.05, deadline=10, attached={"library": str(library)})
     options = options.model_dump() | options.attached.model_dump() | {"arm": arm}
-    arrays, found = run_attached(NativeField(files["sphere"]), SIZE, 1e4, options)
+    return run_attached(NativeField(files["sphere"]), SIZE, 1e4, options)
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory):
+    """Return a stand-in, and one that does not say that it is one."""
+    if not shutil.which("gcc"):
+        pytest.skip("no gcc here")
+    folder = tmp_path_factory.mktemp("hd")
+    marked = compile_stand_in(folder / "libHD.so")
+    return marked, compile_stand_in(folder / "libHDreal.so", "-DUNMARKED")
+
+
+@pytest.mark.parametrize(("arm", "fault"), [(True, ""), (False, ""), (True, "error 20 301")])
+def test_a_stand_in_is_never_a_device(arm, fault, libraries, files, monkeypatch):
+    arrays, found = attach(libraries[0], files, monkeypatch, arm, fault)
     assert found["stand_in"]
     assert not found["hardware"]
     assert found["stiffness"] == DEVICES["touch"].stiffness
@@ -115,6 +130,36 @@ def test_a_stand_in_is_never_a_device(arm, fault, files, tmp_path, monkeypatch):
     statement = _statement({"sphere": {"attached": found}})
     assert "forces were sent" not in statement
     assert "stand-in" in statement
+
+
+def test_what_is_said_of_a_device(libraries, files, monkeypatch):
+    """A hardware result is a run to the end in which forces were sent, and nothing else."""
+    arrays, found = attach(libraries[1], files, monkeypatch)
+    assert found["hardware"]
+    assert "forces were sent to it" in found["statement"]
+    assert arrays["force"].any()
+    for said, changes in {
+        "no force was sent": {"arm": False},
+        "was not touched": {"place": 0.08},
+        "ended early: the device reported an error: HD_COMM_ERROR": {"fault": "error 20 302"},
+        "No device ran": {"fault": "init"},
+    }.items():
+        _, found = attach(libraries[1], files, monkeypatch, **changes)
+        assert said in found["statement"]
+        assert not found["hardware"]
+
+
+def test_arming_needs_a_word_of_its_own_for_each_run(libraries, files, monkeypatch):
+    order = partial(Order, gap=100.0, patience=100.0)
+    monkeypatch.setattr("pandis.hardware.attached.Order", order)
+    monkeypatch.delenv("PANDIS_ARM", raising=False)
+    monkeypatch.setenv("PANDIS_PLACE", f"{0.9 * RADIUS} 0 0")
+    options = HardwareOptions(seconds=0.05, attached={"library": str(libraries[1]), "arm": True})
+    options = options.model_dump() | options.attached.model_dump()
+    arrays, found = run_attached(NativeField(files["sphere"]), SIZE, 400.0, options)
+    assert not arrays["force"].any()
+    assert not found["armed"]
+    assert "PANDIS_ARM is not set" in found["statement"]
 
 
 def test_no_library_is_said(files, tmp_path):

@@ -292,6 +292,13 @@ def test_moving_an_object_tries_the_scene_alone(rerun):
     assert plan(rerun) == {("scene", None, "table")}
 
 
+def test_other_targets_do_not_mind_scenes(rerun):
+    """Comparing all fields of all meshes is done, and stays so."""
+    change(rerun, scenes={"table": SCENE})
+    for target in ("report", "hardware", "evaluations", "models"):
+        assert plan(rerun, targets=(target,)) == set()
+
+
 @pytest.mark.parametrize(
     ("scene", "said"),
     [

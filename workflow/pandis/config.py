@@ -34,10 +34,10 @@ from pandis.catalogue import (
 )
 from pandis.errors import PandisError
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-360, le=360)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
-Triple = tuple[Finite, Finite, Finite]
+Place = Annotated[float, Field(ge=-100, le=100)]
 
 
 class Options(BaseModel):
@@ -393,8 +393,9 @@ class AttachedOptions(Options):
     )
     arm: bool = Field(
         False,
-        description="send forces. Without it positions are read and no force is sent. Hold the "
-        "stylus before you set it",
+        description="send forces, if the environment variable PANDIS_ARM is 1 as well: "
+        "`PANDIS_ARM=1 snakemake -j1 hardware`. Otherwise positions are read and no force is sent. "
+        "Hold the stylus",
     )
 
 
@@ -536,12 +537,14 @@ class SceneObject(Options):
         description="which of its fields; it need not stand under `fields`, but must have a file "
         "for `pandis.h`"
     )
-    position: Triple = Field((0.0, 0.0, 0.0), description="where its box's centre lies (m)")
-    rotation: Triple = Field(
+    position: tuple[Place, Place, Place] = Field(
+        (0.0, 0.0, 0.0), description="where its box's centre lies (m)"
+    )
+    rotation: tuple[Angle, Angle, Angle] = Field(
         (0.0, 0.0, 0.0),
         description="how it is turned: the axis, as long as the angle in degrees",
     )
-    size: Positive | None = Field(
+    size: Annotated[float, Field(ge=1e-3, le=10)] | None = Field(
         None, description="metres of its longest side; null: `device.size` of its mesh"
     )
     stiffness: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
@@ -555,8 +558,10 @@ class SceneOptions(Options):
     objects: Annotated[dict[str, SceneObject], Field(min_length=1)] = Field(
         description="name: {mesh: …, field: …, and where it lies}"
     )
-    ticks: Count = Field(20_000, description="ticks of the walk through the scene that tries it")
-    speed: Positive = Field(0.5, description="of the probe on it, m/s")
+    ticks: Annotated[int, Field(ge=1, le=10_000_000)] = Field(
+        20_000, description="ticks of the walk through the scene that tries it"
+    )
+    speed: Positive = Field(0.5, le=10, description="of the probe on it, m/s")
 
 
 MeshName = Annotated[str, Field(pattern=f"^{MESH_NAME}$")]

@@ -83,9 +83,10 @@ class Plan:
         self.files = [os.path.relpath(path) for path in files]
         for path in self.files:
             check_yaml(path)
-        entries = load_config(config)
-        self.scenes = load_scenes(config, entries)
-        self.entries = needed(entries, self.scenes)
+        self.entries = load_config(config)
+        self.scenes = load_scenes(config, self.entries)
+        #: What scenes need alone; without scenes, everything.
+        self.needed = needed(self.entries, self.scenes)
         self.digests = CodeDigests(root)
         self._options, self._train_digests = {}, {}
         self._start = time.time()
@@ -101,36 +102,39 @@ class Plan:
     @property
     def recipes(self):
         """Names of all recipes that some mesh trains."""
-        specs = (spec for mesh in self.entries for spec in self.held(mesh))
+        entries = [*self.entries.values(), *self.needed.values()]
+        specs = (spec for entry in entries for spec in _held(entry))
         return sorted({spec.name for spec in specs if spec.kind == "network"})
 
     def specs(self, mesh):
         """Return the FieldSpec of every field of a mesh."""
-        entry = self.entries[mesh]
-        return [parse_field(name, entry.train) for name in entry.fields]
+        return _specs(self.entries[mesh])
 
     def held(self, mesh):
         """Return one FieldSpec for each artifact that holds a field, but for the mesh itself.
 
         A contact point's field is among them.
         """
-        specs = [spec.through or spec for spec in self.specs(mesh)]
-        return [s for s in {s.artifact: s for s in specs}.values() if s.artifact != "mesh"]
+        return _held(self.entries[mesh])
 
     # --- outputs ---------------------------------------------------------------
 
-    def outputs(self, mesh):
-        """Return every output of a mesh, each path once, in building order."""
+    def outputs(self, mesh, entry=None):
+        """Return every output of a mesh, each path once, in building order.
+
+        ``entry`` stands in for the mesh's own, with other fields.
+        """
+        entry = entry or self.entries[mesh]
         home, made = f"results/{mesh}", []
 
         def add(path, stage, **wildcards):
             made.append(Output(f"{home}/{path}", stage, {"mesh": mesh} | wildcards))
 
-        extension = url_extension(self.entries[mesh].source)
+        extension = url_extension(entry.source)
         if extension:
             add(f"source.{extension}", "fetch", extension=extension)
         add("mesh.zarr.zip", "mesh")
-        specs, held = self.specs(mesh), self.held(mesh)
+        specs, held = _specs(entry), _held(entry)
         if any(spec.kind == "network" for spec in held):
             add("samples.zarr.zip", "sample")
         for spec in held:
@@ -159,7 +163,7 @@ class Plan:
                 continue
             if "onnx" in spec.exports:
                 add(f"export/{spec.name}.onnx", "export_grid", field=spec.name)
-            if self.entries[mesh].bake.vti:
+            if entry.bake.vti:
                 add(f"export/{spec.name}.vti", "export_vti", field=spec.name)
         for spec in specs:
             if spec.native:
@@ -188,7 +192,7 @@ class Plan:
 
     def everything(self):
         """Return every output of this configuration: with scenes, what they need alone."""
-        every = [output for mesh in self.entries for output in self.outputs(mesh)]
+        every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
         if not self.scenes:
             return [*every, *FINAL]
         return [*(o for o in every if o.stage in SCENE_STAGES), *self.scene_outputs()]
@@ -411,6 +415,17 @@ class Plan:
     def train_gpus(self, wildcards):
         """Return how many GPUs a recipe claims."""
         return int(self.entries[wildcards.mesh].train[wildcards.recipe].device != "cpu")
+
+
+def _specs(entry):
+    """Return the FieldSpec of every field of a mesh's options."""
+    return [parse_field(name, entry.train) for name in entry.fields]
+
+
+def _held(entry):
+    """Return one FieldSpec for each artifact that holds a field, but for the mesh itself."""
+    specs = [spec.through or spec for spec in _specs(entry)]
+    return [s for s in {s.artifact: s for s in specs}.values() if s.artifact != "mesh"]
 
 
 def stage_seed(root, *names):

@@ -1,19 +1,29 @@
 """A run on an attached device, through OpenHaptics: the last step, where somebody holds it."""
 
+import os
+
 import numpy as np
 
 from pandis.frame import UNIT_SIDE
 from pandis.hardware.devices import DEVICES
-from pandis.native.hdapi import DONE, LIBRARY, Order, run_device
+from pandis.native.hdapi import DEVICE, DONE, LIBRARY, Order, run_device
 from pandis.native.scene import NativeScene, Placed
 
 STAND_IN = "A stand-in for OpenHaptics ran, and no device: nothing of it is a hardware result."
 UNARMED = (
-    "The device's positions were read; no force was sent, for hardware.attached.arm is not set."
+    "A haptic device ({model}) was attached; its positions were read and no force was sent, for "
+    "hardware.attached.arm or the environment variable PANDIS_ARM is not set."
 )
+UNTOUCHED = (
+    "A haptic device ({model}) was attached and armed; the object was not touched: no force."
+)
+ENDED = "A haptic device ({model}) was attached; the run ended early: {why}."
 REAL = "A haptic device ({model}) was attached, and forces were sent to it, through its library."
-#: Seconds until the whole force is given.
-RAMP = 0.5
+NONE = "No device ran: {why}."
+#: Seconds until the whole force is given; largest change, share of the largest force per ms.
+RAMP, IMPULSE = 0.5, 0.1
+#: What must be set to 1, each time anew, for forces to be sent: a configuration stays where it is.
+CONSENT = "PANDIS_ARM"
 
 
 def run_attached(field, size, stiffness, options):
@@ -25,7 +35,7 @@ def run_attached(field, size, stiffness, options):
     size, stiffness : float
         Metres of the longest side; N/m, or the device's most if that is less.
     options : dict
-        See `pandis.config.AttachedOptions`, and ``seconds``, ``rate`` and ``deadline``.
+        See `pandis.config.AttachedOptions`, and ``seconds`` and ``deadline``.
 
     Returns
     -------
@@ -35,30 +45,33 @@ def run_attached(field, size, stiffness, options):
     found : dict
         ``statement``: what it was that ran; how it ended, and its figures.
     """
-    spec, period = DEVICES[options["model"]], 1 / options["rate"]
+    spec = DEVICES[options["model"]]
+    # the device's scheduler has a rate of its own
+    period = 1 / spec.rate
     scale = size * field.frame.scale / UNIT_SIDE
     given = min(stiffness, spec.stiffness)
     placed = Placed(field, np.eye(3), -scale * np.array(field.frame.centre), scale, given)
+    armed = options["arm"] and os.environ.get(CONSENT) == "1"
     order = Order(
         NativeScene([placed]),
-        max(1, round(options["seconds"] * options["rate"])),
-        spec.limits(RAMP, period),
+        max(1, round(options["seconds"] / period)),
+        spec.limits(RAMP, period, given, IMPULSE * spec.force),
         period,
         options["deadline"],
-        armed=options["arm"],
+        expected=spec.force,
+        armed=armed,
     )
     session = run_device(options["library"], options["name"], order)
-    statement = STAND_IN if session.stand_in else REAL.format(model=session.model or spec.title)
-    if session.cause == LIBRARY or not len(session.force):
-        statement = f"No device ran: {session.sentence}."
-    elif not options["arm"] and not session.stand_in:
-        statement = UNARMED
+    touched = bool(session.force.any())
+    statement = _statement(session, armed, touched).format(
+        model=session.model or spec.title, why=session.sentence
+    )
     late = session.since - period
     found = {
         "statement": statement,
-        "hardware": not session.stand_in and options["arm"] and session.cause == DONE,
+        "hardware": not session.stand_in and touched and session.cause == DONE,
         "stand_in": session.stand_in,
-        "armed": options["arm"],
+        "armed": armed,
         "model": session.model,
         "ended": session.sentence,
         "code": session.code,
@@ -79,3 +92,15 @@ def run_attached(field, size, stiffness, options):
         "since": session.since,
     }
     return arrays, found
+
+
+def _statement(session, armed, touched):
+    if session.cause in (LIBRARY, DEVICE) or not len(session.force):
+        return NONE
+    if session.stand_in:
+        return STAND_IN
+    if session.cause != DONE:
+        return ENDED
+    if not armed:
+        return UNARMED
+    return REAL if touched else UNTOUCHED

@@ -53,20 +53,22 @@ class Specification(NamedTuple):
     rate: float
     assumed: tuple
 
-    def simulated(self, hand_stiffness, hand_damping, delay, period):
-        """Return the simulated device with a hand."""
+    def simulated(self, hand_stiffness, hand_damping, delay, period, wall):
+        """Return the simulated device with a hand, under a wall of so many N/m."""
         return Simulated(
             self.mass, self.damping, self.friction, self.encoder, self.force, self.impulse,
-            self.speed, hand_stiffness, hand_damping, period, delay,
+            self.speed, hand_stiffness, hand_damping, period, wall, delay,
         )  # fmt: skip
 
-    def limits(self, ramp, period):
+    def limits(self, ramp, period, stiffness, impulse=None):
         """Return the limits that no force to this device may go beyond.
 
-        ``ramp`` in seconds, ``period`` of a tick in seconds.
+        ``ramp`` in seconds, ``period`` of a tick in seconds, ``stiffness`` of the wall in N/m;
+        ``impulse`` in N per ms, if less than the device's.
         """
-        step = self.impulse * period * 1e3
-        return Limits(self.force, step, self.speed, ramp / period, self.damping, self.friction)
+        step = (impulse or self.impulse) * period * 1e3
+        losses = self.damping, self.friction, stiffness
+        return Limits(self.force, step, self.speed, ramp / period, *losses)
 
 
 _ALWAYS = ("damping", "impulse", "speed")

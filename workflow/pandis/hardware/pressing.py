@@ -65,7 +65,7 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     spec : pandis.hardware.devices.Specification
     surface : Contact
     size, stiffness : float
-        Metres of the longest side, and N/m asked for.
+        Metres of the longest side, and N/m asked for; if the device is given less, it is that.
     hand : Hand
     rate : float
         Ticks per second.
@@ -73,12 +73,13 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     Returns
     -------
     dict
-        ``strongest_n``, ``steepest_n_per_ms``, ``cut`` (ticks at the force limit), ``energy_j``
-        (the least that the wall took and the device lost since a contact began), ``quiet`` (share
-        of the points that do not shake), ``ended`` (why, if a run ended early),
+        ``stiffness``, ``strongest_n``, ``steepest_n_per_ms``, ``cut`` (ticks at the force limit),
+        ``energy_j`` (the least balance of the wall and the device, see ``energy.h``), ``quiet``
+        (share of the points that do not shake), ``ended`` (why, if a run ended early),
         ``within_limits``, ``passive``, ``safe_n_m``, ``limited_by``.
     """
     rig = _Rig(field, spec, surface, size, hand, rate)
+    stiffness = min(stiffness, spec.stiffness)
     runs = rig.presses(stiffness)
     slide = rig.slide(stiffness)
     every = [*runs, slide]
@@ -87,6 +88,7 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     energy = min(run.worst for run in every)
     safe, limit = rig.safe(stiffness)
     return {
+        "stiffness": stiffness,
         "strongest_n": max(run.strongest for run in every),
         "steepest_n_per_ms": max(run.steepest for run in every) * 1e-3 * rate,
         "cut": int(cut),
@@ -112,20 +114,17 @@ class _Rig:
     def order(self, stiffness, ticks):
         origin = -self.scale * np.array(self.field.frame.centre)
         scene = NativeScene([Placed(self.field, np.eye(3), origin, self.scale, stiffness)])
-        limits = self.spec.limits(0, self.period)
-        # in the time of ticks nothing is late
-        return Order(scene, ticks, limits, self.period, deadline=1e9, armed=True)
+        limits = self.spec.limits(0, self.period, stiffness)
+        return Order(scene, ticks, limits, self.period, armed=True)
 
-    def simulated(self):
+    def simulated(self, wall):
         hand = self.hand
-        return self.spec.simulated(hand.stiffness, hand.damping, hand.delay, self.period)
+        return self.spec.simulated(hand.stiffness, hand.damping, hand.delay, self.period, wall)
 
     def presses(self, stiffness):
-        wanted = self.order(stiffness, self.ticks)
+        wanted, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
         return [
-            run_simulated(
-                self.simulated(), point + START * normal, point, -self.hand.press * normal, wanted
-            )
+            run_simulated(device, point + START * normal, point, -self.hand.press * normal, wanted)
             for point, normal in self.picked
         ]
 
@@ -139,7 +138,8 @@ class _Rig:
             for values in (self.surface.points, -self.hand.press * self.surface.normals)
         )
         start = self.surface.points[0] + START * self.surface.normals[0]
-        return run_simulated(self.simulated(), start, rest, push, self.order(stiffness, len(at)))
+        device, wanted = self.simulated(stiffness), self.order(stiffness, len(at))
+        return run_simulated(device, start, rest, push, wanted)
 
     def is_quiet(self, run):
         path = run.path[len(run.path) * 2 // 3 :]

@@ -88,7 +88,7 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
 
 
 def _statement(fields):
-    """Say what ran: never that a device did, unless one has, to the end, with forces."""
+    """Say what ran: that a device did only where one has."""
     said = [v["attached"]["statement"] for v in fields.values() if "attached" in v]
     return " ".join([NO_DEVICE, *dict.fromkeys(said)]) if said else f"{NO_ATTACHED} {NO_DEVICE}"
 
@@ -109,7 +109,7 @@ def press_devices(field, surface, options):
             field, DEVICES[name], surface, options["size"], stiffness, hand, options["rate"]
         )
         own["device"] = name
-        own["verdict"], own["sentence"] = judge(own, stiffness), device_sentence(own, stiffness)
+        own["verdict"], own["sentence"] = judge(own), device_sentence(own)
         found[name] = own
     return found
 

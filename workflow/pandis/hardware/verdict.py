@@ -1,25 +1,23 @@
 """What a person should do about a field, on this machine and on each device, in a paragraph."""
 
 from pandis.hardware.devices import DEVICES
+from pandis.hardware.pressing import SLACK
 from pandis.stress.coupled import CALM
 
 
-def judge(found, stiffness):
+def judge(found):
     """Return ``pass`` or ``fail`` for what `pandis.hardware.pressing.press` has found."""
     good = found["within_limits"] and found["passive"] and found["quiet"] >= CALM
-    device = DEVICES[found["device"]]
-    return "pass" if good and found["safe_n_m"] >= min(stiffness, device.stiffness) else "fail"
+    return "pass" if good and found["safe_n_m"] >= found["stiffness"] else "fail"
 
 
-def device_sentence(found, stiffness):
+def device_sentence(found):
     """Say what a simulated device made of a field.
 
     Parameters
     ----------
     found : dict
         From `pandis.hardware.pressing.press`, with ``device``.
-    stiffness : float
-        That was asked for, N/m.
     """
     device = DEVICES[found["device"]]
     faults = []
@@ -27,19 +25,24 @@ def device_sentence(found, stiffness):
         faults.append(f"a run ended early ({found['ended']})")
     if found["cut"]:
         faults.append(f"{found['cut']} ticks wanted more than its {device.force:g} N")
+    still = "it keeps still"
+    if found["quiet"] < 1:
+        share = f"it shakes on {100 * (1 - found['quiet']):.0f} % of the points"
+        still = f"{share} ({100 * (1 - CALM):.0f} % may)"
+    energy = "gives no energy"
+    if found["energy_j"] < 0:
+        lost = f"{-1e3 * found['energy_j']:.2g} mJ more than the device loses"
+        energy = f"gives {lost} ({1e3 * SLACK:.2g} may be rounding)"
     if found["quiet"] < CALM:
-        faults.append(f"it shakes on {100 * (1 - found['quiet']):.0f} % of the points")
+        faults.append(still)
     if not found["passive"]:
-        faults.append(
-            f"the wall gives {-1e3 * found['energy_j']:.2g} mJ more than the device loses"
-        )
+        faults.append(f"the wall {energy}")
     says = "; ".join(faults) or (
-        f"at most {found['strongest_n']:.2g} of its {device.force:g} N, it keeps still and gives "
-        "no energy"
+        f"at most {found['strongest_n']:.2g} of its {device.force:g} N, {still} and {energy}"
     )
     safe = found["safe_n_m"]
     advice = f"use at most {safe:.0f} N/m: {found['limited_by']}" if safe else "do not use it"
-    return f"On a simulated {device.title} at {stiffness:g} N/m: {says}; {advice}."
+    return f"On a simulated {device.title} at {found['stiffness']:g} N/m: {says}; {advice}."
 
 
 def machine_sentence(verdict, options):
@@ -58,5 +61,5 @@ def machine_sentence(verdict, options):
 
 def paragraph(verdict, devices, options):
     """Return what to do about a field: the machine's sentence, then one for each device."""
-    own = [device_sentence(found, options["stiffness"]) for found in devices.values()]
+    own = [device_sentence(found) for found in devices.values()]
     return " ".join([machine_sentence(verdict, options), *own])

@@ -1090,13 +1090,14 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
         flag = answer.flag;
         if (inside && flag != PANDIS_INVALID) clear = answer.distance * f->scale - f->margin[flag == PANDIS_BOUND];
     }
-    /* less what the arithmetic of this function may have lost */
-    pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 1e-9) - 1e-12 * size);
+    /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
+    pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
     return flag;
 }
 
 PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object) {
     const double origin[3] = {0};
+    if (object >= scene->count) return PANDIS_ERROR_POSE;
     int lies = pandis__lies(scene->objects + object);
     pandis__keep_ball(pandis__ball(scene, object), origin, lies ? 0 : 1e150);
     return lies ? 0 : PANDIS_ERROR_POSE;

@@ -10,7 +10,7 @@ import numpy as np
 from pandis.native.compiler import load
 
 #: Why a run ended: numbers of ``guard.h``.
-DONE, LIBRARY, DEVICE, ERROR, SPEED, NUMBER, OVERRUN, WATCHDOG = range(8)
+DONE, LIBRARY, DEVICE, ERROR, SPEED, NUMBER, OVERRUN, WATCHDOG, GAP, INTERRUPTED = range(10)
 #: Ticks of zero force before a failed run lets go of the device.
 RELEASE = 5
 CAUSES = {
@@ -22,6 +22,8 @@ CAUSES = {
     NUMBER: "a position or a force was no number",
     OVERRUN: "callbacks computed longer than the deadline, several in a row",
     WATCHDOG: "the device's scheduler made no call, or one did not come back",
+    GAP: "two calls of the device's scheduler were too far apart, or one took too long",
+    INTERRUPTED: "the program was interrupted",
 }
 #: HDAPI's error codes, and what to do about them.
 ERRORS = {
@@ -47,12 +49,13 @@ class Limits(ctypes.Structure):
     """What no force may go beyond; see ``guard.h``.
 
     ``force`` and ``step`` (change between ticks), N; ``speed`` of the probe, m/s; ``ramp``, ticks
-    until the whole force is given; ``damping`` (Ns/m) and ``friction`` (N) of the device itself.
+    until the whole force is given; ``damping`` (Ns/m) and ``friction`` (N) of the device itself;
+    ``stiffness`` of the wall, N/m: what energy it can store.
     """
 
     _fields_ = tuple(
         (name, ctypes.c_double)
-        for name in ("force", "step", "speed", "ramp", "damping", "friction")
+        for name in ("force", "step", "speed", "ramp", "damping", "friction", "stiffness")
     )
 
 
@@ -61,8 +64,8 @@ class Simulated(ctypes.Structure):
 
     ``mass`` (kg), ``damping`` (Ns/m), ``friction`` (N), ``encoder`` (step of its position, m);
     beyond ``force`` (N), ``impulse`` (N per ms) and ``speed`` (m/s) it reports errors; the hand's
-    ``hand_stiffness`` (N/m) and ``hand_damping`` (Ns/m); ``period`` of a tick (s); ``delay``, ticks
-    by which a force comes late, at most 20.
+    ``hand_stiffness`` (N/m) and ``hand_damping`` (Ns/m); ``period`` of a tick (s); ``wall``, the
+    stiffness of what it meets (N/m); ``delay``, ticks by which a force comes late, at most 20.
     """
 
     _fields_ = (
@@ -70,7 +73,7 @@ class Simulated(ctypes.Structure):
             (name, ctypes.c_double)
             for name in (
                 "mass", "damping", "friction", "encoder", "force", "impulse", "speed",
-                "hand_stiffness", "hand_damping", "period",
+                "hand_stiffness", "hand_damping", "period", "wall",
             )
         ),
         ("delay", ctypes.c_int),
@@ -84,7 +87,9 @@ class _Order(ctypes.Structure):
         ("period", ctypes.c_double),
         ("deadline", ctypes.c_double),
         ("overruns", ctypes.c_int),
+        ("gap", ctypes.c_double),
         ("patience", ctypes.c_double),
+        ("expected", ctypes.c_double),
         ("armed", ctypes.c_int),
         ("ticks", ctypes.c_longlong),
         *((name, ctypes.c_void_p) for name in ("positions", "forces", "taken", "since")),
@@ -97,6 +102,7 @@ class _Outcome(ctypes.Structure):
         ("code", ctypes.c_uint),
         ("stand_in", ctypes.c_int),
         ("simulated", ctypes.c_int),
+        ("hangs", ctypes.c_int),
         ("ticks", ctypes.c_longlong),
         ("worst", ctypes.c_double),
         *((name, ctypes.c_double) for name in ("strongest", "steepest", "fastest")),
@@ -122,8 +128,8 @@ class Session(NamedTuple):
     code : int
         The device's error, if that is why: `ERRORS`.
     worst : float
-        J. The least that the wall had taken and the device lost, together, since a contact began:
-        below zero, the wall gave more energy than the device could lose.
+        J. The least balance of what the wall took and the device lost in a contact (see
+        ``energy.h``): below zero, the wall gave more energy than it had stored and the device lost.
     strongest, steepest, fastest : float
         Largest force (N), change between ticks (N) and speed (m/s).
     cut, slowed : int
@@ -169,6 +175,10 @@ class Session(NamedTuple):
         return f"{CAUSES[self.cause]}: {self.why}" if self.why else CAUSES[self.cause]
 
 
+#: What a callback that never came back may still write to.
+_KEPT = []
+
+
 @cache
 def library():
     """Return the compiled library with its functions' types declared."""
@@ -193,10 +203,20 @@ class Order(NamedTuple):
     deadline : float
         A tick that computes longer (s) is an overrun; ``overruns`` of them in a row end the run.
     overruns : int
+    gap : float
+        Calls further apart than this (s), or a call that takes longer, end the run.
     patience : float
         After so many seconds without a call the watchdog ends the run.
+    expected : float
+        Largest force (N) of the device that is expected; one whose own is less by a tenth is
+        another, and is refused. 0: any.
     armed : bool
         Whether forces are sent.
+
+    Notes
+    -----
+    On the simulated device, in the time of ticks, nothing is late: deadline, gap and patience are
+    for real ones.
     """
 
     scene: object
@@ -204,8 +224,10 @@ class Order(NamedTuple):
     limits: Limits
     period: float = 1e-3
     deadline: float = 0.8e-3
-    overruns: int = 10
-    patience: float = 0.2
+    overruns: int = 3
+    gap: float = 0.01
+    patience: float = 0.05
+    expected: float = 0.0
     armed: bool = False
 
 
@@ -262,12 +284,16 @@ def _run(order, function):
     position, force = np.zeros((order.ticks, 3)), np.zeros((order.ticks, 3))
     taken, since = np.zeros(order.ticks), np.zeros(order.ticks)
     given = _Order(
-        order.scene.address, order.limits, order.period, order.deadline, order.overruns,
-        order.patience, order.armed, order.ticks,
+        order.scene.address, order.limits, order.period, order.deadline, order.overruns, order.gap,
+        order.patience, order.expected, order.armed, order.ticks,
         *(column.ctypes.data for column in (position, force, taken, since)),
     )  # fmt: skip
     found = _Outcome()
     function(ctypes.byref(given), ctypes.byref(found))
+    if found.hangs:
+        # the callback is still at it, and may come back
+        _KEPT.append((order, given, found, position, force, taken, since))
+        position, force, taken, since = (v.copy() for v in (position, force, taken, since))
     count = found.ticks
     return Session(
         position[:count], force[:count], taken[:count], since[:count], found.cause, found.code,

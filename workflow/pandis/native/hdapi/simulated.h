@@ -10,9 +10,9 @@
 #ifndef SIMULATED_H
 #define SIMULATED_H
 
+#include "energy.h"
 #include "hd.h"
 
-#include <math.h>
 #include <string.h>
 
 #define SIMULATED_SUBSTEPS 4
@@ -24,18 +24,19 @@ typedef struct {
     double force, impulse, speed;            /* what it reports errors beyond: N, N per ms, m/s */
     double hand_stiffness, hand_damping;     /* N/m, Ns/m */
     double period;                           /* s */
+    double wall;                             /* stiffness of what it meets, N/m: see energy_book */
     int delay;                               /* ticks by which a force comes late */
 } simulated_spec;
 
 static struct {
     simulated_spec spec;
     const double *rest, *press; /* per tick: where the hand would rest (m), how it presses (N) */
-    long long ticks, tick;      /* without an end if ticks is 0: then the hand holds still */
+    long long ticks, tick;      /* after so many the hand holds still */
     double *path; /* per tick, unless NULL: where it really is at the end (m) */
     double position[3], speed[3];
     double late[SIMULATED_DELAY + 1][3], acting[3], sent[3], pending[3];
     double xx, xv, vx, vv, xu, vu; /* motion of a substep */
-    double wall, lost, worst;      /* energy, see guard.h; exact here */
+    energy energy;           /* by where it really is, and what it really loses */
     int initialised, framed, frames, output, scheduled, running;
     hd_callback callback;
     void *data;
@@ -63,7 +64,7 @@ static void simulated_motion(void) {
     simulated.vx = sum[1][0], simulated.vv = sum[1][1], simulated.vu = sum[1][2];
 }
 
-/* Prepare a device at rest at a place, with a hand for so many ticks; 0: a hand that holds still. */
+/* Prepare a device at rest at a place, with a hand for so many ticks, at least one. */
 static void simulated_prepare(const simulated_spec *spec, const double *start, const double *rest, const double *press,
                               long long ticks) {
     memset(&simulated, 0, sizeof simulated);
@@ -71,8 +72,6 @@ static void simulated_prepare(const simulated_spec *spec, const double *start, c
     memcpy(simulated.position, start, sizeof simulated.position);
     simulated_motion();
 }
-
-static double simulated_size(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 static unsigned int simulated_init(const char *name) {
     (void)name;
@@ -122,10 +121,10 @@ static void simulated_end(unsigned int device) {
     double *force = simulated.pending;
     for (int k = 0; k < 3; k++) change[k] = force[k] - simulated.sent[k];
     unsigned int code = HD_SUCCESS;
-    if (!(simulated_size(force) <= simulated.spec.force * (1 + 1e-9))) code = HD_EXCEEDED_MAX_FORCE;
-    else if (!(simulated_size(change) <= simulated.spec.impulse * simulated.spec.period * 1e3 * (1 + 1e-9)))
+    if (!(length_of(force) <= simulated.spec.force * (1 + 1e-9))) code = HD_EXCEEDED_MAX_FORCE;
+    else if (!(length_of(change) <= simulated.spec.impulse * simulated.spec.period * 1e3 * (1 + 1e-9)))
         code = HD_EXCEEDED_MAX_FORCE_IMPULSE;
-    else if (simulated_size(simulated.speed) > simulated.spec.speed) code = HD_EXCEEDED_MAX_VELOCITY;
+    else if (length_of(simulated.speed) > simulated.spec.speed) code = HD_EXCEEDED_MAX_VELOCITY;
     if (code) simulated_report(code);
     for (int k = 0; k < 3; k++) simulated.sent[k] = code || !simulated.output ? 0 : force[k];
 }
@@ -134,6 +133,14 @@ static void simulated_get(unsigned int what, double *values) {
     const simulated_spec *s = &simulated.spec;
     if (what == HD_NOMINAL_MAX_FORCE) {
         *values = s->force;
+        return;
+    }
+    if (what == HD_SOFTWARE_VELOCITY_LIMIT) {
+        *values = 1e3 * s->speed;
+        return;
+    }
+    if (what == HD_SOFTWARE_FORCE_IMPULSE_LIMIT) {
+        *values = s->impulse;
         return;
     }
     if (what == HD_UPDATE_RATE) {
@@ -175,7 +182,8 @@ static unsigned long simulated_schedule(hd_callback callback, void *data, unsign
 }
 
 static void simulated_unschedule(unsigned long handle) {
-    if (handle == 1) simulated.scheduled = 0;
+    if (handle != 1 || !simulated.scheduled) simulated_report(HD_INVALID_OPERATION); /* it has ended by itself */
+    simulated.scheduled = 0;
 }
 
 static void simulated_start(void) { simulated.running = 1; }
@@ -184,10 +192,10 @@ static void simulated_stop(void) { simulated.running = 0; }
 /* Move by a tick under the force that acts during it. */
 static void simulated_move(void) {
     const simulated_spec *s = &simulated.spec;
-    long long now = simulated.ticks ? simulated.tick : 0;
+    long long now = simulated.tick < simulated.ticks ? simulated.tick : simulated.ticks - 1;
     const double *rest = simulated.rest + 3 * now, *press = simulated.press + 3 * now;
     const double *next = now + 1 < simulated.ticks ? rest + 3 : rest;
-    double h = s->period / SIMULATED_SUBSTEPS, slip = s->friction / s->mass * h, before[3], work = 0;
+    double h = s->period / SIMULATED_SUBSTEPS, slip = s->friction / s->mass * h, before[3], work = 0, lost = 0;
     memcpy(before, simulated.position, sizeof before);
     for (int step = 0; step < SIMULATED_SUBSTEPS; step++) {
         double way[3];
@@ -199,21 +207,18 @@ static void simulated_move(void) {
             simulated.speed[k] = simulated.vx * x + simulated.vv * v + simulated.vu * push;
             simulated.position[k] = to;
         }
-        double fast = simulated_size(simulated.speed), length = simulated_size(way);
-        for (int k = 0; slip > 0 && k < 3; k++) simulated.speed[k] *= fmax(0, 1 - slip / fmax(fast, 1e-12));
-        simulated.lost += s->damping * length * length / h + s->friction * length;
+        double fast = length_of(simulated.speed), length = length_of(way);
+        double slowed = slip > 0 ? fmax(0, fast - slip) : fast;
+        for (int k = 0; slip > 0 && k < 3; k++) simulated.speed[k] *= slowed / fmax(fast, 1e-12);
+        /* viscous: at least this, at whatever speeds the way was gone; friction: what it took of the motion */
+        lost += s->damping * length * length / h + s->mass / 2 * (fast * fast - slowed * slowed);
     }
     for (int k = 0; k < 3; k++) work += simulated.acting[k] * (simulated.position[k] - before[k]);
-    if (simulated_size(simulated.acting) > 0) {
-        simulated.wall -= work;
-        simulated.worst = fmin(simulated.worst, simulated.wall + simulated.lost);
-    } else {
-        simulated.wall = simulated.lost = 0;
-    }
+    energy_book(&simulated.energy, length_of(simulated.acting), work, lost, s->wall);
 }
 
 static void simulated_advance(void) {
-    if (!simulated.running || (simulated.ticks && simulated.tick >= simulated.ticks)) return;
+    if (!simulated.running) return;
     simulated.frames = 0;
     if (simulated.scheduled && simulated.callback(simulated.data) == HD_CALLBACK_DONE) simulated.scheduled = 0;
     int last = simulated.spec.delay;
@@ -221,7 +226,8 @@ static void simulated_advance(void) {
     memcpy(simulated.acting, simulated.late[0], sizeof simulated.acting);
     memmove(simulated.late[0], simulated.late[1], (size_t)last * sizeof *simulated.late);
     simulated_move();
-    if (simulated.path) memcpy(simulated.path + 3 * simulated.tick, simulated.position, sizeof simulated.position);
+    if (simulated.path && simulated.tick < simulated.ticks)
+        memcpy(simulated.path + 3 * simulated.tick, simulated.position, sizeof simulated.position);
     simulated.tick++;
 }
 

@@ -116,6 +116,7 @@ class NativeScene:
         PandisError
             It lies nowhere; until it does, it is left out.
         """
+        index = range(len(self.objects))[index]
         self.objects[index] = placed
         _fill(self._placed[index], placed)
         self._check(self._library.pandis_scene_moved(self._scene, index))
