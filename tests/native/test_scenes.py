@@ -92,6 +92,13 @@ def test_ten_million_ticks_among_two_hundred_splines(files):
     assert contacts > 100_000
 
 
+@pytest.mark.full
+def test_a_hundred_thousand_ticks_among_networks(files):
+    """Untrained ones err everywhere: they are hardly ever left out, and must be right then."""
+    for name in ("network", "gradient"):
+        compare(room(files, [name], 10, 17), walk(100_000, np.random.default_rng(18), 0.15))
+
+
 def resealed(data, safe):
     """Return a file with another clearance and the right checksum."""
     made = bytearray(data)

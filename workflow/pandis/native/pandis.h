@@ -646,6 +646,13 @@ static inline pandis__vector pandis__load(const float *p) {
     return v;
 }
 
+/* A network is as fast as its weights come: ask for the next rows while these are worked on. */
+#if PANDIS__VECTOR > 1
+#define PANDIS__FETCH(p) __builtin_prefetch(p)
+#else
+#define PANDIS__FETCH(p) ((void)(p))
+#endif
+
 /* Each of the following for weights of 32 and of 16 bits. */
 #define PANDIS__KINDS(make) make(pandis__load, float, f) make(pandis__load16, int16_t, h)
 
@@ -656,7 +663,9 @@ static inline pandis__vector pandis__load(const float *p) {
         for (; i + 4 <= rows; i += 4, w += 4 * (ptrdiff_t)stride) {                                              \
             pandis__vector a = pandis__splat(h[i]), b = pandis__splat(h[i + 1]), c = pandis__splat(h[i + 2]),    \
                            d = pandis__splat(h[i + 3]);                                                          \
+            const type *next = i + 8 <= rows ? w + 4 * (ptrdiff_t)stride : w;                                    \
             for (int j = 0; j < stride; j += PANDIS__VECTOR) {                                                   \
+                for (int r = 0; r < 4; r++) PANDIS__FETCH(next + r * (ptrdiff_t)stride + j);                     \
                 pandis__vector sum = pandis__load(out + j) + ((a * load(w + j) + b * load(w + stride + j)) +     \
                                                               (c * load(w + 2 * (ptrdiff_t)stride + j) +         \
                                                                d * load(w + 3 * (ptrdiff_t)stride + j)));        \
@@ -681,6 +690,7 @@ static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
     static void pandis__dots_##tail(const type *w, const float *y, int rows, int stride, float *out) {           \
         for (int i = 0; i < rows; i += 4) {                                                                      \
             const type *row[4];                                                                                  \
+            ptrdiff_t next = i + 8 <= rows ? 4 * (ptrdiff_t)stride : 0;                                          \
             pandis__vector sum[4][PANDIS__PARTS];                                                                \
             float lanes[4][PANDIS__LANES], four[4];                                                              \
             memset(sum, 0, sizeof sum);                                                                          \
@@ -688,6 +698,7 @@ static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
             for (int j = 0; j < stride; j += PANDIS__LANES)                                                      \
                 for (int k = 0; k < PANDIS__PARTS; k++) {                                                        \
                     pandis__vector v = pandis__load(y + j + k * PANDIS__VECTOR);                                 \
+                    for (int r = 0; r < 4; r++) PANDIS__FETCH(row[r] + next + j + k * PANDIS__VECTOR);           \
                     for (int r = 0; r < 4; r++) sum[r][k] += load(row[r] + j + k * PANDIS__VECTOR) * v;          \
                 }                                                                                                \
             memcpy(lanes, sum, sizeof lanes);                                                                    \
