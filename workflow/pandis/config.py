@@ -404,7 +404,9 @@ class HardwareOptions(Options):
 
     seconds: Positive = Field(3.0, description="length of the run, per field")
     rate: Positive = Field(1000.0, ge=100, le=20_000, description="ticks per second")
-    deadline: Positive = Field(0.8e-3, description="a tick that computes longer is a miss (s)")
+    deadline: Positive = Field(
+        0.8e-3, description="a tick that computes longer is a miss (s); 0.8 of the period at most"
+    )
     misses: float = Field(0.001, ge=0, lt=1, description="share of misses a pass allows")
     loaded_seconds: float = Field(
         0.5, ge=0, le=600, description="length of a second run, beside a busy loop on every core"

@@ -79,9 +79,7 @@ def time_fields(fields, exports, natives, mesh, points, options, progress):
         field = NativeField(path)
         field.time(points, 100)
         seconds = arrays[f"native_{path.stem}"] = field.time(points, options["queries"])
-        p50, p99, p999 = np.percentile(seconds, [50, 99, 99.9]) * 1e6
-        times = {"native_p50_us": p50, "native_p99_us": p99, "native_p999_us": p999}
-        found.setdefault(path.stem, {}).update({key: float(us) for key, us in times.items()})
+        found.setdefault(path.stem, {}).update(_percentiles("native", seconds))
     return arrays, {"fields": found, "machine": describe(), "reproducible": False}
 
 
@@ -119,13 +117,10 @@ def time_program(path, mesh, points, options, found, log):
             f"{path}: its force in LibTorch differs from the ONNX model's by {off:.3g}, allowed is "
             f"{2 * FORCE:.3g}; please report it, and set timing.libtorch to false"
         )
-    percentiles = dict(
-        zip(("p50", "p99", "p999"), np.percentile(seconds, [50, 99, 99.9]), strict=True)
-    )
-    found[name] |= {f"libtorch_{key}_us": float(s * 1e6) for key, s in percentiles.items()}
-    log(
-        f"{name}: {percentiles['p50'] * 1e6:.1f} µs per query in LibTorch; force as ONNX, {off:.1e}"
-    )
+    times = _percentiles("libtorch", seconds)
+    found[name] |= times
+    median = times["libtorch_p50_us"]
+    log(f"{name}: {median:.1f} µs per query in LibTorch; force as ONNX, {off:.1e}")
     return {f"libtorch_{name}": seconds}
 
 
@@ -194,6 +189,11 @@ def time_cold(answer, points, queries):
 
 def summarise(single, batched):
     """Return the figures of `time_queries` in microseconds per query."""
-    p50, p99, p999 = np.percentile(single, [50, 99, 99.9]) * 1e6
-    found = {"one_p50_us": float(p50), "one_p99_us": float(p99), "one_p999_us": float(p999)}
+    found = _percentiles("one", single)
     return found | ({"batch_us": float(np.median(batched) * 1e6)} if len(batched) else {})
+
+
+def _percentiles(way, seconds):
+    """Return the percentiles of single queries asked in a way, in microseconds."""
+    times = np.percentile(seconds, [50, 99, 99.9]) * 1e6
+    return dict(zip((f"{way}_{p}_us" for p in ("p50", "p99", "p999")), times.tolist(), strict=True))

@@ -6,14 +6,14 @@ import numpy as np
 from pandis.forces import penalty_force
 from pandis.sampling import PROBE_DEPTHS
 
-#: Faces of the mesh that is shown, at most.
+#: Faces of the mesh that is shown, about.
 FACES = 16_000
 #: Depths below the surface that the error is the mean of: the middles of the deep probes' quarters.
 DEPTHS = PROBE_DEPTHS["deep"] * (np.arange(4) + 0.5) / 4
 
 
 def coarsen(vertices, faces, count=FACES):
-    """Return a mesh of about ``count`` faces at most; small ones as they are.
+    """Return a mesh of about ``count`` faces; one with fewer as it is.
 
     By collapsing edges at their middles (libigl), which keeps what is closed closed.
     """

@@ -16,6 +16,8 @@ from pandis.native.servo import run_ticks
 
 #: Largest difference from the library's own force that passes (unit frame, k = 1).
 AGREEMENT = 2e-5
+#: A tick has so much of its period, whatever the deadline.
+WITHIN = 0.8
 _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
 NO_ATTACHED = "No haptic device was attached."
@@ -50,6 +52,7 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
     """
     frame = Frame.from_attributes(trajectory.attributes["frame"])
     points = frame.to_mesh(trajectory.arrays["points"])
+    options = options | {"deadline": min(options["deadline"], WITHIN / options["rate"])}
     arrays, fields = {}, {}
     surface = contact(trajectory.arrays, frame, options["size"])
     report = progress("fields", len(exports), "fields")
