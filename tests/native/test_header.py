@@ -323,7 +323,7 @@ def test_libfuzzer_finds_nothing_in_a_quarter_of_an_hour(files, tmp_path):
         shutil.copy(path, corpus / name)
     limits = [
         "-max_total_time=900",
-        "-max_len=600000",
+        "-max_len=900000",
         "-rss_limit_mb=4096",
         "-print_final_stats=1",
     ]
