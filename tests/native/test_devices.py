@@ -147,6 +147,7 @@ def test_a_stiff_wall_gives_energy_and_a_soft_one_does_not(files):
     assert stiff.worst < -1e-6
 
 
+@needs_gcc
 def test_a_long_way_along_a_wall_excuses_nothing(tmp_path):
     """Losses of a slide count no longer than the wall can store energy."""
     source = tmp_path / "energy.c"
