@@ -5,7 +5,7 @@ from pandis.stage import stage
 
 with stage(snakemake) as job:
     files = [job.note_file(path) for path in job.input.fields]
-    name = job.output[0].rsplit("/", 1)[-1].removesuffix(".zarr.zip")
+    name = snakemake.wildcards.scene
     arrays, attributes, text = try_scene(name, files, job.options, job.progress, job.log)
     job.write("scene", arrays, attributes)
     job.write_file(text.encode(), index=1)

@@ -42,12 +42,17 @@ def pressed(name, files, surface, device="touch", stiffness=400.0, **hand):
 def test_an_exact_surface_is_safe_on_every_device(files, surface):
     for device, spec in DEVICES.items():
         found = pressed("exact", files, surface, device)
-        assert found["within_limits"]
+        assert found["within_limits"] == (device != "falcon")
         assert found["passive"]
         assert found["quiet"] == 1
         assert found["safe_n_m"] <= spec.stiffness
+        sentence = device_sentence(found)
+        if device == "falcon":  # whose workspace has a radius of 40 mm, the torus one of 50
+            assert judge(found) == "fail"
+            assert "reaches 50 mm from the middle of a workspace of 40 mm" in sentence
+            continue
         assert judge(found) == "pass"
-        assert "keeps still and gives no energy" in device_sentence(found)
+        assert "keeps still and gives no energy" in sentence
 
 
 def test_a_stepped_field_gives_energy_and_is_told_so(files, surface):

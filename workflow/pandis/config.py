@@ -662,7 +662,7 @@ def load_config(raw):
     raw = _read_numbers(raw)
     top = {key: value for key, value in raw.items() if key not in ("meshes", "scenes")}
     meshes = raw.get("meshes")
-    faults = faults_of(StageOptions, top)
+    faults = _stage_faults(StageOptions, top)
     merged = {}
     if not isinstance(meshes, dict) or not meshes:
         faults["meshes"] = "at least one mesh is needed: `meshes: {name: {source: …}}`"
@@ -677,7 +677,7 @@ def load_config(raw):
             faults[path] = "expected a mapping such as {source: path/to/mesh.obj}"
         else:
             options = merge(top, entry)
-            own = faults_of(MeshEntry, options)
+            own = _stage_faults(MeshEntry, options)
             for key, message in own.items():
                 if key not in faults:
                     faults[f"{path}.{key}" if key else path] = message
@@ -685,6 +685,14 @@ def load_config(raw):
                 merged[name] = MeshEntry.model_validate(options)
     raise_faults(faults)
     return merged
+
+
+def _stage_faults(model, values):
+    """Map dotted path to message for all faults of stages' options, names of fields included."""
+    faults = faults_of(model, values)
+    for key, message in name_faults(values):
+        faults.setdefault(key, message)
+    return faults
 
 
 def raise_faults(faults):
@@ -703,13 +711,8 @@ def faults_of(model, values):
     try:
         model.model_validate(values)
     except ValidationError as error:
-        faults = dict(_describe(fault, model) for fault in error.errors(include_url=False))
-    else:
-        faults = {}
-    if model is not SceneOptions:
-        for key, message in name_faults(values):
-            faults.setdefault(key, message)
-    return faults
+        return dict(_describe(fault, model) for fault in error.errors(include_url=False))
+    return {}
 
 
 def name_faults(values):

@@ -30,6 +30,7 @@ TARGETS = {
     "grids": ("bake", "bake_spline", "bake_auto", "support_planes"),
     "evaluations": ("trajectory", "evaluate", "stress", "timing"),
     "hardware": ("validate",),
+    "scenes": ("scene",),
 }
 DEFAULT_CONFIG = "config/config.yaml"
 QUERY_TIMES = "config/query-times.csv"
@@ -183,11 +184,10 @@ class Plan:
         no reason to run: after a failure it would otherwise find nothing to
         do, over results of older options.
         """
-        if name == "scenes":
-            return [output.path for output in self.scene_outputs()]
         if name not in TARGETS:
             return [output.path for output in self.everything()]
-        every = (output for mesh in self.entries for output in self.outputs(mesh))
+        every = [output for mesh in self.entries for output in self.outputs(mesh)]
+        every += self.scene_outputs()
         return [o.path for o in every if o.stage in TARGETS[name]]
 
     def everything(self):

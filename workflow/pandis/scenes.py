@@ -47,7 +47,6 @@ def try_scene(name, files, options, progress, log):
         A force is not that of asking every object.
     """
     opened = {(path.parent.parent.name, path.stem): NativeField(path) for path in files}
-    paths = {(path.parent.parent.name, path.stem): path.as_posix() for path in files}
     objects = [_place(own, opened[own["mesh"], own["field"]]) for own in options["objects"]]
     points = walk(objects, options)
     scene = NativeScene(objects)
@@ -56,8 +55,7 @@ def try_scene(name, files, options, progress, log):
     touched = found.force.any(axis=1)
     attributes = {
         "objects": [
-            _describe(own, placed, paths[own["mesh"], own["field"]])
-            for own, placed in zip(options["objects"], objects, strict=True)
+            _describe(own, placed) for own, placed in zip(options["objects"], objects, strict=True)
         ],
         "ticks": len(points),
         "speed": options["speed"],
@@ -88,14 +86,12 @@ def try_scene(name, files, options, progress, log):
 def _place(own, field):
     """Return an object of the configuration with its field, metres and newtons."""
     rotation = Rotation.from_rotvec(own["rotation"], degrees=True).as_matrix()
-    scale = own["size"] * field.frame.scale / UNIT_SIDE
-    place = np.array(own["position"]) - scale * rotation @ np.array(field.frame.centre)
-    return Placed(field, rotation, place, scale, own["stiffness"])
+    return Placed.at(field, own["size"], own["stiffness"], own["position"], rotation)
 
 
-def _describe(own, placed, path):
+def _describe(own, placed):
     return own | {
-        "file": path,
+        "file": placed.field.path.as_posix(),
         "rotation_matrix": placed.rotation.tolist(),
         "translation": placed.translation.tolist(),
         "scale": placed.scale,

@@ -4,7 +4,6 @@ import os
 
 import numpy as np
 
-from pandis.frame import UNIT_SIDE
 from pandis.hardware.devices import DEVICES
 from pandis.native.hdapi import DEVICE, DONE, LIBRARY, Order, run_device
 from pandis.native.scene import NativeScene, Placed
@@ -48,12 +47,10 @@ def run_attached(field, size, stiffness, options):
     spec = DEVICES[options["model"]]
     # the device's scheduler has a rate of its own
     period = 1 / spec.rate
-    scale = size * field.frame.scale / UNIT_SIDE
     given = min(stiffness, spec.stiffness)
-    placed = Placed(field, np.eye(3), -scale * np.array(field.frame.centre), scale, given)
     armed = options["arm"] and os.environ.get(CONSENT) == "1"
     order = Order(
-        NativeScene([placed]),
+        NativeScene([Placed.at(field, size, given)]),
         max(1, round(options["seconds"] / period)),
         spec.limits(RAMP, period, given, IMPULSE * spec.force),
         period,

@@ -75,7 +75,8 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     dict
         ``stiffness``, ``strongest_n``, ``steepest_n_per_ms``, ``cut`` (ticks at the force limit),
         ``energy_j`` (the least balance of the wall and the device, see ``energy.h``), ``quiet``
-        (share of the points that do not shake), ``ended`` (why, if a run ended early),
+        (share of the points that do not shake), ``reach_m`` (how far from the workspace's middle
+        the probe came), ``ended`` (why, if a run ended early),
         ``within_limits``, ``passive``, ``safe_n_m``, ``limited_by``.
     """
     rig = _Rig(field, spec, surface, size, hand, rate)
@@ -86,6 +87,7 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     ended = next((run.sentence for run in every if run.cause != DONE), "")
     cut = sum(run.cut for run in every)
     energy = min(run.worst for run in every)
+    reach = max(float(np.linalg.norm(run.path, axis=1).max()) for run in every)
     safe, limit = rig.safe(stiffness)
     return {
         "stiffness": stiffness,
@@ -94,8 +96,9 @@ def press(field, spec, surface, size, stiffness, hand, rate):
         "cut": int(cut),
         "energy_j": float(energy),
         "quiet": float(np.mean([rig.is_quiet(run) for run in runs])),
+        "reach_m": reach,
         "ended": ended,
-        "within_limits": not cut and not ended,
+        "within_limits": not cut and not ended and reach <= spec.workspace,
         "passive": bool(energy >= -SLACK),
         "safe_n_m": safe,
         "limited_by": limit,
@@ -105,15 +108,13 @@ def press(field, spec, surface, size, stiffness, hand, rate):
 class _Rig:
     def __init__(self, field, spec, surface, size, hand, rate):
         self.field, self.spec, self.hand, self.period = field, spec, hand, 1 / rate
-        self.scale = size * field.frame.scale / UNIT_SIDE
-        self.surface = surface
+        self.size, self.surface, self._pressed = size, surface, {}
         picks = np.linspace(0, len(surface.points) - 1, POINTS).astype(int)
         self.picked = list(zip(surface.points[picks], surface.normals[picks], strict=True))
         self.ticks = round(TICKS * 1e-3 * rate)
 
     def order(self, stiffness, ticks):
-        origin = -self.scale * np.array(self.field.frame.centre)
-        scene = NativeScene([Placed(self.field, np.eye(3), origin, self.scale, stiffness)])
+        scene = NativeScene([Placed.at(self.field, self.size, stiffness)])
         limits = self.spec.limits(0, self.period, stiffness)
         return Order(scene, ticks, limits, self.period, armed=True)
 
@@ -122,11 +123,14 @@ class _Rig:
         return self.spec.simulated(hand.stiffness, hand.damping, hand.delay, self.period, wall)
 
     def presses(self, stiffness):
-        wanted, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
-        return [
-            run_simulated(device, point + START * normal, point, -self.hand.press * normal, wanted)
-            for point, normal in self.picked
-        ]
+        if stiffness not in self._pressed:  # the ladder has a rung at the stiffness asked for
+            wanted, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
+            press = self.hand.press
+            self._pressed[stiffness] = [
+                run_simulated(device, point + START * normal, point, -press * normal, wanted)
+                for point, normal in self.picked
+            ]
+        return self._pressed[stiffness]
 
     def slide(self, stiffness):
         """The hand follows the trajectory, at its step per millisecond."""

@@ -21,7 +21,7 @@ WITHIN = 0.8
 _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
 NO_ATTACHED = "No haptic device was attached."
-NO_DEVICE = (
+WHAT_RAN = (
     "The exported files were asked by pandis.h in a C loop at the servo rate, along the evaluation "
     "trajectory, on the machine named here; devices that are named are simulated."
 )
@@ -93,7 +93,7 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
 def _statement(fields):
     """Say what ran: that a device did only where one has."""
     said = [v["attached"]["statement"] for v in fields.values() if "attached" in v]
-    return " ".join([NO_DEVICE, *dict.fromkeys(said)]) if said else f"{NO_ATTACHED} {NO_DEVICE}"
+    return " ".join([WHAT_RAN, *dict.fromkeys(said)]) if said else f"{NO_ATTACHED} {WHAT_RAN}"
 
 
 def press_devices(field, surface, options):

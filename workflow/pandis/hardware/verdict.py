@@ -25,6 +25,12 @@ def device_sentence(found):
         faults.append(f"a run ended early ({found['ended']})")
     if found["cut"]:
         faults.append(f"{found['cut']} ticks wanted more than its {device.force:g} N")
+    if found["reach_m"] > device.workspace:
+        reach, radius = 1e3 * found["reach_m"], 1e3 * device.workspace
+        faults.append(
+            f"the object reaches {reach:.0f} mm from the middle of a workspace of {radius:.0f} mm: "
+            "make device.size smaller"
+        )
     still = "it keeps still"
     if found["quiet"] < 1:
         share = f"it shakes on {100 * (1 - found['quiet']):.0f} % of the points"

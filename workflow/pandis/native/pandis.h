@@ -395,6 +395,16 @@ static int pandis__count_bits(uint64_t x) {
 #endif
 }
 
+/* Where the eight coefficients of a block begin, or -1 if it is not kept. */
+static int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
+    ptrdiff_t n = l->bricks;
+    uint16_t brick = l->brick[((bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
+    int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
+    uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
+    if (!(mask & one)) return -1;
+    return (int32_t)((l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1))) * 8);
+}
+
 /* ---------------------------------------------------------------- closest points of a mesh */
 
 typedef struct {
@@ -839,20 +849,15 @@ static void pandis__restore(const pandis__spline *s, int level, const int32_t *s
  * nothing, 1 some of it, 2 everything. */
 static int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
-    int n = l->bricks, found = 0, missing = 0, blocks[3];
+    int found = 0, missing = 0, blocks[3];
     float room[6][6][6]; /* two or three blocks of an axis */
     for (int k = 0; k < 3; k++) blocks[k] = ((first[k] + 3) >> 1) - (first[k] >> 1) + 1;
     for (int i = 0; i < blocks[0]; i++)
         for (int j = 0; j < blocks[1]; j++)
             for (int k = 0; k < blocks[2]; k++) {
-                int bx = (first[0] >> 1) + i, by = (first[1] >> 1) + j, bz = (first[2] >> 1) + k;
-                uint16_t brick = l->brick[((ptrdiff_t)(bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
-                int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
-                uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
+                int32_t at = pandis__block(l, (first[0] >> 1) + i, (first[1] >> 1) + j, (first[2] >> 1) + k);
                 float own[8] = {0};
-                if (mask & one) {
-                    uint32_t before = l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1));
-                    ptrdiff_t at = (ptrdiff_t)before * 8;
+                if (at >= 0) {
                     int32_t stored[8];
                     if (level)
                         for (int e = 0; e < 8; e++) stored[e] = s->fine[at + e];

@@ -8,9 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.errors import PandisError
+from pandis.frame import UNIT_SIDE
 from pandis.native.compiler import load
 from pandis.native.runtime import NativeField
 from pandis.native.runtime import library as runtime
+
+_UPRIGHT = np.eye(3)
 
 
 class Placed(NamedTuple):
@@ -34,6 +37,13 @@ class Placed(NamedTuple):
     translation: np.ndarray
     scale: float
     stiffness: float
+
+    @classmethod
+    def at(cls, field, size, stiffness, position=(0, 0, 0), rotation=_UPRIGHT):
+        """Return a field with its box's centre at a position, and its longest side of a size."""
+        scale = size * field.frame.scale / UNIT_SIDE
+        centre = scale * rotation @ np.array(field.frame.centre)
+        return cls(field, rotation, np.array(position) - centre, scale, stiffness)
 
 
 class Answers(NamedTuple):

@@ -56,7 +56,7 @@ void spline_dense_adjoint(int32_t size, double low, double per_step, const doubl
 /* Find the 64 coefficients around a point; those that are not kept get the index `blank`. Tells
  * how much is kept: 0 nothing, 1 some of it, 2 everything. */
 static int locate(const pandis__layout *l, const int *first, int32_t blank, int32_t *index) {
-    int n = l->bricks, found = 0, missing = 0, own[3][4], blocks[3];
+    int found = 0, missing = 0, own[3][4], blocks[3];
     int32_t start[3][3][3];
     for (int k = 0; k < 3; k++) { /* which of the two or three blocks of an axis a node is in */
         for (int i = 0; i < 4; i++) own[k][i] = ((first[k] + i) >> 1) - (first[k] >> 1);
@@ -65,14 +65,9 @@ static int locate(const pandis__layout *l, const int *first, int32_t blank, int3
     for (int i = 0; i < blocks[0]; i++)
         for (int j = 0; j < blocks[1]; j++)
             for (int k = 0; k < blocks[2]; k++) {
-                int bx = (first[0] >> 1) + i, by = (first[1] >> 1) + j, bz = (first[2] >> 1) + k;
-                uint16_t brick = l->brick[((ptrdiff_t)(bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
-                int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
-                uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
-                int kept = (mask & one) != 0;
-                uint32_t before = (uint32_t)pandis__count_bits(mask & (one - 1));
-                start[i][j][k] = kept ? (int32_t)((l->base[brick] + before) * 8) : -1;
-                found |= kept, missing |= !kept;
+                int32_t at = pandis__block(l, (first[0] >> 1) + i, (first[1] >> 1) + j, (first[2] >> 1) + k);
+                start[i][j][k] = at;
+                found |= at >= 0, missing |= at < 0;
             }
     if (!found) return 0;
     for (int x = 0; x < 4; x++)
