@@ -1,5 +1,6 @@
 rule validate:
     input:
+        mesh="results/{mesh}/mesh.zarr.zip",
         trajectory="results/{mesh}/trajectory.zarr.zip",
         evaluation="results/{mesh}/evaluation.zarr.zip",
         exports=plan.native,

@@ -2,13 +2,16 @@
 
 from pandis.distance import open_distance
 from pandis.fields.sizing import Sizing
+from pandis.physical import Scale
+from pandis.points import Points
 from pandis.sampling import open_surface
 from pandis.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     engine, frame = open_distance(mesh), mesh.attributes["frame"]
-    surface, kind = open_surface(mesh, engine), job.options["kind"]
-    sizing = Sizing(kind, engine, surface, frame, job.options, job.progress, job.log)
+    scale = Scale(job.options["size"], job.options["stiffness"])
+    points = Points(open_surface(mesh, engine), engine, scale, job.options["seed"])
+    sizing = Sizing(job.options["kind"], points, frame, job.options, job.progress, job.log)
     arrays, attributes = sizing.find()
     job.write("grid", arrays, attributes | {"frame": frame})

@@ -1,15 +1,19 @@
 """Build the cheapest field that meets the budget. Writes choice.zarr.zip."""
 
-from pandis.choice import Chooser, QueryTimes
+from pandis.choice import Chooser
 from pandis.distance import open_distance
+from pandis.physical import Scale
+from pandis.points import Points
+from pandis.query_times import QueryTimes
 from pandis.sampling import open_surface
 from pandis.stage import stage
 
 with stage(snakemake) as job:
     mesh, times = job.read("mesh", "mesh"), QueryTimes(job.note_file(job.input.times))
-    engine = open_distance(mesh)
+    engine, own = open_distance(mesh), job.options
+    scale = Scale(own["stress"]["size"], own["stress"]["stiffness"])
+    points = Points(open_surface(mesh, engine), engine, scale, own["seed"])
     where = job.checkpoint(), job.progress, job.log
-    chooser = Chooser(mesh, engine, open_surface(mesh, engine), job.options, times, *where)
-    arrays, attributes, finish = chooser.choose()
+    arrays, attributes, finish = Chooser(mesh, points, own, times, *where).choose()
     job.write("choice", arrays, attributes | {"frame": mesh.attributes["frame"]})
     finish()

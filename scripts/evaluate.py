@@ -8,7 +8,10 @@ from pandis.evaluation.errors import evaluate
 from pandis.evaluation.paths import over_paths, several
 from pandis.evaluation.smoothness import line_probes, smoothness
 from pandis.evaluation.view import surface_errors
+from pandis.fields.controls import controls
 from pandis.fields.registry import open_fields
+from pandis.measure import draw_contacts
+from pandis.physical import Scale
 from pandis.sampling import open_surface, probes
 from pandis.stage import stage
 
@@ -20,7 +23,13 @@ with stage(snakemake) as job:
     surface, seed = open_surface(mesh, engine), job.options["seed"]
     sets = probes(surface, engine, job.options["probes"], seed)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
-    arrays, attributes = evaluate(fields, path, sets, job.progress)
+    scale, rng = (
+        Scale(job.options["size"], job.options["stiffness"]),
+        np.random.default_rng([seed, 6]),
+    )
+    contacts = draw_contacts(surface, engine, scale, job.options["probes"], rng, even=True)
+    tried = controls(fields.exact, surface, scale)
+    arrays, attributes = evaluate(fields, tried, path, sets, contacts, job.progress)
     vertices = fields.exact.frame.to_unit(mesh.arrays["vertices"])
     arrays |= surface_errors(fields, engine, vertices, mesh.arrays["faces"], job.progress)
     lines = line_probes(surface, job.options["lines"], job.options["size"], seed)
@@ -30,7 +39,6 @@ with stage(snakemake) as job:
     arrays["paths"] = np.array([points for points, _, _ in paths], np.float32)
     attributes["coverage"] = coverage(surface, engine, arrays["paths"], seed)
     attributes["paths"] = over_paths(fields, paths) if len(paths) > 1 else {}
-    newtons = fields.exact.frame.newtons(job.options["size"], job.options["stiffness"])
     physical = {key: job.options[key] for key in ("size", "stiffness", "lines")}
-    physical |= {"newtons": newtons, "count": len(paths)}
+    physical |= {"newtons": scale.newtons, "count": len(paths)}
     job.write("evaluation", arrays, attributes | physical | {"frame": mesh.attributes["frame"]})

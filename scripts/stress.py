@@ -1,5 +1,6 @@
 """Ask all fields of a mesh what they do to a device and a hand. Writes stress.zarr.zip."""
 
+from pandis.fields.controls import controls
 from pandis.fields.registry import open_fields
 from pandis.sampling import open_surface
 from pandis.stage import stage
@@ -9,8 +10,10 @@ with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     fields = open_fields(job.options["fields"], mesh, map(job.read_path, job.input.fields))
     engine = fields.exact.engine
-    suite = Suite(mesh, open_surface(mesh, engine), engine, job.options)
-    arrays, attributes = stress(fields, suite, job.progress)
+    surface = open_surface(mesh, engine)
+    suite = Suite(mesh, surface, engine, job.options)
+    tried = controls(fields.exact, surface, suite.scale)
+    arrays, attributes = stress(fields, tried, suite, job.progress)
     for name, failed in attributes["failed"].items():
         job.log(f"{name}: " + (f"fails {', '.join(failed)}" if failed else "passes"))
     job.write("stress", arrays, attributes)

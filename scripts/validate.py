@@ -1,14 +1,22 @@
 """Run every exported field of a mesh at the servo rate. Writes hardware.zarr.zip and .json."""
 
+from pandis.fields.exact import ExactField
 from pandis.hardware.validation import validate_exports
+from pandis.hardware.walls import open_walls
+from pandis.physical import Scale
+from pandis.sampling import open_surface
 from pandis.stage import stage
 
 with stage(snakemake) as job:
+    mesh = job.read("mesh", "mesh")
     trajectory = job.read("trajectory", "trajectory")
     evaluation = job.read("evaluation", "evaluation")
     exports = [job.note_file(path) for path in job.input.exports]
+    exact = ExactField("exact", mesh)
+    scale = Scale(job.options["size"], job.options["stiffness"])
+    walls = open_walls(exact, open_surface(mesh, exact.engine), scale, job.options["seed"])
     arrays, attributes, text = validate_exports(
-        exports, trajectory, evaluation, job.mesh, job.options, job.progress
+        exports, walls, trajectory, evaluation, job.mesh, job.options, job.progress
     )
     job.write("hardware", arrays, attributes)
     job.write_file(text.encode(), index=1)

@@ -1,19 +1,28 @@
-"""`fields: auto`: the cheapest field that meets a budget, and nothing built beyond it."""
+"""`fields: auto`: the cheapest field that keeps what it promises, and nothing built beyond it."""
+
+import re
 
 import numpy as np
 import pytest
 
 from pandis import choice
-from pandis.choice import Chooser, QueryTimes
-from pandis.config import ExactRecipe, SampleOptions
+from pandis.catalogue import DENSE_KINDS
+from pandis.choice import Chooser
+from pandis.config import ExactRecipe, SampleOptions, StressOptions
 from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
+from pandis.fields import sizing
 from pandis.fields.registry import open_fields
 from pandis.forces import penalty_force
 from pandis.frame import Frame
+from pandis.measure import draw_contacts, promise
 from pandis.mesh.shapes import SHAPES
-from pandis.sampling import Surface, held_out
+from pandis.physical import Scale
+from pandis.points import Points
+from pandis.query_times import QueryTimes
+from pandis.sampling import Surface
 from pandis.stage import silent_progress
+from shapes import Shape, open_shape
 from support import ROOT, artifact
 
 TABLE = ROOT / "config/query-times.csv"
@@ -21,47 +30,57 @@ SAMPLES = SampleOptions(
     surface=2000, offsets=2000, shallow=4000, penetration=4000, bent=2000, core=500, box=500,
     held_out=1000,
 )  # fmt: skip
+SCALE = Scale(0.1, 400.0)
+BUDGET = {"force_error": None, "tail": None, "missed": 0.005, "query_time": None, "bytes": None}
 
 
 def shape(name, mesh_only=False, **size):
-    """Return a mesh artifact, its engine and its surface."""
+    """Return the shape of a closed form, or of its tessellation alone."""
     vertices, faces = SHAPES[name].tessellation(**size)
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
     attributes = {"shape": None if mesh_only else name, "frame": frame.attributes()}
     mesh = artifact("mesh", {"vertices": vertices, "faces": faces}, attributes)
     if mesh_only:
         engine = MeshDistance(frame.to_unit(vertices), faces)
-        return mesh, engine, Surface(engine.vertices, engine.faces)
+        return Shape(mesh, engine, Surface(engine.vertices, engine.faces), frame)
     engine = ShapeDistance(SHAPES[name], frame)
-    return mesh, engine, Surface(frame.to_unit(vertices), faces, engine)
+    return Shape(mesh, engine, Surface(frame.to_unit(vertices), faces, engine), frame)
 
 
 TORUS = shape("torus", mesh_only=True)
 
 
-def choose(found, tmp_path, table=TABLE, **budget):
+def chooser(found, tmp_path, table=TABLE, log=lambda text: None, **budget):
     recipe = ExactRecipe(width=48, depth=2, steps=150, batch=1024, base=8).model_dump()
+    stress = StressOptions(ticks=2000, loops=5).model_dump()
     options = {
-        "budget": {"force_error": None, "query_time": None, "bytes": None} | budget,
+        "budget": BUDGET | budget,
         "band": (0.045, 0.02),
         "seed": 3,
         "samples": SAMPLES.model_dump(),
         "recipe": recipe | {"recipe": "pandis-exact"},
+        "stress": stress | {"size": 0.1, "stiffness": 400.0},
+        "weight_bits": 32,
     }
-    where = tmp_path / "c.pt", silent_progress, lambda text: None
-    arrays, attributes, finish = Chooser(*found, options, QueryTimes(table), *where).choose()
+    points = Points(found.surface, found.engine, SCALE, 3)
+    where = tmp_path / "c.pt", silent_progress, log
+    return Chooser(found.mesh, points, options, QueryTimes(table), *where)
+
+
+def choose(found, tmp_path, table=TABLE, **budget):
+    arrays, attributes, finish = chooser(found, tmp_path, table, **budget).choose()
     finish()
-    frame = {"frame": found[0].attributes["frame"]}
+    frame = {"frame": found.mesh.attributes["frame"]}
     return artifact("choice", arrays, attributes | frame)
 
 
-def error_of(held, found, seed=99):
-    """Return the force error of what was chosen, on points that the choice has not seen."""
-    (field,) = open_fields(["auto"], found[0], [held])
+def figures_of(held, found, seed=99):
+    """Return what a chosen field errs by, on 20,000 points that the choice has not seen."""
+    (field,) = open_fields(["auto"], found.mesh, [held])
     assert field.name == "auto"
-    points, *exact = held_out(found[2], found[1], seed)
-    force = penalty_force(*field.answer(points)) - penalty_force(*exact)
-    return np.linalg.norm(force, axis=1).mean()
+    rng = np.random.default_rng([seed, 1])
+    contacts = draw_contacts(found.surface, found.engine, SCALE, 20_000, rng)
+    return promise(lambda points: penalty_force(*field.answer(points)), contacts)[0]
 
 
 @pytest.fixture
@@ -69,7 +88,7 @@ def untrained(monkeypatch):
     def trained(*arguments):
         raise AssertionError("a network was trained")
 
-    monkeypatch.setattr(choice, "train", trained)
+    monkeypatch.setattr(choice, "narrowest", trained)
 
 
 @pytest.mark.usefixtures("untrained")
@@ -79,67 +98,122 @@ def test_a_sphere_needs_nothing(tmp_path):
     assert held.attributes["choice"]["field"] == "exact"
     assert held.attributes["choice"]["bytes"] == 0
     assert held.attributes["considered"] == []
-    assert error_of(held, found) == 0
+    assert figures_of(held, found)["mean"] == 0
 
 
 @pytest.mark.usefixtures("untrained")
-def test_without_other_limits_the_mesh_itself_is_the_field(tmp_path):
-    held = choose(TORUS, tmp_path, force_error=1e-3)
-    assert held.attributes["choice"]["field"] == "exact"
-    assert error_of(held, TORUS) == 0
+def test_without_other_limits_the_mesh_itself_is_the_field_and_that_is_said(tmp_path):
+    lines = []
+    made = chooser(TORUS, tmp_path, log=lines.append, force_error="20 mN").choose()
+    assert made[1]["choice"]["field"] == "exact"
+    said = "a budget without bytes and query_time takes the exact field: it has no error"
+    assert any(said in line for line in lines)
 
 
 @pytest.mark.usefixtures("untrained")
-@pytest.mark.parametrize("wanted", [2e-3, 8e-4])
+@pytest.mark.parametrize("wanted", ["40 mN", "4 %"])
 def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
-    held = choose(TORUS, tmp_path, force_error=wanted, bytes=300_000)
-    made = held.attributes["choice"]
+    held = choose(TORUS, tmp_path, force_error=wanted, bytes=2_000_000)
+    made, limits = held.attributes["choice"], held.attributes["limits"]
     kind, _, size = made["field"].rpartition("-")
-    assert kind in choice.KINDS
-    assert made["bytes"] <= 300_000
-    assert made["held_out_error"] <= wanted
-    assert error_of(held, TORUS) <= 1.1 * wanted
+    assert kind in DENSE_KINDS
+    assert made["bytes"] <= 2_000_000
+    fresh = figures_of(held, TORUS)
+    assert fresh["mean"] <= limits["mean"]
+    assert fresh["p99"] <= limits["tail"]
+    assert fresh["missing"] <= limits["missed"]
     assert held.attributes["considered"][0]["field"] == "exact"
     # the next coarser one of this kind would not do
-    coarser = choice.SIZES[choice.SIZES.index(int(size)) - 1]
-    again = Chooser(*TORUS, {"budget": {}, "band": (0.045, 0.02), "seed": 3}, None, None,
-                    silent_progress, print)  # fmt: skip
-    assert again._sizing(kind, force_error=wanted).measure(coarser) > wanted
+    coarser = sizing.SIZES[sizing.SIZES.index(int(size)) - 1]
+    again = chooser(TORUS, tmp_path, force_error=wanted, bytes=2_000_000)
+    assert again.measured(kind, coarser)[0].why
 
 
 @pytest.mark.usefixtures("untrained")
 def test_time_counts(tmp_path):
     table = tmp_path / "times.csv"
     rows = ["kind,size,microseconds", "exact,1000,20", "exact,100000,40", "spline,800000,60"]
-    rows += [f"{kind},64,{30 if kind == 'tricubic' else 50}" for kind in choice.KINDS]
+    rows += [f"{kind},64,{30 if kind == 'tricubic' else 50}" for kind in DENSE_KINDS]
     table.write_text("\n".join([*rows, "network,64,500"]) + "\n")
     held = choose(TORUS, tmp_path, table, force_error=2e-3, query_time=31e-6)
     assert held.attributes["choice"]["field"].startswith("tricubic-")
     assert held.attributes["choice"]["query_time"] == pytest.approx(30e-6)
     assert "µs" in held.attributes["considered"][0]["why"]
-    assert QueryTimes(table).seconds("exact", 10_000) == pytest.approx(np.sqrt(20 * 40) * 1e-6)
+    times = QueryTimes(table)
+    assert times.seconds("exact", 10_000) == pytest.approx(np.sqrt(20 * 40) * 1e-6)
+    # beyond the table: on along its last step; a network at least in proportion to its weights
+    assert times.seconds("exact", 1e7) == pytest.approx(80e-6)
+    assert times.seconds("network", 64, layers=8) >= 2 * 500e-6
+    assert times.seconds("network", 128) >= 3.5 * 500e-6
+    assert times.seconds("network", 64, layers=2) == pytest.approx(500e-6)
     with pytest.raises(PandisError, match=r"no query times of 'kim'.*calibrate"):
-        QueryTimes(table).seconds("kim", 3)
+        times.seconds("kim", 3)
 
 
 def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
+    monkeypatch.setattr(choice, "DENSE_KINDS", ("nearest",))
     monkeypatch.setattr(choice, "SIZES", (16,))
     monkeypatch.setattr(choice, "SPLINE_BYTES", (400_000,))
-    held = choose(TORUS, tmp_path, force_error=2e-3, bytes=60_000)
-    made = held.attributes["choice"]
-    assert made["field"] == "pandis-exact"
-    assert made["bytes"] == sum(a.nbytes for k, a in held.arrays.items() if k != "curve")
-    assert error_of(held, TORUS) <= 1.1 * 2e-3
-    assert [c["field"] for c in held.attributes["considered"]][-1] == "spline"
+    monkeypatch.setattr(choice.Chooser, "_proved", lambda self, field, kind, measured: measured)
+    lines, wanted = [], {"force_error": 2e-3, "tail": 0.05, "bytes": 60_000}
+    made = chooser(TORUS, tmp_path, log=lines.append, **wanted)
+    arrays, attributes, finish = made.choose()
+    finish()
+    chosen = attributes["choice"]
+    assert chosen["field"] == "pandis-exact"
+    assert chosen["bytes"] == sum(a.nbytes for k, a in arrays.items() if k != "curve")
+    held = artifact("choice", arrays, attributes | {"frame": TORUS.mesh.attributes["frame"]})
+    assert figures_of(held, TORUS)["mean"] <= 2e-3
+    assert [c["field"] for c in attributes["considered"]][-1] == "spline"
     assert not list(tmp_path.glob("*.pt"))
+    # what the others can reach is said before anything is trained
+    said = next(k for k, line in enumerate(lines) if line.startswith("before a network is trained"))
+    assert said < next(k for k, line in enumerate(lines) if line.startswith("network of"))
 
 
 @pytest.mark.usefixtures("untrained")
-def test_it_says_what_is_missing_where_nothing_will_do(tmp_path):
-    with pytest.raises(
-        PandisError, match=r"no field meets the budget.*exact: .* bytes at the least; .*spline"
-    ):
-        choose(TORUS, tmp_path, force_error=1e-9, bytes=500)
+def test_it_names_the_nearest_where_nothing_will_do(tmp_path, monkeypatch):
+    monkeypatch.setattr(choice, "SIZES", (16, 24))
+    monkeypatch.setattr(choice.Chooser, "_network", lambda self: None)
+    said = r"no field meets the budget of .* mN .* on average.*The nearest is .* which errs by .*mN"
+    with pytest.raises(PandisError, match=said):
+        choose(TORUS, tmp_path, force_error=1e-5, bytes=30_000)
+    with pytest.raises(PandisError, match="exact: .* bytes at the least; .*spline"):
+        choose(TORUS, tmp_path, force_error=1e-3, bytes=500)
+
+
+@pytest.mark.usefixtures("untrained")
+def test_what_fails_the_stress_suite_or_its_export_is_not_chosen(tmp_path, monkeypatch):
+    first = choose(TORUS, tmp_path, force_error="40 mN", bytes=2_000_000).attributes["choice"]
+    proved, seen = Chooser._proved, []
+
+    def once(self, field, kind, measured):
+        seen.append(field)
+        if len(seen) == 1:
+            return measured._replace(why="cannot be exported: by this test", excess=1.0)
+        return proved(self, field, kind, measured)
+
+    monkeypatch.setattr(Chooser, "_proved", once)
+    second = choose(TORUS, tmp_path, force_error="40 mN", bytes=2_000_000).attributes["choice"]
+    assert second["bytes"] >= first["bytes"]
+    assert second["field"] != first["field"]
+
+
+@pytest.mark.usefixtures("untrained")
+@pytest.mark.parametrize("name", ["plate-0.6", "blade"])
+def test_a_field_without_force_is_never_sold(tmp_path, name):
+    """What the first round sold: a grid of no force, its budget called met."""
+    with pytest.raises(PandisError, match="no field meets the budget"):
+        choose(open_shape(name), tmp_path, force_error=1e-3, bytes=100)
+    found = open_shape(name)
+    attributes = choose(found, tmp_path, force_error=1e-3).attributes
+    assert attributes["choice"]["field"] == "exact"
+
+
+def test_a_choice_that_passes_a_control_is_blind(tmp_path):
+    loose = chooser(TORUS, tmp_path, force_error=1.0, missed=0.9)
+    with pytest.raises(PandisError, match="the choice by budget is blind.*control-gap"):
+        loose.choose()
 
 
 @pytest.mark.parametrize(
@@ -154,5 +228,22 @@ def test_a_damaged_table_is_an_error(tmp_path, text):
 
 def test_the_table_that_comes_along_knows_every_kind():
     times = QueryTimes(TABLE)
-    for kind in ("exact", "spline", "network", *choice.KINDS):
+    for kind in ("exact", "spline", "network", *DENSE_KINDS):
         assert 1e-8 < times.seconds(kind, 64) < 1e-3
+
+
+def test_every_stream_of_random_numbers_is_another_one():
+    """A trailing zero changes no stream of NumPy's: [s, 11] and [s, 11, 0] once coincided."""
+    same = [np.random.default_rng(key).random() for key in ([5, 11], [5, 11, 0])]
+    assert same[0] == same[1]
+    source = "\n".join(
+        path.read_text(encoding="utf-8") for path in (ROOT / "workflow/pandis").rglob("*.py")
+    )
+    fixed = [tuple(map(int, re.findall(r"\d+", key)))
+             for key in re.findall(r"seed\"?\]?, ([\d, ]+)\]", source)]  # fmt: skip
+    fixed += [(11, 0, 1), (12, 0, 1)]
+    shards = {(stratum, shard) for stratum in range(20) for shard in range(1000)}
+    clash = {key for key in fixed if len(key) > 1 and key[-1] == 0}
+    assert not clash
+    assert not {key for key in fixed if key in shards}
+    assert len([key for key in fixed if len(key) == 3]) == 2

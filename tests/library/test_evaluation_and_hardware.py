@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pandis.config import HardwareOptions, TimingOptions
+from pandis.errors import PandisError
 from pandis.evaluation.beyond import beyond
 from pandis.evaluation.errors import UNNORMALISED, evaluate, statistics
 from pandis.evaluation.smoothness import force_steps, line_probes, smoothness
@@ -15,6 +16,7 @@ from pandis.frame import Frame
 from pandis.hardware.load import busy_cores
 from pandis.hardware.validation import NO_ATTACHED, _longest_run, validate
 from pandis.machine import describe
+from pandis.measure import SETS, ContactSet, Probes
 from pandis.native.runtime import SHAPE, NativeField, pack
 from pandis.native.servo import run_ticks
 from pandis.report.render import render
@@ -61,9 +63,18 @@ def truth(count=50):
     return points, *Plane("exact").answer(points)
 
 
+def contacts(count=50):
+    """A contact set of the half-space, at 20 N per unit of force."""
+    points = np.random.default_rng(1).uniform(-0.04, 0, (count, 3))
+    probes = Probes(points, *Plane("exact").answer(points))
+    return ContactSet(dict.fromkeys(SETS, probes), probes, 0.0, 20.0)
+
+
 def test_evaluation_rows_and_forces():
     fields = [Plane("exact"), Plane("off", -0.01), Plane("net", stretch=2.0)]
-    arrays, attributes = evaluate(fields, truth(), {"shallow": truth(20)}, silent_progress)
+    arrays, attributes = evaluate(
+        fields, [], truth(), {"shallow": truth(20)}, contacts(), silent_progress
+    )
     errors = attributes["errors"]["trajectory"]
     assert errors["exact"]["max"] == errors["net"]["max"] == 0
     inside = truth()[1] < 0
@@ -72,6 +83,17 @@ def test_evaluation_rows_and_forces():
     assert kept == pytest.approx(attributes["mean_force"]["trajectory"])
     assert np.array_equal(arrays["force_exact"], arrays["exact_force"])
     assert set(attributes["bytes"]) == {"exact", "off", "net"}
+    # on the contact set: with the shares of surface, in newtons, and of Ψ as it is too
+    table = attributes["errors"]["contact-deep"]
+    assert table["exact"]["mean"] == table["exact"]["missing"] == 0
+    assert table["off"]["newtons"] == pytest.approx(20 * 0.01, rel=0.5)
+    assert table["net" + UNNORMALISED]["relative"] == pytest.approx(1)
+    assert attributes["errors"]["trajectory"]["off"]["felt"] > 0
+
+
+def test_a_measure_that_passes_a_control_ends_the_stage():
+    with pytest.raises(PandisError, match="missing surface is blind"):
+        evaluate([], [Plane("control-blind")], truth(), {}, contacts(), silent_progress)
 
 
 def test_beyond_finds_ghosts_missed_contacts_and_a_wrong_core():
@@ -200,11 +222,12 @@ def children_now():
         return stream.read().split()
 
 
-def run(sphere, bias=0.0, **options):
+def run(sphere, bias=0.0, missing=0.0, **options):
     options = HardwareOptions(seconds=0.05, loaded_seconds=0.02, **options).model_dump()
     frame = Frame((0.0, 0.0, 0.0), 0.5)
     reference = sphere.force(PATH) * frame.scale + [0, 0, bias]
-    return validate(sphere, frame, PATH, reference, options)
+    walls = {"holds": True, "missing": missing, "pressed_missing": 0} | {"holds": missing < 0.005}
+    return validate(sphere, frame, PATH, reference, walls, options)
 
 
 def test_validation_passes_what_agrees_and_fails_what_does_not(sphere):
@@ -217,12 +240,16 @@ def test_validation_passes_what_agrees_and_fails_what_does_not(sphere):
     assert not verdict["agrees"]
     assert verdict["verdict"] == "fail"
     assert "differ from the library's by" in verdict["sentence"]
+    _, verdict = run(sphere, missing=0.02, misses=0.9)
+    assert verdict["verdict"] == "fail"
+    assert "2 % of the surface lacks the force (0.5 % allowed)" in verdict["sentence"]
 
 
 def test_validation_counts_misses(sphere):
     _, verdict = run(sphere, deadline=1e-12)
     assert verdict["misses"] == verdict["longest_run_of_misses"] == 50
     assert not verdict["in_time"]
+    assert not verdict["punctual"]  # no tick begins within a picosecond
     assert verdict["verdict"] == "fail"
     missed = np.array([1, 0, 1, 1, 1, 0, 1, 1], bool)
     assert _longest_run(missed) == 3
@@ -240,13 +267,18 @@ def test_machine_is_described_without_its_name():
 def test_summary_has_every_column_and_the_configs_order():
     errors = dict.fromkeys(("mean", "rms", "p95", "p99", "max", "eq7", "angle"), 0.5)
     table = {"b": errors, "a": errors, "a" + UNNORMALISED: errors}
+    keys = ("mean", "p99", "max", "relative", "newtons", "judged", "missing", "felt")
+    contact = dict.fromkeys(keys, 0.25) | {"missing": 0.001}
     evaluation = {
         "fields": ["b", "a"],
         "errors": dict.fromkeys(("trajectory", "shallow", "deep"), table),
         "bytes": {"a": 1, "b": 2},
         "newtons": 2.0,
         "mean_force": {"trajectory": 2.0},
+        "controls": {"control-zero": dict.fromkeys(SETS, contact | {"missing": 1.0})},
     }
+    for name in SETS:
+        evaluation["errors"][name] = {"a": contact, "b": contact}
     times = {
         "native_p50_us": 0.5,
         "native_p999_us": 0.6,
@@ -257,15 +289,23 @@ def test_summary_has_every_column_and_the_configs_order():
     }
     timing = {"fields": {"a": times}}
     jumps = {"mm01_max": 0.5, "mm01_rms": 0.1}
-    stress = {"fields": {"a": {"jumps": jumps}}, "failed": {"a": ["work", "hold"]}}
+    stress = {"fields": {"a": {"jumps": jumps}}, "failed": {"a": []}}
+    stress["controls"] = {"control-zero": ["missing"]}
     hardware = {"fields": {"a": {"compute_us": {"p99.9": 4.0}, "misses": 0, "verdict": "pass"}}}
     rows = summary_rows("m", evaluation, timing, stress, hardware, {"b": 1.5})
     assert [row["field"] for row in rows] == ["b", "a", "a" + UNNORMALISED]
     lines = to_csv(rows).splitlines()
     assert lines[0] == ",".join(COLUMNS)
-    assert lines[2].endswith("0.5,0.1,2,yes,4,0,pass")
+    assert lines[2].endswith("0.5,0.1,0,yes,4,0,pass")
     assert rows[0]["trajectory_millinewtons"] == pytest.approx(1000)
     assert rows[0]["trajectory_percent"] == pytest.approx(25)
+    assert rows[0]["contact_millinewtons"] == rows[0]["contact_mean"] * 1000 == 250
+    assert rows[0]["contact_percent"] == 25
+    assert rows[0]["missing_percent"] == pytest.approx(0.1)
+    stress["controls"] = {"control-zero": []}
+    evaluation["controls"]["control-zero"] = dict.fromkeys(SETS, contact)
+    with pytest.raises(PandisError, match="front of unbeaten fields is blind.*control-zero"):
+        summary_rows("m", evaluation, timing, stress, hardware, {})
 
 
 def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
@@ -274,10 +314,10 @@ def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
 
     sets = {"shallow": truth(20), "deep": truth(20)}
     fields = [Plane("exact"), Path("path", -0.01)]
-    _, attributes = evaluate(fields, truth(), sets, silent_progress)
+    _, attributes = evaluate(fields, [], truth(), sets, contacts(), silent_progress)
     assert "path" in attributes["errors"]["trajectory"]
     assert "path" not in attributes["errors"]["shallow"]
-    nothing = [{"fields": {}}] * 3
+    nothing = [{"fields": {}, "controls": {}}] * 3
     rows = summary_rows("m", attributes | {"newtons": 1.0}, *nothing, {})
     assert [row["shallow_mean"] for row in rows] == [0, ""]
 

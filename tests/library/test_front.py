@@ -5,13 +5,18 @@ import pytest
 
 from pandis.evaluation.front import ERRORS, PRICES, pareto, recommend
 
-KEYS = ("trajectory_percent", *PRICES)
+KEYS = ("contact_percent", *PRICES)
+#: What may be used: nothing failed, nothing missing.
+GOOD = {"stress": 0, "missing_percent": 0.0}
 
 
 def table(seed, count=40):
     rng = np.random.default_rng(seed)
     values = rng.integers(0, 12, (count, len(KEYS))).astype(float)
-    rows = [dict(zip(KEYS, row, strict=True)) | {"field": f"f{k}"} for k, row in enumerate(values)]
+    rows = [
+        dict(zip(KEYS, row, strict=True)) | GOOD | {"field": f"f{k}"}
+        for k, row in enumerate(values)
+    ]
     for row in rows[::7]:
         row["native_p50_us"] = ""  # not timed
     return rows
@@ -41,7 +46,7 @@ def test_what_is_recommended_meets_the_error_and_nothing_that_does_costs_less(se
     assert [pick["percent"] for pick in advice] == sorted(pick["percent"] for pick in advice)
     assert {pick["percent"] for pick in advice} <= set(ERRORS)
     for pick in advice:
-        good = [row for row in rows if row["trajectory_percent"] <= pick["percent"]]
+        good = [row for row in rows if row["contact_percent"] <= pick["percent"]]
         for key, name in PRICES.items():
             prices = [row[key] for row in good if row[key] != ""]
             assert (pick[name] is None) == (not prices)
@@ -52,9 +57,20 @@ def test_what_is_recommended_meets_the_error_and_nothing_that_does_costs_less(se
 
 def test_equal_rows_are_both_unbeaten_and_the_unmeasured_are_not_compared():
     rows = [{"a": 1, "b": 2}, {"a": 1, "b": 2}, {"a": 2, "b": 2}, {"a": 0, "b": ""}]
+    rows = [row | GOOD for row in rows]
     assert pareto(rows, ("a", "b")) == [True, True, False, False]
 
 
 def test_nothing_is_recommended_where_nothing_is_good_enough():
-    row = dict.fromkeys(KEYS, 1.0) | {"trajectory_percent": 50.0, "field": "x"}
+    row = dict.fromkeys(KEYS, 1.0) | GOOD | {"contact_percent": 50.0, "field": "x"}
     assert recommend([row]) == []
+
+
+@pytest.mark.parametrize(
+    "fault", [{"stress": 1}, {"stress": ""}, {"missing_percent": 0.51}, {"missing_percent": ""}]
+)
+def test_what_failed_a_question_or_lacks_surface_is_neither_unbeaten_nor_recommended(fault):
+    good = dict.fromkeys(KEYS, 2.0) | GOOD | {"field": "good"}
+    bad = dict.fromkeys(KEYS, 1.0) | GOOD | {"field": "bad"} | fault
+    assert pareto([good, bad], KEYS) == [True, False]
+    assert {pick["fastest"]["field"] for pick in recommend([good, bad])} == {"good"}

@@ -15,8 +15,9 @@ from pandis.frame import Frame
 from pandis.grids import spline as splines
 from pandis.grids.band import Band, find_cells, needed_nodes
 from pandis.grids.dense import CHANNELS, DenseGrid
-from pandis.grids.search import coarsest
 from pandis.mesh.shapes import SHAPES
+from pandis.physical import Scale
+from pandis.points import Points
 from pandis.sampling import Surface
 from pandis.stage import silent_progress
 from support import box_mesh
@@ -374,7 +375,8 @@ def test_integers_cost_next_to_nothing(smooth, monkeypatch):
     monkeypatch.setattr(splines, "quantise", lambda values, kind: (values, [0.0, 1.0]))
     fit = splines.SplineFit(*smooth, BAND, seed=0, count=60_000)
     plain = open_spline(*fit.build(fit.choose_size(120_000), 120_000, silent_progress))
-    assert rounded < 1.01 * error_of(plain, *smooth)
+    # a 16-bit step of the base, which reaches down to the middle of the shape, is 1e-5
+    assert rounded < 1.01 * error_of(plain, *smooth) + 1e-5
 
 
 def test_splines_do_not_depend_on_threads(smooth, monkeypatch):
@@ -401,21 +403,11 @@ def test_refinement_goes_where_the_error_is():
 # --- sizes by what they achieve -------------------------------------------------------------------
 
 
-def test_the_coarsest_that_meets_an_error_is_found():
-    asked = []
+TARGET = {"force_error": None, "tail": None, "missed": 0.005, "bytes": None, "band": BAND}
 
-    def measure(size):
-        asked.append(size)
-        return 1.0 / size
 
-    sizes = (8, 16, 24, 32, 64, 128)
-    found, errors = coarsest(sizes, measure, 1 / 30, "x")
-    assert found == 32
-    assert errors[24] > 1 / 30 >= errors[32]
-    assert len(asked) <= 4
-    assert coarsest(sizes, measure, 1.0, "x")[0] == 8
-    with pytest.raises(PandisError, match=r"x: no size meets .* 0\.001 .* 128, has 0\.00781"):
-        coarsest(sizes, measure, 1e-3, "x")
+def silent(text):
+    pass
 
 
 @pytest.mark.parametrize(
@@ -425,11 +417,9 @@ def test_the_coarsest_that_meets_an_error_is_found():
 def test_sizing(torus, kind, target, monkeypatch):
     monkeypatch.setattr("pandis.fields.sizing.SIZES", (16, 24, 32, 48))
     engine, surface = torus
-    options = {"force_error": None, "bytes": None, "band": BAND, "seed": 1} | target
-    progress, frame = silent_progress, FRAME.attributes()
-    arrays, attributes = Sizing(
-        kind, engine, surface, frame, options, progress, lambda text: None
-    ).find()
+    options = TARGET | target
+    points, frame = Points(surface, engine, Scale(0.1, 400.0), 1), FRAME.attributes()
+    arrays, attributes = Sizing(kind, points, frame, options, silent_progress, silent).find()
     sizing = attributes["sizing"]
     if "bytes" in target:
         assert arrays["values"].nbytes <= 40_000 < 4 * (len(arrays["values"]) + 1) ** 3
@@ -439,17 +429,20 @@ def test_sizing(torus, kind, target, monkeypatch):
         assert tried[size] == sizing["held_out_error"] <= 5e-3
         coarser = [s for s in tried if s < size]
         assert coarser
-        assert all(tried[s] > 5e-3 for s in coarser)
+        assert sizing["held_out"]["missing"] <= 0.005
+        # what was passed over exceeds one of the limits: the mean, or the missing surface
+        assert max(tried[s] for s in coarser) > 5e-3
 
 
 def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypatch):
     engine, surface = torus
     # the first covers no band at all, and the largest asks for more samples than drawn at first
-    monkeypatch.setattr("pandis.fields.sizing.SPLINE_BYTES", (20_000, 60_000, 120_000))
-    options = {"force_error": 2e-3, "bytes": None, "band": BAND, "seed": 1}
+    monkeypatch.setattr("pandis.fields.sizing.SPLINE_BYTES", (8_000, 60_000, 120_000))
+    options = TARGET | {"force_error": 2e-3}
     frame, lines = FRAME.attributes(), []
+    points = Points(surface, engine, Scale(0.1, 400.0), 1)
     arrays, attributes = Sizing(
-        "spline", engine, surface, frame, options, silent_progress, lines.append
+        "spline", points, frame, options, silent_progress, lines.append
     ).find()
     assert attributes["sizing"]["held_out_error"] <= 2e-3
     assert any("does not cover the band" in line for line in lines)

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from pandis.errors import PandisError
+from pandis.physical import Scale
+from pandis.points import Points
 from pandis.stage import silent_progress
 from pandis.training.sizing import WIDTHS, train
 from pandis.training.trainer import Trainer
@@ -12,7 +14,10 @@ from test_training import recipe, same, samples  # noqa: F401  (a fixture)
 
 def sized(drawn, folder, log=lambda text: None, **options):
     own = recipe(steps=150, width=64, base=None, **options)  # the base alone is good at spheres
-    return train(own, *drawn, folder / "train-r.0.pt", silent_progress, log)
+    own |= {"tail": 1.0, "missed": 1.0} | options
+    strata = drawn[1]
+    points = Points(strata.surface, strata.engine, Scale(0.1, 400.0), own["seed"])
+    return train(own, *drawn, points, folder / "train-r.0.pt", silent_progress, log)
 
 
 def test_it_is_the_narrowest_and_the_one_that_training_alone_makes(samples, tmp_path):  # noqa: F811
@@ -37,7 +42,9 @@ def test_a_loose_error_is_met_by_the_first(samples, tmp_path):  # noqa: F811
 
 
 def test_it_says_that_none_did(samples, tmp_path):  # noqa: F811
-    with pytest.raises(PandisError, match=r"train\.r: no network meets .*1e-09.*up to 64 units"):
+    with pytest.raises(
+        PandisError, match=r"train\.r: no network meets .*mN .*1e-09.*up to 64 units"
+    ):
         sized(samples, tmp_path, force_error=1e-9)
     assert not list(tmp_path.glob("*.pt"))
 

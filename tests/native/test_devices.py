@@ -17,8 +17,9 @@ import pandis
 from pandis.native import hdapi
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
+from pandis.physical import Scale
 from pandis.stress import coupled
-from pandis.stress.physical import Device, Scale
+from pandis.stress.physical import Device
 
 HERE = Path(__file__).parent
 HDAPI = Path(pandis.__file__).parent / "native" / "hdapi"
@@ -75,9 +76,10 @@ def test_the_simulated_device_moves_as_the_stress_suite_s(delay, friction, files
         length = np.linalg.norm(points, axis=1)
         return length - 0.9, points / length[:, None]
 
-    swing, _ = coupled.simulate(
-        answer, 0.9 * side, side, np.array([400.0]), scale, device, ticks=ticks
-    )
+    press_n = np.array([device.press])
+    swing = coupled.simulate(
+        answer, 0.9 * side, side, np.array([400.0]), scale, device, press_n, ticks=ticks
+    ).swing
     changes = {"friction": friction, "delay": delay, "encoder": 0.0, "impulse": 1e9}
     session = press(
         files, ticks + 1, 400.0, {"ramp": 0, "step": 1e9},

@@ -7,19 +7,26 @@ import pytest
 from test_devices import RADIUS, compile_stand_in
 
 from pandis.config import HardwareOptions, TrajectoryOptions
+from pandis.fields.controls import controls
+from pandis.fields.exact import ExactField
+from pandis.forces import penalty_force
 from pandis.hardware.attached import run_attached
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.pressing import Hand, contact, press
 from pandis.hardware.validation import _statement, press_devices
 from pandis.hardware.verdict import device_sentence, judge, machine_sentence
+from pandis.hardware.walls import compare, open_walls
 from pandis.native.hdapi import Order
 from pandis.native.runtime import NativeField
+from pandis.physical import Scale
 from pandis.sampling import Surface
 from pandis.stage import silent_progress
 from pandis.trajectories import trace
+from shapes import open_shape
 
 HAND = {"stiffness": 20.0, "damping": 3.0, "press": 0.5, "delay": 0}
 SIZE = 0.1
+SCALE = Scale(SIZE, 400.0)
 
 
 @pytest.fixture(scope="module")
@@ -28,15 +35,17 @@ def surface(fields):
     field = fields["exact"][0]
     engine = field.engine
     options = TrajectoryOptions(samples=400).model_dump() | {"seed": 2}
-    held = trace(Surface(engine.vertices, engine.faces), engine, options, silent_progress)
-    return contact(held, field.frame, SIZE)
+    own = Surface(engine.vertices, engine.faces)
+    held = trace(own, engine, options, silent_progress)
+    walls = open_walls(fields["exact"][0], own, SCALE, 3)
+    return contact(held, walls.pressed, SIZE)
 
 
 def pressed(name, files, surface, device="touch", stiffness=400.0, **hand):
     field = NativeField(files[name])
     spec = DEVICES[device]
     found = press(field, spec, surface, SIZE, stiffness, Hand(**(HAND | hand)), 1000.0)
-    return found | {"device": device}
+    return found | {"device": device, "pressed_missing": 0}
 
 
 def test_an_exact_surface_is_safe_on_every_device(files, surface):
@@ -90,18 +99,45 @@ def test_the_verdict_is_the_same_again(files, surface):
 def test_every_device_is_named(files, surface):
     options = HardwareOptions(devices=["touch", "falcon"]).model_dump()
     options |= {"hand": HAND, "size": SIZE, "stiffness": 400.0}
-    found = press_devices(NativeField(files["torus"]), surface, options)
+    walls = {"pressed_missing": 0}
+    found = press_devices(NativeField(files["torus"]), surface, walls, options)
     assert list(found) == ["touch", "falcon"]
+    assert found["touch"]["verdict"] == "pass"
+    walls = {"pressed_missing": 2}
+    failed = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
+    assert failed["verdict"] == "fail"
+    assert "at 2 of the points that it presses on the force is missing" in failed["sentence"]
+    assert "do not use it" in failed["sentence"]
     assert found["falcon"]["sentence"].startswith("On a simulated Falcon at 400 N/m")
 
 
 def test_a_slow_machine_is_told_what_to_do():
     verdict = {"agrees": True, "in_time": False, "miss_share": 0.25, "compute_us": {"p99.9": 900.0}}
+    verdict |= {"punctual": True, "late_share": 0.5, "walls": {"holds": True, "missing": 0.02}}
     options = {"rate": 1000.0, "deadline": 0.8e-3}
     assert "25 % of the ticks compute longer than 800 µs" in machine_sentence(verdict, options)
     good = machine_sentence(verdict | {"in_time": True}, options)
     assert good == "It holds 1000 Hz here: 900 of 800 µs in 99.9 % of the ticks."
     assert "export it again" in machine_sentence(verdict | {"agrees": False}, options)
+    late = machine_sentence(verdict | {"in_time": True, "punctual": False}, options)
+    assert "50 % of the ticks begin more than 800 µs late, whatever the field" in late
+    gone = verdict | {"in_time": True, "walls": {"holds": False, "missing": 0.02}}
+    assert "Do not use it: on 2 % of the surface the force is missing" in machine_sentence(
+        gone, options
+    )
+
+
+@pytest.mark.parametrize("name", ["plate-2", "finned-ball", "blade", "cage"])
+def test_no_control_passes_the_hardware_verdict(name):
+    """A field of no force was called “pass … it keeps still and gives no energy”."""
+    shape = open_shape(name)
+    exact = ExactField("exact", shape.mesh)
+    walls = open_walls(exact, shape.surface, SCALE, 1)
+    assert compare(lambda p: penalty_force(*exact.answer(p)), walls)["holds"]
+    for control in controls(exact, shape.surface, SCALE):
+        found = compare(lambda p, c=control: penalty_force(*c.answer(p)), walls)
+        assert not found["holds"]
+        assert found["missing"] > 0.005
 
 
 def attach(library, files, monkeypatch, arm=True, fault="", place=0.9 * RADIUS):

@@ -101,16 +101,18 @@ def test_few_stages_may_import_torch(name):
 
 def test_floors_import_downwards_only():
     floors = [
-        {"errors", "catalogue", "config", "artifact", "provenance", "stage", "plan", "frame",
-         "machine", "measured", "reference", "native", "placing"},
+        {"errors", "catalogue", "budget", "config", "artifact", "provenance", "stage", "plan",
+         "frame", "physical", "machine", "measured", "reference", "native", "placing",
+         "query_times"},
         {"mesh"},
         {"distance"},
-        {"sampling", "strata", "forces", "thickness"},
+        {"sampling", "strata", "forces", "thickness", "measure", "points"},
         {"grids"},
         {"fields", "trajectories"},
         {"training"},
-        {"export", "choice"},
+        {"export"},
         {"evaluation", "hardware", "stress", "scenes"},
+        {"choice"},
         {"report", "verification"},
     ]  # fmt: skip
     level = {name: index for index, floor in enumerate(floors) for name in floor}

@@ -22,6 +22,8 @@ GRID_FIELDS = {
     "kim-cell": "distance",
     "spline": "spline",
 }
+#: Dense grids that `fields: auto` tries.
+DENSE_KINDS = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Grid fields that are there to be compared with, or have no graph.
 _UNEXPORTED = {"spline", "kim", "kim-ray", "kim-cell"}
 #: The paper's [16]: planes alone, with their distance maps, with the maps' slopes too.

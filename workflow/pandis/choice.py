@@ -1,71 +1,46 @@
 """`fields: auto`: the field that meets a budget and is the cheapest to build.
 
 The exact mesh needs no building, a grid a second, a spline a quarter of a minute, a network
-minutes: they are tried in this order, and what comes after the first that will do is skipped.
+minutes: they are tried in this order, each kind from small to large, and what comes after the
+first that will do is skipped. What is chosen meets the budget on points that it was not chosen by,
+passes the stress suite, and is answered by ``pandis.h`` as by the library.
 """
 
-import csv
-
-import numpy as np
+from typing import NamedTuple
 
 from pandis.artifact import Artifact
-from pandis.catalogue import GRID_FIELDS
+from pandis.catalogue import DENSE_KINDS, parse_field
 from pandis.errors import PandisError
-from pandis.fields.sizing import SPLINE_BYTES, Sizing
-from pandis.grids.dense import CHANNELS
-from pandis.grids.search import SIZES, coarsest
+from pandis.export.native import export_native
+from pandis.fields.controls import controls, demand_failure
+from pandis.fields.exact import ExactField
+from pandis.fields.registry import open_field
+from pandis.fields.sizing import SIZES, SPLINE_BYTES, Grids, grid_bytes, hopeless
+from pandis.forces import penalty_force
+from pandis.measure import promise
+from pandis.points import Measured
 from pandis.strata import Strata
-from pandis.training.sizing import WIDTHS, train
-
-#: Dense grids that are tried.
-KINDS = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
+from pandis.stress.suite import QUESTIONS, Suite, failures
+from pandis.training.sizing import narrowest, widths_up_to
 
 
-class QueryTimes:
-    """The table of query times: `config/query-times.csv`.
+class Found(NamedTuple):
+    """What a kind of field has come to.
 
-    Parameters
+    Attributes
     ----------
-    path : path-like
-        CSV with the columns ``kind``, ``size``, ``microseconds``; lines with # are notes. Sizes
-        are faces (exact), nodes per axis (grids), bytes (spline), units per layer (network).
-
-    Raises
-    ------
-    PandisError
-        It is no such table.
+    arrays, attributes : dict
+        As in the field's own artifact.
+    choice : dict
+        ``field``, ``bytes``, ``held_out_error``, ``held_out`` and, if asked for, ``query_time``.
+    finish : callable
+        To be called once the artifact is written.
     """
 
-    def __init__(self, path):
-        self.path, self.table = path, {}
-        try:
-            with open(path, encoding="utf-8") as stream:
-                for row in csv.DictReader(line for line in stream if not line.startswith("#")):
-                    entry = float(row["size"]), float(row["microseconds"])
-                    if not min(entry) > 0:
-                        raise ValueError(f"{row['kind']}: {entry} are not both above zero")
-                    self.table.setdefault(row["kind"], []).append(entry)
-        except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
-            raise PandisError(
-                f"{path}: not a table of query times ({error}); measure one with "
-                "`snakemake -f calibrate`"
-            ) from error
-
-    def seconds(self, kind, size):
-        """Return the median time of one query, between the sizes of the table by logarithm.
-
-        Raises
-        ------
-        PandisError
-            The table has no such kind.
-        """
-        if kind not in self.table:
-            raise PandisError(
-                f"{self.path}: no query times of '{kind}'; measure them with "
-                "`snakemake -f calibrate`"
-            )
-        sizes, times = np.log(np.array(sorted(self.table[kind]))).T
-        return float(np.exp(np.interp(np.log(max(size, 1)), sizes, times)) * 1e-6)
+    arrays: dict
+    attributes: dict
+    choice: dict
+    finish: object
 
 
 class Chooser:
@@ -75,13 +50,13 @@ class Chooser:
     ----------
     mesh : pandis.artifact.Artifact
         Of kind ``mesh``.
-    engine : object
-        From `pandis.distance.open_distance`.
-    surface : pandis.sampling.Surface
+    points : pandis.points.Points
+        Of that mesh.
     options : dict
         ``budget`` (`pandis.config.BudgetOptions`), ``band``, ``seed``, ``samples``
-        (`pandis.config.SampleOptions`), ``recipe`` (`pandis.config.ExactRecipe`).
-    times : QueryTimes
+        (`pandis.config.SampleOptions`), ``recipe`` (`pandis.config.ExactRecipe`), ``stress``
+        (`pandis.config.StressOptions`; and ``size``, ``stiffness``), ``weight_bits``.
+    times : pandis.query_times.QueryTimes
     checkpoint : path-like
         Where training keeps its state.
     progress : callable
@@ -89,12 +64,13 @@ class Chooser:
     log : callable
     """
 
-    def __init__(self, mesh, engine, surface, options, times, checkpoint, progress, log):
-        self.mesh, self.engine, self.surface = mesh, engine, surface
-        self.options, self.times, self.checkpoint = options, times, checkpoint
-        self.progress, self.log = progress, log
+    def __init__(self, mesh, points, options, times, checkpoint, progress, log):
+        self.mesh, self.points, self.options, self.times = mesh, points, options, times
+        self.checkpoint, self.progress, self.log = checkpoint, progress, log
         self.budget = options["budget"]
-        self.considered = []
+        self.limits = points.limits(self.budget)
+        self.grids = Grids(points, mesh.attributes["frame"], options["band"], progress)
+        self.considered, self._nearest, self._suite = [], None, None
 
     def choose(self):
         """Return what is stored in ``choice.zarr.zip``.
@@ -110,113 +86,202 @@ class Chooser:
         Raises
         ------
         PandisError
-            Nothing meets the budget.
+            Nothing meets the budget, or a control does.
         """
+        self.log(f"asked for: {self.points.told_limits(self.limits)}")
+        self._try_controls()
         for attempt in (self._exact, self._dense, self._spline, self._network):
+            if attempt == self._network:
+                self._say_least()
             found = attempt()
             if found:
-                arrays, attributes, choice, finish = found
-                self.log(f"chosen: {choice['field']}, {choice['bytes']:,} bytes")
-                extra = {"choice": choice, "asked": self.budget, "considered": self.considered}
-                return arrays, attributes | extra, finish
+                return found.arrays, found.attributes | self._told(found.choice), found.finish
+        raise PandisError(self._refusal())
+
+    def _told(self, choice):
+        scale = self.points.scale
+        figures = {"newtons": scale.newtons, "mean_force": self.points.mean_force}
+        says = self.points.told(choice["held_out"])
+        self.log(f"chosen: {choice['field']}, {choice['bytes']:,} bytes; it {says}")
+        return {
+            "choice": choice,
+            "asked": self.budget,
+            "limits": self.limits._asdict(),
+            "considered": self.considered,
+            "scale": figures,
+        }
+
+    def _refusal(self):
         reasons = "; ".join(f"{c['field']}: {c['why']}" for c in self.considered)
-        raise PandisError(f"no field meets the budget ({reasons}): ask for less")
+        nearest = ""
+        if self._nearest:
+            name, measured = self._nearest
+            nearest = f" The nearest is {name}, which {measured.why}."
+        return (
+            f"no field meets the budget of {self.points.told_limits(self.limits)}.{nearest} "
+            f"Ask for less: a larger budget.force_error, budget.tail, budget.bytes or "
+            f"budget.query_time. What was considered: {reasons}"
+        )
 
     # --- the kinds ------------------------------------------------------------------------
 
     def _exact(self):
         mesh, closed_form = self.mesh.arrays, bool(self.mesh.attributes.get("shape"))
-        faces = len(mesh["faces"])
-        size = 0 if closed_form else self.engine.tree_bytes
+        faces, engine = len(mesh["faces"]), self.points.engine
+        size = 0 if closed_form else engine.tree_bytes
         count = 1 if closed_form else faces
         if not self._fitting("exact", {count: size}):
             return None
-        choice = {"field": "exact", "held_out_error": 0.0, "bytes": size}
+        if self.budget["bytes"] is None and self.budget["query_time"] is None:
+            self.log(
+                "a budget without bytes and query_time takes the exact field: it has no error; "
+                "add budget.bytes or budget.query_time if it is too large or too slow"
+            )
+        held = {"mean": 0.0, "p99": 0.0, "missing": 0.0}
+        choice = {"field": "exact", "held_out_error": 0.0, "held_out": held, "bytes": size}
         arrays = {key: mesh[key] for key in ("vertices", "faces")}
         attributes = {"shape": self.mesh.attributes.get("shape")}
-        return arrays, attributes, choice | self._time("exact", count), _nothing
+        return Found(arrays, attributes, choice | self._time("exact", count), _nothing)
 
     def _dense(self):
-        passed = []
-        for kind in KINDS:
-            each = 4 * CHANNELS[GRID_FIELDS[kind]]
-            sizes = self._fitting(kind, {n: each * n**3 for n in SIZES})
-            sizing = self._sizing(kind, force_error=self.budget["force_error"])
-            found = self._coarsest(kind, sizes, sizing.measure) if sizes else None
-            if found is None:
-                continue
-            size, error = found
-            choice = {"field": f"{kind}-{size}", "held_out_error": error, "bytes": each * size**3}
-            passed.append((sizing.made[size], choice | self._time(kind, size)))
-        if not passed:
-            return None
-        passed.sort(key=lambda one: one[1]["bytes"])
-        for _, choice in passed[1:]:
-            self._skip(choice["field"], f"larger: {choice['bytes']:,} bytes")
-        (arrays, attributes), choice = passed[0]
-        return arrays, attributes, choice, _nothing
+        sizes = [
+            (grid_bytes(kind, size), kind, size)
+            for kind in DENSE_KINDS
+            for size in self._fitting(kind, {n: grid_bytes(kind, n) for n in SIZES})
+        ]
+        return self._first(sorted(sizes))
 
     def _spline(self):
         sizes = self._fitting("spline", {n: n for n in SPLINE_BYTES})
-        if not sizes:
-            return None
-        sizing = self._sizing("spline", force_error=None, bytes=sizes[-1])
-        found = self._coarsest("spline", sizes, sizing.measure)
-        if found is None:
-            return None
-        size, error = found
-        choice = {"field": "spline-auto", "held_out_error": error, "bytes": size}
-        return *sizing.made[size], choice | self._time("spline", size), _nothing
+        return self._first([(size, "spline", size) for size in sizes])
 
     def _network(self):
         recipe = self.options["recipe"]
-        widths = [w for w in WIDTHS if w < recipe["width"]] + [recipe["width"]]
+        widths = widths_up_to(recipe["width"])
         fit = self._fitting("network", {w: self._weights(w) for w in widths})
         if not fit:
             return None
         law = self.options["samples"] | {"seed": self.options["seed"]}
-        strata = Strata(self.surface, self.engine, law)
+        strata = Strata(self.points.surface, self.points.engine, law)
         drawn = strata.arrays(self.progress)
         samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")
-        wanted = {"force_error": self.budget["force_error"], "width": fit[-1]}
-        own = recipe | wanted | {"seed": self.options["seed"]}
+        own = recipe | {"seed": self.options["seed"]}
+        spec = parse_field(recipe["recipe"], [recipe["recipe"]])
+
+        def judge(trainer, arrays, attributes):
+            measured = self.points.measure(trainer.force_at, self.limits)
+            if measured.why:
+                return measured
+            held = Artifact(None, "model", arrays, attributes | self._frame(), {}, "")
+            return self._proved(open_field(spec, held), "network", measured)
+
         try:
-            arrays, attributes, finish = train(
-                own, samples, strata, self.checkpoint, self.progress, self.log
+            found, tried, finish = narrowest(
+                own, fit, samples, strata, self.checkpoint, self.progress, self.log, judge
             )
         except PandisError as error:
             self._skip(recipe["recipe"], str(error))
             return None
+        if found is None:
+            best = min(tried, key=lambda one: one["excess"])
+            self._skip(recipe["recipe"], f"of {best['size']} units, {best['why']}")
+            self._note(f"{recipe['recipe']} of {best['size']} units",
+                       Measured({}, best["why"], best["excess"]))  # fmt: skip
+            finish()
+            return None
+        arrays, attributes, measured = found
         width = attributes["architecture"]["width"]
-        choice = {
-            "field": recipe["recipe"],
-            "held_out_error": attributes["sizing"]["held_out_error"],
-            "bytes": self._weights(width),
-        }
-        return arrays, attributes, choice | self._time("network", width), finish
+        choice = self._choice(recipe["recipe"], self._weights(width), measured)
+        return Found(arrays, attributes, choice | self._time("network", width), finish)
+
+    def _first(self, sizes):
+        """Return the first grid that will do, of (bytes, kind, size) from cheap to dear."""
+        tried, best = {}, {}
+        for bytes_, kind, size in sizes:
+            before = tried.setdefault(kind, [])
+            if any(hopeless(s, m.figures, self.limits, size, kind) for s, m in before):
+                continue
+            measured, made = self.measured(kind, size)
+            if measured is None:
+                continue
+            before.append((size, measured))
+            name = "spline-auto" if kind == "spline" else f"{kind}-{size}"
+            if not measured.why:
+                choice = self._choice(name, bytes_, measured) | self._time(kind, size)
+                made = made or self.grids.make(kind, size)
+                return Found(made.arrays, made.attributes, choice, _nothing)
+            if kind not in best or measured.excess < best[kind][1].excess:
+                best[kind] = size, measured
+        for kind, (size, measured) in best.items():
+            self._skip(kind, f"at best, with size {size:,}, {measured.why}")
+            self._note(f"{kind} of size {size:,}", measured)
+        return None
+
+    def measured(self, kind, size):
+        """Make a grid, and hold it against the budget, the stress suite and its own export.
+
+        Returns
+        -------
+        measured : pandis.points.Measured, or None
+            None if it does not cover the band.
+        made : pandis.fields.sizing.Candidate, or None
+        """
+        made = self.grids.make(kind, size)
+        if made is None:
+            return None, None
+        measured = self.points.measure(made.force, self.limits)
+        self.log(f"{kind} of size {size:,}: {self.points.told(measured.figures)}")
+        return (measured if measured.why else self._proved(made.field, kind, measured)), made
 
     # --- what they share ---------------------------------------------------------------------
 
-    def _sizing(self, kind, **wanted):
-        own = {"bytes": None, "band": self.options["band"], "seed": self.options["seed"]} | wanted
-        frame = self.mesh.attributes["frame"]
-        return Sizing(kind, self.engine, self.surface, frame, own, self.progress, self.log)
-
-    def _coarsest(self, kind, sizes, measure):
-        """Return the first size that meets the error, and its error; None if none does."""
-        errors = {}
-
-        def measured(size):
-            errors[size] = measure(size)
-            return errors[size]
-
+    def _proved(self, field, kind, measured):
+        """Ask a field that meets the budget everything else that a chosen one must pass."""
+        suite = self.suite
+        found = suite.ask(field, self.progress, first=True)
+        failed = failures(found)
+        if failed:
+            why = QUESTIONS[failed[0]].failing.format(**found[failed[0]])
+            return measured._replace(why=f"meets the errors, but fails the stress suite: {why}",
+                                     excess=max(measured.excess, 1.0))  # fmt: skip
         try:
-            size, _ = coarsest(sizes, measured, self.budget["force_error"], kind)
-        except PandisError:
-            best = min(errors, key=errors.get)
-            self._skip(kind, f"errs by {errors[best]:.3g} at best, at size {best:,}")
-            return None
-        return size, errors[size]
+            export_native(field, kind, {}, self.options["weight_bits"], self.mesh, _silent)
+        except PandisError as error:
+            return measured._replace(why=f"meets the errors, but cannot be exported: {error}",
+                                     excess=max(measured.excess, 1.0))  # fmt: skip
+        return measured
+
+    @property
+    def suite(self):
+        """The stress suite of the mesh, made when it is first needed."""
+        if self._suite is None:
+            own = self.points
+            options = self.options["stress"] | {"seed": self.options["seed"]}
+            self._suite = Suite(self.mesh, own.surface, own.engine, options)
+        return self._suite
+
+    def _try_controls(self):
+        exact = ExactField("exact", self.mesh)
+        tried = controls(exact, self.points.surface, self.points.scale)
+        met = []
+        for control in tried:
+            _, upper = promise(lambda p, c=control: penalty_force(*c.answer(p)),
+                               self.points.promising)  # fmt: skip
+            met += [control.name] if self.limits.excess(upper) <= 1 else []
+        demand_failure("the choice by budget", met)
+
+    def _say_least(self):
+        """Say what grids and splines can reach, before anything is trained."""
+        said = "; ".join(f"{one['field']}: {one['why']}" for one in self.considered)
+        self.log(f"before a network is trained, what the other kinds can reach: {said}")
+
+    def _choice(self, name, bytes_, measured):
+        figures = measured.figures
+        held = {"held_out_error": figures["mean"], "held_out": figures}
+        return {"field": name, "bytes": bytes_, "fits": measured.excess} | held
+
+    def _frame(self):
+        return {"frame": self.mesh.attributes["frame"]}
 
     def _weights(self, width):
         """Return the bytes of a network and its base."""
@@ -228,7 +293,8 @@ class Chooser:
     def _time(self, kind, size):
         if self.budget["query_time"] is None:
             return {}
-        return {"query_time": self.times.seconds(kind, size)}
+        layers = {"layers": self.options["recipe"]["depth"]} if kind == "network" else {}
+        return {"query_time": self.times.seconds(kind, size, **layers)}
 
     def _too_dear(self, kind, size, bytes_):
         """Say by what a field is beyond the budget; an empty text if it is not."""
@@ -236,8 +302,8 @@ class Chooser:
         if self.budget["bytes"] is not None and bytes_ > self.budget["bytes"]:
             limits.append(f"{bytes_:,} bytes")
         slow = self._time(kind, size).get("query_time", 0.0)
-        if slow > (self.budget["query_time"] or np.inf):
-            limits.append(f"{slow * 1e6:.0f} µs a query")
+        if slow > (self.budget["query_time"] or float("inf")):
+            limits.append(f"{slow * 1e6:.3g} µs a query")
         return " and ".join(limits)
 
     def _fitting(self, kind, sizes):
@@ -252,6 +318,14 @@ class Chooser:
         self.log(f"{name}: {why}")
         self.considered.append({"field": name, "why": why})
 
+    def _note(self, name, measured):
+        if self._nearest is None or measured.excess < self._nearest[1].excess:
+            self._nearest = name, measured
+
 
 def _nothing():
     """Finish what has left nothing behind."""
+
+
+def _silent(text):
+    """Take a line of a log, and say nothing."""

@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     ValidationError,
@@ -24,6 +25,7 @@ from pydantic import (
     model_validator,
 )
 
+from pandis.budget import AMOUNT, amount
 from pandis.catalogue import (
     AUTO,
     GRID_FIELDS,
@@ -37,6 +39,22 @@ from pandis.errors import PandisError
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
+
+
+def _amount(value):
+    """Check an amount of force, and keep it as the user wrote it."""
+    amount(value)
+    return value
+
+
+_AMOUNTS = {
+    "anyOf": [
+        {"type": "number", "exclusiveMinimum": 0},
+        {"type": "string", "pattern": f"^{AMOUNT}$"},
+    ]
+}
+Force = Annotated[float | str, BeforeValidator(_amount), WithJsonSchema(_AMOUNTS)]
+Missed = Annotated[float, Field(gt=0, le=0.005)]
 Place = Annotated[float, Field(ge=-100, le=100)]
 
 
@@ -216,10 +234,16 @@ class ExactRecipe(Recipe):
         description="ω0, the factor inside every sine: the finer the shape, the larger; null: "
         "80·√(width / 256)",
     )
-    force_error: Positive | None = Field(
+    force_error: Force | None = Field(
         None,
         description="train the narrowest network, of widths up to `width`, with this mean force "
-        "error (unit frame, k = 1) on held-out points 0 to 0.04 deep",
+        "error on the contact set: written as in `budget`",
+    )
+    tail: Force | None = Field(
+        None, description="with `force_error`: its 99th percentile; null: ten times the mean"
+    )
+    missed: Missed = Field(
+        0.005, description="with `force_error`: share of the surface that may lack the force"
     )
     batch: Count = Field(4096, description="points per step, each shown once")
     learning_rate: Positive = Field(
@@ -248,8 +272,14 @@ class ExactRecipe(Recipe):
 class GridTarget(Options):
     """What a grid named `…-auto` should achieve."""
 
-    force_error: Positive | None = Field(
-        None, description="mean force error (unit frame, k = 1) on held-out points 0 to 0.04 deep"
+    force_error: Force | None = Field(
+        None, description="mean force error on the contact set: written as in `budget`"
+    )
+    tail: Force | None = Field(
+        None, description="with `force_error`: its 99th percentile; null: ten times the mean"
+    )
+    missed: Missed = Field(
+        0.005, description="with `force_error`: share of the surface that may lack the force"
     )
     bytes: Count | None = Field(None, description="bytes that a program holds in memory")
 
@@ -265,10 +295,22 @@ TARGETS = {"spline": {"bytes": 800_000}}
 
 
 class BudgetOptions(Options):
-    """What the field named `auto` should achieve: the cheapest to build that does is built."""
+    """What the field named `auto` should achieve: the cheapest to build that does is built.
 
-    force_error: Positive | None = Field(
-        None, description="mean force error (unit frame, k = 1) on held-out points 0 to 0.04 deep"
+    Errors are those of the contact set: points down to 0.04 below the surface, or to nine tenths of
+    the largest ball inside that touches it there.
+    """
+
+    force_error: Force | None = Field(
+        None,
+        description="mean force error: a number (unit frame, k = 1), or a text such as `20 mN` (at "
+        "`device`) or `5 %` (of the mean force)",
+    )
+    tail: Force | None = Field(
+        None, description="its 99th percentile, written likewise; null: ten times the mean"
+    )
+    missed: Missed = Field(
+        0.005, description="share of the surface that may lack the force: 0.005 at most"
     )
     query_time: Positive | None = Field(
         None,
@@ -289,8 +331,8 @@ class BakeOptions(Options):
     auto: dict[Literal[tuple(GRID_FIELDS)], GridTarget] = Field(
         default_factory=dict,
         description="what `nearest-auto`, `trilinear-auto`, … should achieve, by kind: "
-        "`force_error` (the coarsest grid that meets it) or `bytes` (the finest that fits); "
-        "without a word `spline-auto` gets 800,000 bytes",
+        "`force_error` (the coarsest grid that meets it, `tail` and `missed`) or `bytes` (the "
+        "finest that fits); without a word `spline-auto` gets 800,000 bytes",
     )
     vti: bool = Field(
         False, description="also write every grid field as `.vti`, for ParaView and 3D Slicer"

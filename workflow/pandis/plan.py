@@ -36,6 +36,8 @@ DEFAULT_CONFIG = "config/config.yaml"
 QUERY_TIMES = "config/query-times.csv"
 #: The recipe of networks that `fields: auto` may come to.
 CHOSEN_RECIPE = "pandis-exact"
+#: The scale that errors are told at where nothing depends on the device's: no option goes stale.
+NOMINAL = {"size": 0.10, "stiffness": 400.0}
 SUMMARY = "results/summary.csv"
 REPORT = "results/report.html"
 
@@ -332,7 +334,8 @@ class Plan:
             case "train":
                 recipe = wildcards["recipe"]
                 seed = stage_seed(entry.seed, mesh, stage, recipe)
-                return recipe_options(entry, recipe) | {"recipe": recipe, "seed": seed}
+                own = recipe_options(entry, recipe) | {"recipe": recipe, "seed": seed}
+                return own | ({"size": size, "stiffness": stiffness} if _asks(own) else {})
             case "bake":
                 grid = {"content": wildcards["content"], "size": int(wildcards["size"])}
                 return grid | {"band": band, "chunk": entry.bake.chunk}
@@ -342,12 +345,18 @@ class Plan:
                 return {}
             case "bake_auto":
                 kind = wildcards["kind"]
-                target = entry.bake.auto[kind].model_dump()
-                return target | {"kind": kind, "band": band, "seed": seed}
+                own = entry.bake.auto[kind].model_dump() | {
+                    "kind": kind,
+                    "band": band,
+                    "seed": seed,
+                }
+                return own | ({"size": size, "stiffness": stiffness} if _asks(own) else NOMINAL)
             case "choose":
                 recipe = recipe_options(entry, CHOSEN_RECIPE) | {"recipe": CHOSEN_RECIPE}
                 law = entry.samples.model_dump()
                 own = {"budget": entry.budget.model_dump(), "recipe": recipe, "samples": law}
+                own["stress"] = entry.stress.model_dump() | {"size": size, "stiffness": stiffness}
+                own["weight_bits"] = entry.export.weight_bits
                 return own | {"band": band, "seed": seed}
             case "export_network":
                 return {"field": wildcards["recipe"]}
@@ -382,6 +391,7 @@ class Plan:
                     "fields": [spec.name for spec in self.specs(mesh) if spec.native],
                     "size": size,
                     "stiffness": stiffness,
+                    "seed": seed,
                 }
         raise KeyError(stage)
 
@@ -415,6 +425,11 @@ class Plan:
     def train_gpus(self, wildcards):
         """Return how many GPUs a recipe claims."""
         return int(self.entries[wildcards.mesh].train[wildcards.recipe].device != "cpu")
+
+
+def _asks(options):
+    """Tell whether a field is asked for by its error, which depends on the device's scale."""
+    return options.get("force_error") is not None
 
 
 def _specs(entry):

@@ -16,7 +16,7 @@ PROBE_DEPTHS = {"shallow": 0.01, "deep": 0.04}
 BEND_LENGTH = 0.05
 #: A face where the surface bends gets at most so many times the points of a flat one.
 BEND_FACTOR = 8.0
-#: Points that fields are sized on.
+#: Points that fields are sized on, and networks of a given error.
 HELD_OUT = 20_000
 #: Candidates per point of a blue-noise set.
 _CANDIDATES = 4
@@ -185,22 +185,6 @@ def probes(surface, engine, count, seed):
         points = points - depth[:, None] * normals
         sets[name] = (points, *engine.distance_and_normal(points))
     return sets
-
-
-def held_out(surface, engine, seed):
-    """Return points that fields asked for by their error are measured on.
-
-    Area-uniform, as deep as the deep probes; none is a training or an evaluation point.
-
-    Returns
-    -------
-    points, distance, normal
-        Exact answers, unit frame, float64.
-    """
-    rng = np.random.default_rng([seed, 11])
-    points, normals, _, _ = surface.draw(HELD_OUT, rng)
-    points = points - rng.uniform(0, PROBE_DEPTHS["deep"], HELD_OUT)[:, None] * normals
-    return points, *engine.distance_and_normal(points)
 
 
 def _morton(points):

@@ -8,6 +8,7 @@ for tracebacks: Snakemake prints the log of a failed job itself.
 import hashlib
 import json
 import os
+import signal
 import sys
 import time
 import traceback
@@ -26,6 +27,12 @@ from pandis.errors import PandisError
 from pandis.provenance import CodeDigests, combine, provenance, unused_modules
 
 PROGRESS_SECONDS = 5.0
+#: What a job that was stopped says.
+INTERRUPTED = "interrupted; run the same command again to go on: what was finished stays"
+
+
+def _interrupt(number, frame):
+    raise KeyboardInterrupt
 
 
 @contextmanager
@@ -47,6 +54,7 @@ def stage(snakemake):
     exception with its traceback; both go to the stage's log.
     """
     job = Job(snakemake)
+    signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
     try:
@@ -54,6 +62,10 @@ def stage(snakemake):
         yield job
     except PandisError as error:
         job.log(f"error: {error}", terminal=False)
+        job.close()
+        sys.exit(1)
+    except KeyboardInterrupt:
+        job.log(INTERRUPTED, terminal=False)
         job.close()
         sys.exit(1)
     except BaseException:

@@ -7,8 +7,7 @@ import numpy as np
 import torch
 
 from pandis.artifact import Artifact
-from pandis.catalogue import GRID_FIELDS, parse_field
-from pandis.choice import KINDS
+from pandis.catalogue import DENSE_KINDS, GRID_FIELDS, parse_field
 from pandis.distance import MeshDistance
 from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
@@ -49,7 +48,7 @@ def calibrate(progress):
     Returns
     -------
     str
-        The text of a CSV file for `pandis.choice.QueryTimes`.
+        The text of a CSV file for `pandis.query_times.QueryTimes`.
     """
     vertices, faces = SHAPES["torus"].tessellation()
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
@@ -87,7 +86,7 @@ def _exact():
 
 
 def _grids(engine):
-    for kind in KINDS:
+    for kind in DENSE_KINDS:
         for size in NODES:
             yield kind, size, lambda k=kind, n=size: _grid(engine, k, n)
 

@@ -5,9 +5,8 @@ from scipy.spatial import cKDTree
 
 from pandis.thickness import inscribed_radius
 
-#: Surface points that the tenths are taken of, neighbours that curvature is taken from, and
-#: binary digits of the thickness.
-PLACES, NEIGHBOURS, DIGITS = 4000, 9, 14
+#: Surface points that the tenths are taken of, and neighbours that curvature is taken from.
+PLACES, NEIGHBOURS = 4000, 9
 TENTHS = 10
 #: A tenth is visited if this share of the samples lies in it: a tenth of its share of the surface.
 VISITED = 0.01
@@ -36,7 +35,7 @@ def coverage(surface, engine, paths, seed):
     tree = cKDTree(places)
     values = {
         "curvature": curvature(tree, places, normals),
-        "thickness": inscribed_radius(engine, places, normals, DIGITS),
+        "thickness": inscribed_radius(engine, places, normals),
     }
     nearest = tree.query(paths.reshape(-1, 3))[1]
     found = {}

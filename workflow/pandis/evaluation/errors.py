@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from pandis.fields.controls import demand_failure
 from pandis.forces import penalty_force
+from pandis.measure import MISSING_LIMIT, contact_errors, shares
 
 #: Ending of the row with the paper's own force, in which Ψ keeps its length.
 UNNORMALISED = " (‖Ψ‖ kept)"
@@ -39,30 +41,35 @@ def statistics(force, exact):
     }
 
 
-def evaluate(fields, trajectory, probe_sets, progress):
-    """Compare all fields on the trajectory and on the probe sets.
+def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
+    """Compare all fields on the trajectory, on the probe sets and on the contact sets.
 
     Parameters
     ----------
     fields : list of pandis.fields.base.Field
+    controls : list of pandis.fields.base.Field
+        Measured on the contact sets beside the others: see `pandis.fields.controls`.
     trajectory : tuple (points, distance, normal)
         Exact, unit frame.
     probe_sets : dict of str to tuple
         Likewise.
+    contacts : pandis.measure.ContactSet
     progress : callable
         Makes a `pandis.stage.Progress`.
 
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``evaluation.zarr.zip``. Forces are of the unit frame at k = 1.
+        As stored in ``evaluation.zarr.zip``. Forces are of the unit frame at k = 1. ``errors``: by
+        set and field, on the trajectory and the contact sets with the shares of
+        `pandis.measure.shares`; ``controls``: by control and contact set.
     """
     sets = {"trajectory": trajectory} | probe_sets
-    arrays, errors, scale = {}, {name: {} for name in sets}, {}
+    arrays, scale = {}, {}
+    errors = {name: {} for name in (*sets, *contacts.sets)}
     report = progress("fields", len(fields), "fields")
-    for name, (_, distance, normal) in sets.items():
-        exact = penalty_force(distance, normal)
-        scale[name] = float(np.linalg.norm(exact, axis=1).mean())
+    for name, exact in _exact_forces(sets, contacts):
+        scale[name] = float(np.linalg.norm(exact, axis=1).mean()) if len(exact) else 0.0
     for index, field in enumerate(fields):
         for name, (points, distance, normal) in sets.items():
             if field.ordered and name != "trajectory":
@@ -72,17 +79,63 @@ def evaluate(fields, trajectory, probe_sets, progress):
             errors[name][field.name] = statistics(force, exact)
             if name == "trajectory":
                 arrays[f"force_{field.name}"] = force
+                errors[name][field.name] |= _path_shares(force, exact, contacts.newtons)
             if hasattr(field, "raw"):
-                phi, psi = field.raw(points)
-                kept = penalty_force(phi.astype(np.float64), psi.astype(np.float64))
+                kept = _unnormalised(field)(points)
                 errors[name][field.name + UNNORMALISED] = statistics(kept, exact)
+        if not field.ordered:
+            asked = {field.name: _force(field)}
+            if hasattr(field, "raw"):
+                asked[field.name + UNNORMALISED] = _unnormalised(field)
+            for name, force_at in asked.items():
+                for contact, found in contact_errors(force_at, contacts).items():
+                    errors[contact][name] = found
         report.update(index + 1)
     points, distance, normal = trajectory
     arrays["exact_force"] = penalty_force(distance, normal)
+    tried = {control.name: contact_errors(_force(control), contacts) for control in controls}
+    demand_failure(
+        "the measure of missing surface",
+        (name for name, found in tried.items()
+         if all(one["missing"] <= MISSING_LIMIT for one in found.values())),
+    )  # fmt: skip
     return arrays, {
+        "controls": tried,
+        "contact": {"left_out": contacts.left_out},
         "fields": [field.name for field in fields],
         "errors": errors,
         "mean_force": scale,
         "bytes": {field.name: int(field.bytes) for field in fields},
         "force_unit": "unit frame, k = 1",
     }
+
+
+def _force(field):
+    """Return what answers the force (n, 3) of a field at points (n, 3): k = 1, unit frame."""
+    return lambda points: penalty_force(*field.answer(points))
+
+
+def _unnormalised(field):
+    """Return what answers the paper's own force, in which Ψ keeps its length."""
+
+    def force(points):
+        phi, psi = field.raw(points)
+        return penalty_force(phi.astype(np.float64), psi.astype(np.float64))
+
+    return force
+
+
+def _exact_forces(sets, contacts):
+    """Yield the name and the exact forces of every set."""
+    for name, (_, distance, normal) in sets.items():
+        yield name, penalty_force(distance, normal)
+    for name, probes in contacts.sets.items():
+        yield name, probes.force
+
+
+def _path_shares(force, exact, newtons):
+    """Return what of a trajectory a force lacks, and the error by the mean force, in newtons."""
+    mean = float(np.linalg.norm(force - exact, axis=1).mean())
+    size = float(np.linalg.norm(exact, axis=1).mean())
+    own = {"relative": mean / max(size, 1e-300), "newtons": mean * newtons}
+    return own | shares(force, exact, newtons)

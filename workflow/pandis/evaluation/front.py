@@ -1,13 +1,30 @@
 """Which field to use: what no other beats, and the best for a given error."""
 
-#: Errors that a user may allow, percent of the mean force on the trajectory.
+from pandis.measure import MISSING_LIMIT
+
+#: Errors that a user may allow: percent of the mean force on the contact set.
 ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 #: What is paid: keys of a summary's rows, and what each is called.
 PRICES = {"native_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}
+#: What fields are compared by: keys of a summary's rows.
+AXES = ("contact_mean", "native_p50_us", "bytes", "jump_rms_newtons")
+
+
+def may_be_used(row):
+    """Tell whether a field can be recommended: it failed no question, and lacks no surface.
+
+    Parameters
+    ----------
+    row : dict
+        Of a summary. What was not asked is not known, and so cannot be recommended.
+    """
+    if row["stress"] == "" or row["missing_percent"] == "":
+        return False
+    return row["stress"] == 0 and row["missing_percent"] <= 100 * MISSING_LIMIT
 
 
 def pareto(rows, keys):
-    """Tell which rows no other row beats.
+    """Tell which rows no other row beats, of those that may be used.
 
     Parameters
     ----------
@@ -20,8 +37,8 @@ def pareto(rows, keys):
     list of bool
         False for a row that another one equals or beats in every key, and beats in one.
     """
-    known = [tuple(row[key] for key in keys) for row in rows]
-    known = [point if "" not in point else None for point in known]
+    known = [tuple(row[key] for key in keys) if may_be_used(row) else () for row in rows]
+    known = [point if point and "" not in point else None for point in known]
 
     def beaten(point):
         return any(
@@ -39,7 +56,7 @@ def recommend(rows):
     Parameters
     ----------
     rows : list of dict
-        Of a summary: one mesh's fields.
+        Of a summary: one mesh's fields. Those that may not be used are left out.
 
     Returns
     -------
@@ -49,7 +66,7 @@ def recommend(rows):
     """
     table = []
     for percent in ERRORS:
-        good = [row for row in rows if row["trajectory_percent"] <= percent]
+        good = [r for r in rows if may_be_used(r) and r["contact_percent"] <= percent]
         picks = {}
         for key, name in PRICES.items():
             priced = [row for row in good if row[key] != ""]

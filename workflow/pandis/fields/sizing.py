@@ -1,106 +1,197 @@
 """Grids of which the user names what they should achieve, not how large they are."""
 
+from functools import cached_property
+from typing import NamedTuple
+
 import numpy as np
 
 from pandis.artifact import Artifact
 from pandis.catalogue import GRID_FIELDS
 from pandis.errors import PandisError
+from pandis.fields.base import Field
 from pandis.fields.grids import GRID_OPENERS
 from pandis.forces import penalty_force
 from pandis.grids.dense import CHANNELS, DenseGrid
-from pandis.grids.search import SIZES, coarsest, force_error
 from pandis.grids.spline import SplineFit, samples_for
-from pandis.sampling import held_out
 
-#: Bytes of the splines that are tried for an error.
+#: Nodes per axis that are tried, coarse to fine; bytes of the splines.
+SIZES = (16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256)
 SPLINE_BYTES = tuple(50_000 * 2**k for k in range(8))
+#: No error falls faster than with this power of the spacing: what would need that is not built.
+_FASTEST = 4
+
+
+class Candidate(NamedTuple):
+    """A grid that was made.
+
+    Attributes
+    ----------
+    field : pandis.fields.base.Field
+    arrays, attributes : dict
+        As stored in its artifact, but for the frame.
+    """
+
+    field: Field
+    arrays: dict
+    attributes: dict
+
+    def force(self, points):
+        """Answer the force (n, 3) at points (n, 3), unit frame, k = 1."""
+        return penalty_force(*self.field.answer(points))
+
+
+class Grids:
+    """Makes grids of one mesh, of any kind and size.
+
+    Parameters
+    ----------
+    points : pandis.points.Points
+    frame : dict
+        Attributes of the mesh's frame.
+    band : tuple of float
+        See `pandis.grids.band.Band`.
+    progress : callable
+        Makes a `pandis.stage.Progress`.
+    largest : int
+        Bytes of the largest spline that may be asked for.
+    """
+
+    def __init__(self, points, frame, band, progress, largest=SPLINE_BYTES[-1]):
+        self.points, self.frame, self.band = points, frame, band
+        self.progress, self.largest = progress, largest
+
+    @cached_property
+    def _splines(self):
+        # a search over sizes draws once, for the largest
+        own = self.points
+        samples = samples_for(budget=self.largest)
+        return SplineFit(own.engine, own.surface, self.band, own.seed, samples)
+
+    def make(self, kind, size):
+        """Return the `Candidate` of a kind and size; None if the size is too small for the band.
+
+        Parameters
+        ----------
+        kind : str
+            A key of `pandis.catalogue.GRID_FIELDS`.
+        size : int
+            Nodes per axis; bytes of a spline.
+        """
+        if kind == "spline":
+            nodes = self._splines.choose_size(size)
+            if nodes is None:
+                return None
+            arrays, attributes = self._splines.build(nodes, size, self.progress)
+        else:
+            content, engine = GRID_FIELDS[kind], self.points.engine
+            grid = DenseGrid(engine, content, size, self.band, self.progress)
+            arrays = {"values": np.concatenate(list(grid.slabs(32)))}
+            attributes = grid.attributes()
+        held = Artifact(None, "grid", arrays, attributes | {"frame": self.frame}, {}, "")
+        return Candidate(GRID_OPENERS[kind](kind, held), arrays, attributes)
+
+
+def grid_bytes(kind, size):
+    """Return the bytes of a grid of a kind and size; of a spline they are its size."""
+    return size if kind == "spline" else 4 * CHANNELS[GRID_FIELDS[kind]] * size**3
+
+
+def hopeless(size, figures, limits, other, kind):
+    """Tell whether a larger grid of a kind cannot meet limits either, by the error of a smaller.
+
+    Parameters
+    ----------
+    size, other : int
+        Of the one that was measured, and of the other.
+    figures : dict
+    limits : pandis.budget.Limits
+    kind : str
+    """
+    finer = (other / size) ** (0.5 if kind == "spline" else 1.0)
+    return figures["mean"] > limits.mean * finer**_FASTEST
 
 
 class Sizing:
-    """Searches the size of one kind of grid.
+    """Searches the size of one kind of grid, for `…-auto`.
 
     Parameters
     ----------
     kind : str
         A key of `pandis.catalogue.GRID_FIELDS`.
-    engine : object
-        From `pandis.distance.open_distance`.
-    surface : pandis.sampling.Surface
+    points : pandis.points.Points
     frame : dict
         Attributes of the mesh's frame.
     options : dict
-        ``band``, ``seed`` and one of ``force_error``, ``bytes``.
+        ``band``, and what `pandis.config.GridTarget` has.
     progress : callable
         Makes a `pandis.stage.Progress`.
     log : callable
     """
 
-    def __init__(self, kind, engine, surface, frame, options, progress, log):
-        self.kind, self.engine, self.surface, self.frame = kind, engine, surface, frame
-        self.options, self.progress, self.log = options, progress, log
-        self.points, *exact = held_out(surface, engine, options["seed"])
-        self.force = penalty_force(*exact)
-        self.made = {}
-        if kind == "spline":
-            # a search over sizes draws once, for the largest
-            budget = options["bytes"] or SPLINE_BYTES[-1]
-            samples = samples_for(budget=budget)
-            self.splines = SplineFit(engine, surface, options["band"], options["seed"], samples)
+    def __init__(self, kind, points, frame, options, progress, log):
+        self.kind, self.points, self.options, self.log = kind, points, options, log
+        largest = options["bytes"] or SPLINE_BYTES[-1]
+        self.grids = Grids(points, frame, options["band"], progress, largest)
+        self.what = f"{kind}-auto (bake.auto.{kind})"
 
     def find(self):
-        """Return arrays and attributes of the grid: see `make`."""
-        wanted, budget = self.options["force_error"], self.options["bytes"]
-        what = f"{self.kind}-auto (bake.auto.{self.kind})"
-        if wanted is not None:
-            sizes = SPLINE_BYTES if self.kind == "spline" else SIZES
-            size, errors = coarsest(sizes, self.measure, wanted, what)
-        else:
-            size, errors = self._within(budget, what), {}
-            errors[size] = self.measure(size)
-        arrays, attributes = self.made[size]
-        tried = [
-            {"size": s, "force_error": errors[s]} for s in sorted(errors) if errors[s] < np.inf
-        ]
-        asked = {"force_error": wanted, "bytes": budget}
-        sizing = {"asked": asked, "tried": tried, "held_out_error": errors[size]}
-        return arrays, attributes | {"sizing": sizing}
+        """Return arrays and attributes of the grid; ``sizing`` says which sizes were tried.
 
-    def _within(self, budget, what):
-        if self.kind == "spline":
-            if self.splines.choose_size(budget) is None:
-                raise PandisError(f"{what}: no spline of {budget:,} bytes covers the band")
-            return budget
-        each = 4 * CHANNELS[GRID_FIELDS[self.kind]]
-        fitting = [size for size in range(2, 513) if each * size**3 <= budget]
-        if not fitting:
-            raise PandisError(f"{what}: no grid fits into {budget:,} bytes")
-        return fitting[-1]
-
-    def measure(self, size):
-        """Make the grid of a size, keep it in ``made``, and return its error on held-out points."""
-        made = self.make(size)
-        if made is None:
-            self.log(f"{self.kind} of size {size:,}: does not cover the band")
-            return np.inf
-        self.made[size] = made
-        attributes = made[1] | {"frame": self.frame}
-        artifact = Artifact(None, "grid", made[0], attributes, {}, "")
-        error = force_error(GRID_OPENERS[self.kind](self.kind, artifact), self.points, self.force)
-        self.log(f"{self.kind} of size {size:,}: mean force error {error:.3e}")
-        return error
-
-    def make(self, size):
-        """Return arrays and attributes of a grid, as stored; None if the size is too small.
-
-        Parameters
-        ----------
-        size : int
-            Nodes per axis; bytes for a spline.
+        Raises
+        ------
+        PandisError
+            No size meets the error, or fits into the bytes.
         """
+        budget = self.options["bytes"]
+        if budget is not None:
+            made = self._largest_within(budget)
+            tried = [(self._size_of(made, budget), self.points.measure(made.force))]
+        else:
+            made, tried = self._smallest()
+        asked = {key: self.options[key] for key in ("force_error", "tail", "missed", "bytes")}
+        found = tried[-1][1].figures
+        self.log(f"{self.kind}-auto: {self.points.told(found)}")
+        sizing = {
+            "asked": asked,
+            "tried": [{"size": s, "force_error": m.figures["mean"]} for s, m in tried],
+            "held_out_error": found["mean"],
+            "held_out": found,
+        }
+        return made.arrays, made.attributes | {"sizing": sizing}
+
+    def _size_of(self, made, budget):
+        return budget if self.kind == "spline" else len(made.arrays["values"])
+
+    def _largest_within(self, budget):
         if self.kind == "spline":
-            nodes = self.splines.choose_size(size)
-            return nodes and self.splines.build(nodes, size, self.progress)
-        content = GRID_FIELDS[self.kind]
-        grid = DenseGrid(self.engine, content, size, self.options["band"], self.progress)
-        values = np.concatenate(list(grid.slabs(32)))
-        return {"values": values}, grid.attributes()
+            made = self.grids.make("spline", budget)
+            if made is None:
+                raise PandisError(f"{self.what}: no spline of {budget:,} bytes covers the band")
+            return made
+        fitting = [size for size in range(2, 513) if grid_bytes(self.kind, size) <= budget]
+        if not fitting:
+            raise PandisError(f"{self.what}: no grid fits into {budget:,} bytes")
+        return self.grids.make(self.kind, fitting[-1])
+
+    def _smallest(self):
+        """Return the first size, from small to large, that meets the limits, and all tried."""
+        limits, tried = self.points.limits(self.options), []
+        for size in SPLINE_BYTES if self.kind == "spline" else SIZES:
+            if any(hopeless(s, m.figures, limits, size, self.kind) for s, m in tried):
+                continue
+            made = self.grids.make(self.kind, size)
+            if made is None:
+                self.log(f"{self.kind} of size {size:,}: does not cover the band")
+                continue
+            measured = self.points.measure(made.force, limits)
+            tried.append((size, measured))
+            self.log(f"{self.kind} of size {size:,}: {self.points.told(measured.figures)}")
+            if not measured.why:
+                return made, tried
+        if not tried:
+            raise PandisError(f"{self.what}: no size that is tried could come near what is asked")
+        size, best = min(tried, key=lambda one: one[1].excess)
+        raise PandisError(
+            f"{self.what}: no size meets {self.points.told_limits(limits)}; the nearest, "
+            f"{size:,}, {best.why}: ask for less, or for another kind of field"
+        )

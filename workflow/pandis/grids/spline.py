@@ -1,12 +1,12 @@
 """The `spline` field: tricubic B-splines kept only where they are needed.
 
-Three lattices. *Base*: coarse, 16 bit, all coefficients that a point in the
-band around the surface asks for. *Fine*: three times as fine, 8 bit, added to
-the base in those blocks where the base errs most, so that creases, thin parts
-and the surface itself get the bytes. Their sum is twice continuously
-differentiable wherever the base is. *Far*: very coarse, over all of the box,
-for the rest, where the band's edge bounds the distance and one bit per block
-of cells knows the side.
+Three lattices. *Base*: coarse, 16 bit, all coefficients that a point inside, or in the band
+around the surface, asks for. *Fine*: three times as fine, 8 bit, added to the base in those blocks
+where the base errs most, so that creases, thin parts and the surface itself get the bytes. Their
+sum is twice continuously differentiable, and so is the force, however deep a probe is pressed:
+there is no edge inside where one lattice takes over from another. *Far*: very coarse, over all of
+the box, for the free space beyond the band, where there is no force, the band's edge bounds the
+distance and one bit per block of cells knows the side.
 """
 
 import numpy as np
@@ -17,16 +17,24 @@ from pandis.grids.fit import Level, Targets, fit, residual
 from pandis.native.spline import BLOCK, Lattice, block_count, kept_nodes, pack
 
 #: Nodes of the base per node of the fine lattice.
-BASE_SHARE = 1 / 3.1
+BASE_SHARE = 1 / 3.5
 #: Share of the fine blocks near the surface that are worth their bytes.
-FINE_SHARE = 0.55
-FAR_SIZE, FAR_LOW = 25, -1.2
+FINE_SHARE = 0.5
+FAR_SIZE, FAR_LOW = 13, -1.2
 #: Sizes (nodes per axis of the fine lattice) that a budget in bytes chooses from.
 SIZES = (32, 40, 48, 56, 64, 72, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 256, 288, 320)
 #: Bytes of a fine block (8 coefficients of 8 bit), and of a brick's mask and base.
 _FINE_BLOCK, _BRICK_BYTES = 8, 12
-#: What outside of the surface counts, where there is no force.
-_OUTSIDE_WEIGHT = 0.2
+#: What outside of the surface counts, where there is no force; and what lies below the band.
+_OUTSIDE_WEIGHT, _CORE_WEIGHT = 0.2, 0.05
+#: Beyond this share of the inscribed radius a point counts little: where the force turns over no
+#: smooth function fits, and what fits there spoils what lies above.
+_TURNS, _TURN_WEIGHT = 0.92, 0.05
+#: Inside of everything: the base is kept there at any depth.
+_CORE = 2.0
+#: Share of the sample points below the band, and how deep they go: as deep as the largest force of
+#: a usual device presses (unit frame).
+_CORE_SHARE, _CORE_DEPTH = 0.125, 0.3
 #: Samples per fine coefficient, at least: each tells a distance and a direction.
 _SAMPLES = 2
 FEWEST_SAMPLES, MOST_SAMPLES = 100_000, 800_000
@@ -54,21 +62,39 @@ class SplineFit:
         self.targets = self._draw(count)
 
     def _draw(self, count):
-        """Draw targets: five eighths in the first hundredth below the surface."""
+        """Draw targets: five eighths in the first hundredth below the surface.
+
+        Besides them some below the band, where the base alone answers.
+        """
         rng = np.random.default_rng([self.seed, 7])
-        shallow = count * 5 // 8
+        shallow, inside = count * 5 // 8, self.band.inside
         parts = []
-        for size, deepest, highest in (
-            (shallow, min(0.0115, self.band.inside), min(0.002, self.band.outside)),
-            (count - shallow, self.band.inside, min(0.01, self.band.outside)),
+        for size, highest, deepest in (
+            (shallow, min(0.002, self.band.outside), min(0.0115, inside)),
+            (count - shallow, min(0.01, self.band.outside), inside),
+            (int(_CORE_SHARE * count), -inside, max(_CORE_DEPTH, inside)),
         ):
             points, normals, _, _ = self.surface.draw(size, rng)
             parts.append(points + rng.uniform(-deepest, highest, size)[:, None] * normals)
         points = np.concatenate(parts)
+        points = points[(np.abs(points) < 1).all(axis=1)]
         points = points[np.argsort(_order(points), kind="stable")]
         distance, normal = self.engine.distance_and_normal(points)
+        known = (distance >= -_CORE_DEPTH) & (distance <= self.band.outside)
+        points, distance, normal = points[known], distance[known], normal[known]
         weight = np.where(distance < 0, 1.0, _OUTSIDE_WEIGHT)
+        weight[distance < -inside] = _CORE_WEIGHT
+        weight[self._turning(points, distance, normal)] *= _TURN_WEIGHT
         return Targets(points, distance, normal, weight)
+
+    def _turning(self, points, distance, normal):
+        """Return which points (m,) lie deeper than _TURNS times the inscribed radius there."""
+        inside = np.flatnonzero(distance < 0)
+        depth = -distance[inside] / _TURNS
+        # as much deeper along the same way: if that is nearer to another wall, it turns here
+        further = points[inside] + (depth + distance[inside])[:, None] * -normal[inside]
+        found = self.engine.distance_and_normal(further, check=False)[0]
+        return inside[-found < depth * (1 - 1e-6)]
 
     def choose_size(self, budget):
         """Return the finest size of which the worthwhile blocks fit into ``budget`` bytes."""
@@ -151,7 +177,8 @@ class SplineFit:
     def _base_blocks(self, size):
         """Return which blocks the band needs (b, b, b), and which blocks of cells are outside."""
         lattice = box_lattice(size)
-        cells, signs = find_cells(self.engine, lattice.size, self.band, lattice.low)
+        everything = self.band._replace(inside=_CORE)
+        cells, signs = find_cells(self.engine, lattice.size, everything, lattice.low)
         count, last = block_count(lattice.size), lattice.size - 1
         padded = np.zeros((count * BLOCK,) * 3, np.int8)
         padded[:last, :last, :last] = signs

@@ -1,8 +1,8 @@
 """A field under a simulated device and a hand: limits, energy, the largest safe stiffness.
 
 The C loop of a real device runs here on a simulated one, in the time of ticks: position in, force
-out through the guard, HDAPI's order and errors. The hand presses on points of the surface, and
-slides along the evaluation trajectory.
+out through the guard, HDAPI's order and errors. The hand presses on points of the surface, of every
+class of inscribed radius, and slides along the evaluation trajectory.
 """
 
 from typing import NamedTuple
@@ -14,8 +14,10 @@ from pandis.native.hdapi import DONE, Order, run_simulated
 from pandis.native.scene import NativeScene, Placed
 from pandis.stress.coupled import CALM, LADDER, QUIET, START, shaking
 
-#: Points that are pressed on; ticks of each; ticks of the slide.
-POINTS, TICKS, SLIDE = 8, 900, 2000
+#: Ticks of a press; ticks of the slide.
+TICKS, SLIDE = 900, 2000
+#: A press that comes all at once swings to twice its force: half of what the wall holds is enough.
+_GENTLE = 0.5
 #: So much energy (J) may be missing: an encoder's step at the force that is pressed with hides it.
 SLACK = 2e-5
 
@@ -34,26 +36,41 @@ class Hand(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Where the hand presses: surface points and outward normals (n, 3), m, workspace."""
+    """Where the hand presses and slides: m, in the device's workspace.
+
+    Attributes
+    ----------
+    points, normals : ndarray, shape (n, 3)
+        The surface above a trajectory, and the outward normals there.
+    feet, outward : ndarray, shape (m, 3)
+        Surface points that are pressed on, and their outward normals.
+    radius : ndarray, shape (m,)
+        The inscribed radius at them.
+    """
 
     points: np.ndarray
     normals: np.ndarray
+    feet: np.ndarray
+    outward: np.ndarray
+    radius: np.ndarray
 
 
-def contact(trajectory, frame, size):
-    """Return the surface above a trajectory, in the device's workspace.
+def contact(trajectory, places, size):
+    """Return where a hand presses and slides, in the device's workspace.
 
     Parameters
     ----------
     trajectory : dict of str to ndarray
         ``points``, ``distance`` and ``normal`` in the unit frame.
-    frame : pandis.frame.Frame
+    places : pandis.measure.Stratified
+        Surface points to press on, unit frame.
     size : float
         Metres of the longest side.
     """
-    normals = trajectory["normal"]
+    normals, metres = trajectory["normal"], size / UNIT_SIDE
     above = trajectory["points"] - trajectory["distance"][:, None] * normals
-    return Contact(above * size / UNIT_SIDE, normals)
+    pressed = places.feet * metres, places.outward, places.radius * metres
+    return Contact(above * metres, normals, *pressed)
 
 
 def press(field, spec, surface, size, stiffness, hand, rate):
@@ -109,8 +126,7 @@ class _Rig:
     def __init__(self, field, spec, surface, size, hand, rate):
         self.field, self.spec, self.hand, self.period = field, spec, hand, 1 / rate
         self.size, self.surface, self._pressed = size, surface, {}
-        picks = np.linspace(0, len(surface.points) - 1, POINTS).astype(int)
-        self.picked = list(zip(surface.points[picks], surface.normals[picks], strict=True))
+        self.picked = list(zip(surface.feet, surface.outward, surface.radius, strict=True))
         self.ticks = round(TICKS * 1e-3 * rate)
 
     def order(self, stiffness, ticks):
@@ -125,11 +141,12 @@ class _Rig:
     def presses(self, stiffness):
         if stiffness not in self._pressed:  # the ladder has a rung at the stiffness asked for
             wanted, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
-            press = self.hand.press
-            self._pressed[stiffness] = [
-                run_simulated(device, point + START * normal, point, -press * normal, wanted)
-                for point, normal in self.picked
-            ]
+            self._pressed[stiffness] = []
+            for point, normal, radius in self.picked:
+                press = min(self.hand.press, _GENTLE * stiffness * radius)
+                start = point + START * normal
+                run = run_simulated(device, start, point, -press * normal, wanted)
+                self._pressed[stiffness].append(run)
         return self._pressed[stiffness]
 
     def slide(self, stiffness):

@@ -9,8 +9,10 @@ from pandis.hardware.attached import run_attached
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.load import busy_cores
 from pandis.hardware.pressing import Hand, contact, press
-from pandis.hardware.verdict import device_sentence, judge, paragraph
+from pandis.hardware.verdict import device_sentence, judge, machine_passes, paragraph
+from pandis.hardware.walls import compare
 from pandis.machine import describe, governor
+from pandis.measure import MISSING_LIMIT
 from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
 
@@ -23,17 +25,20 @@ _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 NO_ATTACHED = "No haptic device was attached."
 WHAT_RAN = (
     "The exported files were asked by pandis.h in a C loop at the servo rate, along the evaluation "
-    "trajectory, on the machine named here; devices that are named are simulated."
+    "trajectory, on the machine named here; their forces were compared with the exact ones below "
+    "surface points of every thickness. Devices that are named are simulated."
 )
 
 
-def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
+def validate_exports(exports, walls, trajectory, evaluation, mesh, options, progress):
     """Validate all exported fields of a mesh, one after the other.
 
     Parameters
     ----------
     exports : list of Path
         ``{field}.pandis``.
+    walls : pandis.hardware.walls.Walls
+        Where forces are compared with the exact ones, and where devices press.
     trajectory, evaluation : pandis.artifact.Artifact
     mesh : str
         Its name.
@@ -54,7 +59,7 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
     points = frame.to_mesh(trajectory.arrays["points"])
     options = options | {"deadline": min(options["deadline"], WITHIN / options["rate"])}
     arrays, fields = {}, {}
-    surface = contact(trajectory.arrays, frame, options["size"])
+    surface = contact(trajectory.arrays, walls.pressed, options["size"])
     report = progress("fields", len(exports), "fields")
     idle = run_ticks(None, points, _ticks(options), options["rate"])
     arrays["lateness"] = idle.lateness
@@ -62,8 +67,9 @@ def validate_exports(exports, trajectory, evaluation, mesh, options, progress):
         name = path.stem
         reference = evaluation.arrays[f"force_{name}"]
         field = NativeField(path)
-        ticks, verdict = validate(field, frame, points, reference, options)
-        verdict["devices"] = press_devices(field, surface, options)
+        found = compare(unit_force(field, frame), walls)
+        ticks, verdict = validate(field, frame, points, reference, found, options)
+        verdict["devices"] = press_devices(field, surface, found, options)
         verdict["advice"] = paragraph(verdict, verdict["devices"], options)
         if options["attached"]:
             own, verdict["attached"] = run_attached(
@@ -96,8 +102,15 @@ def _statement(fields):
     return " ".join([WHAT_RAN, *dict.fromkeys(said)]) if said else f"{NO_ATTACHED} {WHAT_RAN}"
 
 
-def press_devices(field, surface, options):
+def unit_force(field, frame):
+    """Return what answers an exported field's force (n, 3) in the unit frame, at k = 1."""
+    return lambda points: field.force(frame.to_mesh(points)) * frame.scale
+
+
+def press_devices(field, surface, walls, options):
     """Press every simulated device that is asked for onto a field's object.
+
+    ``walls`` is what `pandis.hardware.walls.compare` found.
 
     Returns
     -------
@@ -111,13 +124,13 @@ def press_devices(field, surface, options):
         own = press(
             field, DEVICES[name], surface, options["size"], stiffness, hand, options["rate"]
         )
-        own["device"] = name
+        own |= {"device": name, "pressed_missing": walls["pressed_missing"]}
         own["verdict"], own["sentence"] = judge(own), device_sentence(own)
         found[name] = own
     return found
 
 
-def validate(field, frame, points, reference, options):
+def validate(field, frame, points, reference, walls, options):
     """Run one exported field at the servo rate and judge it.
 
     Parameters
@@ -128,6 +141,8 @@ def validate(field, frame, points, reference, options):
         The evaluation trajectory.
     reference : ndarray, shape (m, 3)
         The library's force of this field there (unit frame, k = 1).
+    walls : dict
+        From `pandis.hardware.walls.compare`.
     options : dict
         See `pandis.config.HardwareOptions`.
 
@@ -141,22 +156,25 @@ def validate(field, frame, points, reference, options):
     wanted = reference[np.arange(len(force)) % len(points)]
     difference = np.linalg.norm(force - wanted, axis=1).max()
     missed = run.compute > options["deadline"]
-    share = float(missed.mean())
-    agrees, in_time = bool(difference <= AGREEMENT), bool(share <= options["misses"])
+    share, late = float(missed.mean()), _late(run.lateness, options)
+    agrees = bool(difference <= AGREEMENT)
+    in_time, punctual = bool(share <= options["misses"]), bool(late <= options["misses"])
     verdict = {
         "ticks": len(force),
         "compute_us": _microseconds(run.compute),
         "lateness_us": _microseconds(run.lateness),
-        "late_share": _late(run.lateness, options),
+        "late_share": late,
         "misses": int(missed.sum()),
         "miss_share": share,
         "longest_run_of_misses": _longest_run(missed),
         "agreement": float(difference),
         "agrees": agrees,
         "in_time": in_time,
-        "verdict": "pass" if agrees and in_time else "fail",
-        "sentence": _sentence(share, difference, agrees, in_time, options),
+        "punctual": punctual,
+        "walls": walls,
     }
+    verdict["verdict"] = "pass" if machine_passes(verdict) else "fail"
+    verdict["sentence"] = _sentence(verdict, options)
     if options["loaded_seconds"]:
         verdict["loaded"] = _loaded(field, points, options)
     return {"compute": run.compute, "lateness": run.lateness, "force": force}, verdict
@@ -195,13 +213,21 @@ def _longest_run(missed):
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def _sentence(share, difference, agrees, in_time, options):
+def _sentence(verdict, options):
+    """Say what was judged, and how it came out."""
     rate, deadline = options["rate"], options["deadline"] * 1e3
+    allowed = f"{100 * options['misses']:g} % allowed"
     time = (
-        f"{100 * share:.2f} % of the ticks computed longer than {deadline:g} ms at {rate:g} Hz "
-        f"({100 * options['misses']:g} % allowed)"
+        f"{100 * verdict['miss_share']:.2f} % of the ticks computed longer than {deadline:g} ms at "
+        f"{rate:g} Hz, {100 * verdict['late_share']:.2f} % began later than that ({allowed})"
     )
-    force = f"forces agree with the library's within {difference:.1e}"
-    if not agrees:
-        force = f"forces differ from the library's by {difference:.1e} ({AGREEMENT:.0e} allowed)"
-    return f"{'Pass' if agrees and in_time else 'Fail'}: {time}; {force}."
+    force = f"forces agree with the library's within {verdict['agreement']:.1e}"
+    if not verdict["agrees"]:
+        off = verdict["agreement"]
+        force = f"forces differ from the library's by {off:.1e} ({AGREEMENT:.0e} allowed)"
+    walls = verdict["walls"]
+    lacks = f"{100 * walls['missing']:.2g} % of the surface lacks the force"
+    if walls["pressed_missing"]:
+        lacks += f", and so do {walls['pressed_missing']} of the points that a device presses on"
+    how = verdict["verdict"].capitalize()
+    return f"{how}: {time}; {force}; {lacks} ({100 * MISSING_LIMIT:g} % allowed)."

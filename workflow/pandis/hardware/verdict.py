@@ -8,7 +8,20 @@ from pandis.stress.coupled import CALM
 def judge(found):
     """Return ``pass`` or ``fail`` for what `pandis.hardware.pressing.press` has found."""
     good = found["within_limits"] and found["passive"] and found["quiet"] >= CALM
+    good = good and not found["pressed_missing"]
     return "pass" if good and found["safe_n_m"] >= found["stiffness"] else "fail"
+
+
+def machine_passes(verdict):
+    """Tell whether a field has the forces of its library and of the exact field, in time.
+
+    Parameters
+    ----------
+    verdict : dict
+        ``agrees``, ``in_time``, ``punctual`` and ``walls`` of `pandis.hardware.validation`.
+    """
+    held = verdict["walls"]["holds"]
+    return verdict["agrees"] and verdict["in_time"] and verdict["punctual"] and held
 
 
 def device_sentence(found):
@@ -39,6 +52,10 @@ def device_sentence(found):
     if found["energy_j"] < 0:
         lost = f"{-1e3 * found['energy_j']:.2g} mJ more than the device loses"
         energy = f"gives {lost} ({1e3 * SLACK:.2g} may be rounding)"
+    if found["pressed_missing"]:
+        faults.append(
+            f"at {found['pressed_missing']} of the points that it presses on the force is missing"
+        )
     if found["quiet"] < CALM:
         faults.append(still)
     if not found["passive"]:
@@ -47,7 +64,8 @@ def device_sentence(found):
         f"at most {found['strongest_n']:.2g} of its {device.force:g} N, {still} and {energy}"
     )
     safe = found["safe_n_m"]
-    advice = f"use at most {safe:.0f} N/m: {found['limited_by']}" if safe else "do not use it"
+    use = safe and not found["pressed_missing"]
+    advice = f"use at most {safe:.0f} N/m: {found['limited_by']}" if use else "do not use it"
     return f"On a simulated {device.title} at {found['stiffness']:g} N/m: {says}; {advice}."
 
 
@@ -61,6 +79,18 @@ def machine_sentence(verdict, options):
         return (
             f"It does not hold {rate:g} Hz here: {100 * verdict['miss_share']:.2g} % of the ticks "
             f"compute longer than {deadline:.0f} µs; use a smaller field, or a faster machine."
+        )
+    if not verdict["walls"]["holds"]:
+        lacks = 100 * verdict["walls"]["missing"]
+        return (
+            f"Do not use it: on {lacks:.2g} % of the surface the force is missing that the exact "
+            "field has; take a larger field, or the exact one."
+        )
+    if not verdict["punctual"]:
+        return (
+            f"This machine does not hold {rate:g} Hz: {100 * verdict['late_share']:.2g} % of the "
+            f"ticks begin more than {deadline:.0f} µs late, whatever the field; stop other "
+            "programs."
         )
     return f"It holds {rate:g} Hz here: {took:.3g} of {deadline:.0f} µs in 99.9 % of the ticks."
 

@@ -4,22 +4,34 @@ import csv
 import io
 
 from pandis.evaluation.errors import UNNORMALISED
-from pandis.evaluation.front import pareto
+from pandis.evaluation.front import AXES, may_be_used, pareto
+from pandis.fields.controls import demand_failure
 from pandis.report.builds import build_seconds
 
+#: The contact set that headlines are about, and the shallow one.
+CONTACT, SHALLOW = "contact-deep", "contact-shallow"
 COLUMNS = {
     "mesh": "Mesh",
     "field": "Field",
     "bytes": "Bytes",
     "build_s": "Built in (s)",
-    "trajectory_mean": "Error on the trajectory, mean",
+    "contact_millinewtons": "Contact error, mean (mN)",
+    "contact_percent": "% of the mean force",
+    "missing_percent": "Surface missing (%)",
+    "felt_percent": "Surface that feels different (%)",
+    "contact_mean": "Contact error, mean (unit frame)",
+    "contact_p99": "p99",
+    "contact_shallow_mean": "Contact error, 0 to 0.01 deep",
+    "trajectory_millinewtons": "Error on the trajectory (mN)",
     "trajectory_percent": "% of the mean force",
+    "trajectory_missing_percent": "Missing on the trajectory (%)",
+    "trajectory_felt_percent": "Felt on the trajectory (%)",
+    "trajectory_mean": "Error on the trajectory, mean (unit frame)",
     "trajectory_p99": "p99",
     "trajectory_max": "max",
+    "trajectory_angle": "Angle (°)",
     "shallow_mean": "Shallow probes, mean",
     "deep_mean": "Deep probes, mean",
-    "trajectory_angle": "Angle (°)",
-    "trajectory_millinewtons": "Error (mN)",
     "native_p50_us": "One query in C, p50 (µs)",
     "native_p999_us": "p99.9",
     "one_p50_us": "From Python, p50 (µs)",
@@ -35,10 +47,6 @@ COLUMNS = {
     "misses": "Misses",
     "verdict": "Verdict",
 }
-
-
-#: What a field that is unbeaten is compared by.
-AXES = ("trajectory_mean", "native_p50_us", "bytes", "jump_rms_newtons")
 
 
 def summarise(evaluations, timings, stresses, hardware):
@@ -73,29 +81,13 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
     list of dict
         Keys of COLUMNS; what a field does not have is empty.
     """
-    rows = []
-    measured, mean_force = (
-        evaluation["errors"]["trajectory"],
-        evaluation["mean_force"]["trajectory"],
-    )
+    measured = evaluation["errors"]["trajectory"]
     names = [n for field in evaluation["fields"] for n in (field, field + UNNORMALISED)]
+    rows = []
     for field in filter(measured.__contains__, names):
-        errors = {n: table[field] for n, table in evaluation["errors"].items() if field in table}
         row = dict.fromkeys(COLUMNS, "")
-        row |= {
-            "mesh": mesh,
-            "field": field,
-            "bytes": evaluation["bytes"].get(field, ""),
-            "build_s": builds.get(field, ""),
-            "trajectory_mean": errors["trajectory"]["mean"],
-            "trajectory_percent": 100 * errors["trajectory"]["mean"] / mean_force,
-            "trajectory_p99": errors["trajectory"]["p99"],
-            "trajectory_max": errors["trajectory"]["max"],
-            "shallow_mean": errors["shallow"]["mean"] if "shallow" in errors else "",
-            "deep_mean": errors["deep"]["mean"] if "deep" in errors else "",
-            "trajectory_angle": errors["trajectory"]["angle"],
-            "trajectory_millinewtons": 1e3 * errors["trajectory"]["mean"] * evaluation["newtons"],
-        }
+        row |= {"mesh": mesh, "field": field, "bytes": evaluation["bytes"].get(field, "")}
+        row |= {"build_s": builds.get(field, "")} | _errors(evaluation, field)
         if times := timing["fields"].get(field):
             keys = ("one_p50_us", "one_p99_us", "one_p999_us", "batch_us")
             row |= {key: times.get(key, "") for key in keys}
@@ -112,9 +104,55 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
                 "verdict": verdict["verdict"],
             }
         rows.append(row)
+    tried = control_rows(mesh, evaluation, stress)
+    demand_failure("the front of unbeaten fields", (r["field"] for r in tried if may_be_used(r)))
     for row, unbeaten in zip(rows, pareto(rows, AXES), strict=True):
         row["front"] = "yes" if unbeaten else ""
     return rows
+
+
+def control_rows(mesh, evaluation, stress):
+    """Return the rows of the controls: as small and as fast as nothing, and yet of no use."""
+    rows = []
+    for name, errors in evaluation["controls"].items():
+        row = dict.fromkeys(COLUMNS, "") | {"mesh": mesh, "field": name, "bytes": 0}
+        row |= _contact(errors) | {"stress": len(stress["controls"][name])}
+        rows.append(row | {"native_p50_us": 0.0, "jump_rms_newtons": 0.0})
+    return rows
+
+
+def _errors(evaluation, field):
+    """Return the columns of a row that say how a field errs."""
+    errors = {n: table[field] for n, table in evaluation["errors"].items() if field in table}
+    path, mean_force = errors["trajectory"], evaluation["mean_force"]["trajectory"]
+    row = {
+        "trajectory_millinewtons": 1e3 * path["mean"] * evaluation["newtons"],
+        "trajectory_percent": 100 * path["mean"] / mean_force,
+        "trajectory_mean": path["mean"],
+        "trajectory_p99": path["p99"],
+        "trajectory_max": path["max"],
+        "trajectory_angle": path["angle"],
+        "shallow_mean": errors["shallow"]["mean"] if "shallow" in errors else "",
+        "deep_mean": errors["deep"]["mean"] if "deep" in errors else "",
+    }
+    if "missing" in path:
+        row["trajectory_missing_percent"] = 100 * path["missing"]
+        row["trajectory_felt_percent"] = 100 * path["felt"]
+    return row | (_contact(errors) if CONTACT in errors else {})
+
+
+def _contact(errors):
+    """Return the columns of the contact measure, from what `contact_errors` has found."""
+    found = errors[CONTACT]
+    return {
+        "contact_millinewtons": 1e3 * found["newtons"],
+        "contact_percent": 100 * found["relative"],
+        "missing_percent": 100 * found["missing"],
+        "felt_percent": 100 * found["felt"],
+        "contact_mean": found["mean"],
+        "contact_p99": found["p99"],
+        "contact_shallow_mean": errors[SHALLOW]["mean"],
+    }
 
 
 def to_csv(rows):

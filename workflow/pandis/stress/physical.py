@@ -1,36 +1,9 @@
-"""Lengths and forces of the device's workspace, and what stands in it: a device, a hand."""
+"""What stands in the device's workspace: a device, and the hand that holds it."""
 
 from typing import NamedTuple
 
-from pandis.frame import UNIT_SIDE
-
 #: Seconds between ticks.
 TICK = 1e-3
-
-
-class Scale(NamedTuple):
-    """How the unit frame lies in the device's workspace.
-
-    Attributes
-    ----------
-    size : float
-        Metres of the object's longest side.
-    stiffness : float
-        k, N/m.
-    """
-
-    size: float
-    stiffness: float
-
-    @property
-    def metre(self):
-        """Unit-frame lengths per metre."""
-        return UNIT_SIDE / self.size
-
-    @property
-    def newtons(self):
-        """Newtons per force of the unit frame at k = 1."""
-        return self.stiffness / self.metre
 
 
 class Device(NamedTuple):

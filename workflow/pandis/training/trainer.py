@@ -13,6 +13,7 @@ from pandis.errors import PandisError
 from pandis.grids.base import fit_base
 from pandis.training.batches import fresh_batches, surface_batches, with_base
 from pandis.training.exact_loss import exact_loss
+from pandis.training.interrupts import noted
 from pandis.training.network import Siren, named_arrays, usual_omega
 from pandis.training.optimiser import Optimiser
 from pandis.training.paper_loss import paper_loss
@@ -180,11 +181,21 @@ class Trainer:
         ------
         PandisError
             The run diverged again and again.
+        KeyboardInterrupt
+            The process was asked to stop: a checkpoint of the last step is written.
         """
         steps, seconds = self.options["steps"], self.options["seconds"]
         report = progress("training", steps or seconds, "steps" if steps else "seconds")
         self._resume()
         report.resume(self.step if steps else self.elapsed)
+        with noted() as interrupted:
+            note = self._until(steps, seconds, report, interrupted)
+        result = self._result()
+        self.log(f"{self.step} steps in {self.elapsed:.1f} s on {self.device}; {note}")
+        return result
+
+    def _until(self, steps, seconds, report, interrupted):
+        """Take steps to the end of the budget; return what there is to say of the last ones."""
         start, saved = time.monotonic() - self.elapsed, time.monotonic()
         every = max(1, steps // CURVE_POINTS) if steps else 50
         note = ""
@@ -192,7 +203,7 @@ class Trainer:
             self.elapsed = time.monotonic() - start
             done = self.step if steps else self.elapsed
             if done >= (steps or seconds):
-                break
+                return note
             share = done / (steps or seconds)
             loss = self._advance(share)
             if self.step % every == 0:
@@ -207,9 +218,11 @@ class Trainer:
                     self._save()
                     saved = time.monotonic()
             report.update(self.step if steps else time.monotonic() - start, note)
-        result = self._result()
-        self.log(f"{self.step} steps in {self.elapsed:.1f} s on {self.device}; {note}")
-        return result
+            if interrupted():
+                if self._finite():
+                    self.good = self._state()
+                    self._save()
+                raise KeyboardInterrupt
 
     def keep(self):
         """Write the state as it is, so that a later run need not train again."""
@@ -275,15 +288,13 @@ class Trainer:
             "direction_length": self._direction_length(),
         }
 
-    def force_error(self, points, distance, normal):
-        """Return mean and p99 of the force error (k = 1, unit frame) at points with exact labels.
-
-        Parameters
-        ----------
-        points, normal : ndarray, shape (n, 3)
-        distance : ndarray, shape (n,)
-        """
-        return self._force_error(self._rows_of(points, distance, normal))
+    @torch.no_grad()
+    def force_at(self, points):
+        """Return the force (n, 3), float64, at points (n, 3): k = 1, unit frame."""
+        empty = np.zeros(len(points)), np.zeros((len(points), 3))
+        phi, direction = self._answer(self._rows_of(points, *empty))
+        force = -phi.clamp(max=0)[:, None] * torch.nn.functional.normalize(direction)
+        return force.double().cpu().numpy()
 
     def _rows_of(self, *columns):
         rows = np.column_stack(columns).astype(np.float32)

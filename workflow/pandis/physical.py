@@ -1,0 +1,30 @@
+"""How the unit frame lies in a device's workspace: lengths in metres, forces in newtons."""
+
+from typing import NamedTuple
+
+from pandis.frame import UNIT_SIDE
+
+
+class Scale(NamedTuple):
+    """The physical scale of an object under a device.
+
+    Attributes
+    ----------
+    size : float
+        Metres of the object's longest side.
+    stiffness : float
+        k, N/m.
+    """
+
+    size: float
+    stiffness: float
+
+    @property
+    def metre(self):
+        """Unit-frame lengths per metre."""
+        return UNIT_SIDE / self.size
+
+    @property
+    def newtons(self):
+        """Newtons per force of the unit frame at k = 1."""
+        return self.stiffness / self.metre

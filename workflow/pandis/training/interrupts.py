@@ -1,0 +1,33 @@
+"""Ctrl-C in the middle of a training: the step is finished, and its state is kept."""
+
+import signal
+import threading
+from contextlib import contextmanager
+
+
+@contextmanager
+def noted():
+    """Note a request to stop instead of raising it at once; a second one is raised.
+
+    Yields
+    ------
+    callable
+        Tells whether the process was asked to stop (SIGINT or SIGTERM).
+    """
+    asked = []
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False  # signals reach the main thread alone
+        return
+
+    def note(number, frame):
+        del frame
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
