@@ -2,14 +2,21 @@
 from pandis.catalogue import GRID_FIELDS, MESH_NAME
 from pandis.plan import open_plan
 
-plan = open_plan(config, workflow.basedir, workflow.configfiles)
+plan = open_plan(config, workflow.basedir, workflow.configfiles, workflow.is_main_process)
+
+
+# <results> in every rule: `results:` in the configuration
+pathvars:
+    results=plan.folder,
+
+
 # What a rule claims that must not be disturbed. Not `workflow.cores`: that raises where no
 # number is given, as for `snakemake --report` and on a cluster.
 all_cores = workflow.resource_settings.cores or 1
 
 
 wildcard_constraints:
-    mesh="|".join(plan.meshes),
+    mesh="|".join([*plan.meshes, *plan.refused]),
     scene="|".join(plan.scenes) or "no-scene",
     recipe="|".join(plan.recipes) or "no-recipe",
     field=rf"({'|'.join(GRID_FIELDS)})-(\d+|auto)",

@@ -1,12 +1,12 @@
 rule trajectory:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
     output:
-        "results/{mesh}/trajectory.zarr.zip",
+        "<results>/{mesh}/trajectory.zarr.zip",
     log:
-        "results/logs/{mesh}/trajectory.log",
+        "<results>/logs/{mesh}/trajectory.log",
     benchmark:
-        "results/benchmarks/{mesh}/trajectory.jsonl"
+        "<results>/benchmarks/{mesh}/trajectory.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -23,15 +23,15 @@ rule trajectory:
 
 rule evaluate:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
-        trajectory="results/{mesh}/trajectory.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
+        trajectory="<results>/{mesh}/trajectory.zarr.zip",
         fields=plan.field_artifacts,
     output:
-        "results/{mesh}/evaluation.zarr.zip",
+        "<results>/{mesh}/evaluation.zarr.zip",
     log:
-        "results/logs/{mesh}/evaluate.log",
+        "<results>/logs/{mesh}/evaluate.log",
     benchmark:
-        "results/benchmarks/{mesh}/evaluate.jsonl"
+        "<results>/benchmarks/{mesh}/evaluate.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -48,14 +48,14 @@ rule evaluate:
 
 rule stress:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
         fields=plan.field_artifacts,
     output:
-        "results/{mesh}/stress.zarr.zip",
+        "<results>/{mesh}/stress.zarr.zip",
     log:
-        "results/logs/{mesh}/stress.log",
+        "<results>/logs/{mesh}/stress.log",
     benchmark:
-        "results/benchmarks/{mesh}/stress.jsonl"
+        "<results>/benchmarks/{mesh}/stress.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -72,18 +72,18 @@ rule stress:
 
 rule timing:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
-        trajectory="results/{mesh}/trajectory.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
+        trajectory="<results>/{mesh}/trajectory.zarr.zip",
         exports=plan.exports,
         natives=plan.native,
         programs=plan.programs,
         fields=plan.unexported,
     output:
-        "results/{mesh}/timing.zarr.zip",
+        "<results>/{mesh}/timing.zarr.zip",
     log:
-        "results/logs/{mesh}/timing.log",
+        "<results>/logs/{mesh}/timing.log",
     benchmark:
-        "results/benchmarks/{mesh}/timing.jsonl"
+        "<results>/benchmarks/{mesh}/timing.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     # all cores: nothing else of this run may disturb the clock

@@ -1,13 +1,13 @@
 rule export_native:
     input:
         held=plan.native_artifact,
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
     output:
-        "results/{mesh}/export/{name}.pandis",
+        "<results>/{mesh}/export/{name}.pandis",
     log:
-        "results/logs/{mesh}/export-{name}-native.log",
+        "<results>/logs/{mesh}/export-{name}-native.log",
     benchmark:
-        "results/benchmarks/{mesh}/export-{name}-native.jsonl"
+        "<results>/benchmarks/{mesh}/export-{name}-native.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:

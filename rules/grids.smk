@@ -1,12 +1,12 @@
 rule bake:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
     output:
-        "results/{mesh}/grid-{content}-{size}.zarr.zip",
+        "<results>/{mesh}/grid-{content}-{size}.zarr.zip",
     log:
-        "results/logs/{mesh}/bake-{content}-{size}.log",
+        "<results>/logs/{mesh}/bake-{content}-{size}.log",
     benchmark:
-        "results/benchmarks/{mesh}/bake-{content}-{size}.jsonl"
+        "<results>/benchmarks/{mesh}/bake-{content}-{size}.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     threads: 2
@@ -24,13 +24,13 @@ rule bake:
 
 rule bake_spline:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
     output:
-        "results/{mesh}/grid-spline-{size}.zarr.zip",
+        "<results>/{mesh}/grid-spline-{size}.zarr.zip",
     log:
-        "results/logs/{mesh}/bake-spline-{size}.log",
+        "<results>/logs/{mesh}/bake-spline-{size}.log",
     benchmark:
-        "results/benchmarks/{mesh}/bake-spline-{size}.jsonl"
+        "<results>/benchmarks/{mesh}/bake-spline-{size}.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     threads: 2
@@ -48,13 +48,13 @@ rule bake_spline:
 
 rule bake_auto:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
     output:
-        "results/{mesh}/grid-{kind}-auto.zarr.zip",
+        "<results>/{mesh}/grid-{kind}-auto.zarr.zip",
     log:
-        "results/logs/{mesh}/bake-{kind}-auto.log",
+        "<results>/logs/{mesh}/bake-{kind}-auto.log",
     benchmark:
-        "results/benchmarks/{mesh}/bake-{kind}-auto.jsonl"
+        "<results>/benchmarks/{mesh}/bake-{kind}-auto.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     threads: 2
@@ -74,11 +74,11 @@ rule export_grid:
     input:
         grid=plan.grid_artifact,
     output:
-        "results/{mesh}/export/{field}.onnx",
+        "<results>/{mesh}/export/{field}.onnx",
     log:
-        "results/logs/{mesh}/export-{field}.log",
+        "<results>/logs/{mesh}/export-{field}.log",
     benchmark:
-        "results/benchmarks/{mesh}/export-{field}.jsonl"
+        "<results>/benchmarks/{mesh}/export-{field}.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -97,11 +97,11 @@ rule export_vti:
     input:
         grid=plan.grid_artifact,
     output:
-        "results/{mesh}/export/{field}.vti",
+        "<results>/{mesh}/export/{field}.vti",
     log:
-        "results/logs/{mesh}/export-{field}-vti.log",
+        "<results>/logs/{mesh}/export-{field}-vti.log",
     benchmark:
-        "results/benchmarks/{mesh}/export-{field}-vti.jsonl"
+        "<results>/benchmarks/{mesh}/export-{field}-vti.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -118,13 +118,13 @@ rule export_vti:
 
 rule support_planes:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
     output:
-        "results/{mesh}/method-support-planes.zarr.zip",
+        "<results>/{mesh}/method-support-planes.zarr.zip",
     log:
-        "results/logs/{mesh}/support-planes.log",
+        "<results>/logs/{mesh}/support-planes.log",
     benchmark:
-        "results/benchmarks/{mesh}/support-planes.jsonl"
+        "<results>/benchmarks/{mesh}/support-planes.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     threads: 2

@@ -1,16 +1,16 @@
 rule validate:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
-        trajectory="results/{mesh}/trajectory.zarr.zip",
-        evaluation="results/{mesh}/evaluation.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
+        trajectory="<results>/{mesh}/trajectory.zarr.zip",
+        evaluation="<results>/{mesh}/evaluation.zarr.zip",
         exports=plan.native,
     output:
-        "results/{mesh}/hardware.zarr.zip",
-        "results/{mesh}/hardware.json",
+        "<results>/{mesh}/hardware.zarr.zip",
+        "<results>/{mesh}/hardware.json",
     log:
-        "results/logs/{mesh}/validate.log",
+        "<results>/logs/{mesh}/validate.log",
     benchmark:
-        "results/benchmarks/{mesh}/validate.jsonl"
+        "<results>/benchmarks/{mesh}/validate.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     # all cores: nothing else of this run may disturb the clock

@@ -1,10 +1,10 @@
 rule fetch:
     output:
-        "results/{mesh}/source.{extension}",
+        "<results>/{mesh}/source.{extension}",
     log:
-        "results/logs/{mesh}/fetch-{extension}.log",
+        "<results>/logs/{mesh}/fetch-{extension}.log",
     benchmark:
-        "results/benchmarks/{mesh}/fetch-{extension}.jsonl"
+        "<results>/benchmarks/{mesh}/fetch-{extension}.jsonl"
     retries: 2
     conda:
         "../workflow/envs/pandis.yaml"
@@ -24,11 +24,11 @@ rule mesh:
     input:
         plan.source,
     output:
-        "results/{mesh}/mesh.zarr.zip",
+        "<results>/{mesh}/mesh.zarr.zip",
     log:
-        "results/logs/{mesh}/mesh.log",
+        "<results>/logs/{mesh}/mesh.log",
     benchmark:
-        "results/benchmarks/{mesh}/mesh.jsonl"
+        "<results>/benchmarks/{mesh}/mesh.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -37,7 +37,29 @@ rule mesh:
     params:
         options=plan.options("mesh"),
         code=plan.code("mesh"),
+        source=plan.source_digest,
     message:
         "{wildcards.mesh}: read and repair the mesh"
     script:
         "../scripts/mesh.py"
+
+
+rule refuse:
+    output:
+        "<results>/{mesh}/refused",
+    log:
+        "<results>/logs/{mesh}/refuse.log",
+    benchmark:
+        "<results>/benchmarks/{mesh}/refuse.jsonl"
+    conda:
+        "../workflow/envs/pandis.yaml"
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        options=plan.options("refuse"),
+        code=plan.code("refuse"),
+    message:
+        "{wildcards.mesh}: say why it cannot be built"
+    script:
+        "../scripts/refuse.py"

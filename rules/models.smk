@@ -1,13 +1,13 @@
 rule train:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
-        samples="results/{mesh}/samples.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
+        samples="<results>/{mesh}/samples.zarr.zip",
     output:
-        "results/{mesh}/model-{recipe}.zarr.zip",
+        "<results>/{mesh}/model-{recipe}.zarr.zip",
     log:
-        "results/logs/{mesh}/train-{recipe}.log",
+        "<results>/logs/{mesh}/train-{recipe}.log",
     benchmark:
-        "results/benchmarks/{mesh}/train-{recipe}.jsonl"
+        "<results>/benchmarks/{mesh}/train-{recipe}.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     threads: plan.train_threads
@@ -26,14 +26,14 @@ rule train:
 
 rule export_network:
     input:
-        model="results/{mesh}/model-{recipe}.zarr.zip",
+        model="<results>/{mesh}/model-{recipe}.zarr.zip",
     output:
-        "results/{mesh}/export/{recipe}.onnx",
-        "results/{mesh}/export/{recipe}.pt2",
+        "<results>/{mesh}/export/{recipe}.onnx",
+        "<results>/{mesh}/export/{recipe}.pt2",
     log:
-        "results/logs/{mesh}/export-{recipe}.log",
+        "<results>/logs/{mesh}/export-{recipe}.log",
     benchmark:
-        "results/benchmarks/{mesh}/export-{recipe}.jsonl"
+        "<results>/benchmarks/{mesh}/export-{recipe}.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -50,14 +50,14 @@ rule export_network:
 
 rule choose:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
         times=plan.query_times,
     output:
-        "results/{mesh}/choice.zarr.zip",
+        "<results>/{mesh}/choice.zarr.zip",
     log:
-        "results/logs/{mesh}/choose.log",
+        "<results>/logs/{mesh}/choose.log",
     benchmark:
-        "results/benchmarks/{mesh}/choose.jsonl"
+        "<results>/benchmarks/{mesh}/choose.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     threads: 2
@@ -75,11 +75,11 @@ rule choose:
 
 rule calibrate:
     output:
-        "results/query-times.csv",
+        "<results>/query-times.csv",
     log:
-        "results/logs/calibrate.log",
+        "<results>/logs/calibrate.log",
     benchmark:
-        "results/benchmarks/calibrate.jsonl"
+        "<results>/benchmarks/calibrate.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     threads: all_cores

@@ -6,14 +6,14 @@ rule summary:
         hardware=plan.results("hardware.zarr.zip"),
     output:
         report(
-            "results/summary.csv",
+            "<results>/summary.csv",
             caption="../workflow/report/summary.rst",
             category="Summary",
         ),
     log:
-        "results/logs/summary.log",
+        "<results>/logs/summary.log",
     benchmark:
-        "results/benchmarks/summary.jsonl"
+        "<results>/benchmarks/summary.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -33,14 +33,14 @@ rule report:
         plan.report_artifacts(),
     output:
         report(
-            "results/report.html",
+            "<results>/report.html",
             caption="../workflow/report/report.rst",
             category="Report",
         ),
     log:
-        "results/logs/report.log",
+        "<results>/logs/report.log",
     benchmark:
-        "results/benchmarks/report.jsonl"
+        "<results>/benchmarks/report.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
@@ -57,9 +57,7 @@ rule report:
 
 rule verify:
     log:
-        "results/logs/verify.log",
-    benchmark:
-        "results/benchmarks/verify.jsonl"
+        "<results>/logs/verify.log",
     conda:
         "../workflow/envs/pandis.yaml"
     resources:

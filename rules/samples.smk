@@ -1,12 +1,12 @@
 rule sample:
     input:
-        mesh="results/{mesh}/mesh.zarr.zip",
+        mesh="<results>/{mesh}/mesh.zarr.zip",
     output:
-        "results/{mesh}/samples.zarr.zip",
+        "<results>/{mesh}/samples.zarr.zip",
     log:
-        "results/logs/{mesh}/sample.log",
+        "<results>/logs/{mesh}/sample.log",
     benchmark:
-        "results/benchmarks/{mesh}/sample.jsonl"
+        "<results>/benchmarks/{mesh}/sample.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     threads: 2

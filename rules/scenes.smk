@@ -2,13 +2,13 @@ rule scene:
     input:
         fields=plan.scene_fields,
     output:
-        "results/scenes/{scene}.zarr.zip",
-        "results/scenes/{scene}.json",
-        "results/scenes/{scene}.h",
+        "<results>/scenes/{scene}.zarr.zip",
+        "<results>/scenes/{scene}.json",
+        "<results>/scenes/{scene}.h",
     log:
-        "results/logs/scenes/{scene}.log",
+        "<results>/logs/scenes/{scene}.log",
     benchmark:
-        "results/benchmarks/scenes/{scene}.jsonl"
+        "<results>/benchmarks/scenes/{scene}.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
     # all cores: nothing else of this run may disturb the clock

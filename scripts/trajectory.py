@@ -8,5 +8,7 @@ from pandis.trajectories import trace
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     engine = open_distance(mesh)
-    arrays = trace(open_surface(mesh, engine), engine, job.options, job.progress)
-    job.write("trajectory", arrays, {"frame": mesh.attributes["frame"]})
+    arrays, attributes = trace(open_surface(mesh, engine), engine, job.options, job.progress)
+    if attributes["followed"]:
+        job.log(attributes["followed"])
+    job.write("trajectory", arrays, attributes | {"frame": mesh.attributes["frame"]})

@@ -65,7 +65,7 @@ def main(folder, *weights):
         engine = scan.strata.engine
         for seed in SEEDS:
             options = TrajectoryOptions().model_dump() | {"seed": seed}
-            path = trace(scan.strata.surface, engine, options, silent_progress)
+            path, _ = trace(scan.strata.surface, engine, options, silent_progress)
             scan.sets[seed] = tuple(path[key] for key in ("points", "distance", "normal"))
         fields = [(grid(name, engine), "") for name in GRIDS]
         own = [path for path in weights if Path(path).name.startswith(f"{mesh}-")]

@@ -143,7 +143,7 @@ def ways(vertices, faces):
             engine = field.engine
             options = TrajectoryOptions().model_dump() | {"seed": 2}
             surface = Surface(engine.vertices, engine.faces)
-            path["points"] = trace(surface, engine, options, silent_progress)["points"]
+            path["points"] = trace(surface, engine, options, silent_progress)[0]["points"]
         points = path["points"]
         network = not isinstance(kind, str)
         for bits in (32, 16) if network else (32,):

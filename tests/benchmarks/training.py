@@ -57,7 +57,7 @@ class Scan:
         distance, normal = engine.distance_and_normal(box)
         core = distance < -law["depth"]
         self.free, self.core = box[distance > 0], (box[core], distance[core], normal[core])
-        path = trace(
+        path, _ = trace(
             surface, engine, TrajectoryOptions().model_dump() | {"seed": 2}, silent_progress
         )
         self.sets["trajectory"] = tuple(path[key] for key in ("points", "distance", "normal"))

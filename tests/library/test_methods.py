@@ -66,7 +66,7 @@ def opened(name):
 
 def spiral(samples=2000):
     options = TrajectoryOptions(kind="spiral", samples=samples).model_dump() | {"seed": 0}
-    path = trace(None, ENGINE, options, silent_progress)
+    path, _ = trace(None, ENGINE, options, silent_progress)
     return path["points"], penalty_force(path["distance"], path["normal"])
 
 

@@ -211,7 +211,7 @@ def test_probe_sets_follow_the_contract(torus):
 
 def path_of(surface, engine, **options):
     options = TrajectoryOptions(**options).model_dump() | {"seed": 3}
-    return trace(surface, engine, options, silent_progress)
+    return trace(surface, engine, options, silent_progress)[0]
 
 
 def test_trajectory_is_exact_smooth_and_of_the_depth_asked_for(torus):

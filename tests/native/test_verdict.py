@@ -36,7 +36,7 @@ def surface(fields):
     engine = field.engine
     options = TrajectoryOptions(samples=400).model_dump() | {"seed": 2}
     own = Surface(engine.vertices, engine.faces)
-    held = trace(own, engine, options, silent_progress)
+    held, _ = trace(own, engine, options, silent_progress)
     walls = open_walls(fields["exact"][0], own, SCALE, 3)
     return contact(held, walls.pressed, SIZE)
 

@@ -30,6 +30,8 @@ from pandis.catalogue import (
     AUTO,
     GRID_FIELDS,
     MESH_NAME,
+    PLANE_FIELDS,
+    PROXY,
     RESERVED_NAMES,
     is_builtin_field,
     parse_field,
@@ -465,7 +467,7 @@ class HardwareOptions(Options):
 
 _NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
 FieldNames = Annotated[
-    list[str], Field(min_length=1), WithJsonSchema({"anyOf": [{"const": AUTO}, _NAMES]})
+    list[str], Field(min_length=1), WithJsonSchema({"anyOf": [{"type": "string"}, _NAMES]})
 ]
 
 
@@ -490,7 +492,7 @@ class StageOptions(Options):
         description="what to build and compare: `exact`, "
         + ", ".join(f"`{kind}-N`" for kind in GRID_FIELDS)
         + " (N nodes per axis, or `auto`: see `bake.auto`), or any recipe under `train`; "
-        "`fields: auto` builds the one that `budget` asks for, and nothing else",
+        "`fields: auto` stands alone and builds the one that `budget` asks for, and no other",
     )
     budget: BudgetOptions = Field(
         default_factory=BudgetOptions, description="what `fields: auto` should achieve"
@@ -527,7 +529,7 @@ class StageOptions(Options):
     @field_validator("fields", mode="before")
     @classmethod
     def _one_word(cls, value):
-        return [value] if value == AUTO else value
+        return [value] if isinstance(value, str) else value
 
     @model_validator(mode="before")
     @classmethod
@@ -608,11 +610,19 @@ class SceneOptions(Options):
     speed: Positive = Field(0.5, le=10, description="of the probe on it, m/s")
 
 
+_FOLDER = r"[A-Za-z0-9_][A-Za-z0-9._-]*(/[A-Za-z0-9_][A-Za-z0-9._-]*)*"
+ResultsFolder = Annotated[str, Field(pattern=f"^{_FOLDER}$")]
 MeshName = Annotated[str, Field(pattern=f"^{MESH_NAME}$")]
 
 
 class Config(StageOptions):
     """The whole configuration file."""
+
+    results: ResultsFolder = Field(
+        "results",
+        description="folder of everything that a run makes, relative to the working directory: "
+        "give every configuration its own, and none rebuilds the other's meshes",
+    )
 
     meshes: Annotated[dict[MeshName, MeshEntry], Field(min_length=1)] = Field(
         description="name: {source: …, and any option above that differs for this mesh}"
@@ -683,13 +693,31 @@ def merge(base, override):
     return merged
 
 
-def load_config(raw):
+def results_folder(raw):
+    """Return the folder of a configuration's results.
+
+    Raises
+    ------
+    PandisError
+        It is no relative path of plain names.
+    """
+    folder = raw.get("results", "results")
+    if not isinstance(folder, str) or not re.fullmatch(_FOLDER, folder):
+        said = "a folder below the working directory, such as results/front: letters, digits, . _ -"
+        raise_faults({"results": f"{said} (given: {folder!r})"})
+    return folder
+
+
+def load_config(raw, refused=None):
     """Validate a configuration and merge each mesh's overrides.
 
     Parameters
     ----------
     raw : dict
         The parsed YAML.
+    refused : dict, optional
+        Gets the names of meshes whose own options have faults, and what is wrong: the others
+        are returned. Without it, or if no mesh is left, the faults are raised.
 
     Returns
     -------
@@ -702,13 +730,15 @@ def load_config(raw):
         Lists every fault at once, each with its dotted path.
     """
     raw = _read_numbers(raw)
-    top = {key: value for key, value in raw.items() if key not in ("meshes", "scenes")}
+    apart = ("meshes", "scenes", "results", "pathvars")
+    top = {key: value for key, value in raw.items() if key not in apart}
     meshes = raw.get("meshes")
     faults = _stage_faults(StageOptions, top)
     merged = {}
     if not isinstance(meshes, dict) or not meshes:
         faults["meshes"] = "at least one mesh is needed: `meshes: {name: {source: …}}`"
         meshes = {}
+    shared = dict(faults)
     for name, entry in meshes.items():
         path = f"meshes.{name}"
         if not re.fullmatch(MESH_NAME, str(name)):
@@ -725,6 +755,12 @@ def load_config(raw):
                     faults[f"{path}.{key}" if key else path] = message
             if not own:
                 merged[name] = MeshEntry.model_validate(options)
+    if refused is not None and merged and not shared:
+        for key, message in faults.items():
+            name = key.split(".")[1]
+            told = f"{key}: {message}"
+            refused[name] = f"{refused[name]}; {told}" if name in refused else told
+        faults = {}
     raise_faults(faults)
     return merged
 
@@ -761,7 +797,7 @@ def name_faults(values):
     """Yield path and message for every recipe and field whose name cannot be."""
     recipes = values.get("train") or {}
     names = values.get("fields", StageOptions.model_fields["fields"].default)
-    names = [names] if names == AUTO else names
+    names = [names] if isinstance(names, str) else names
     if not isinstance(recipes, dict) or not isinstance(names, list):
         return  # the models have said so
     for name in recipes:
@@ -772,13 +808,17 @@ def name_faults(values):
                 "field: rename it",
             )
     known = {"pandis": None, "pandis-exact": None} | recipes
+    if AUTO in names and len(names) > 1:
+        yield "fields", "auto stands alone: it is the one field that the budget asks for"
+        return
     for index, name in enumerate(names):
         if name in names[:index]:
             yield f"fields.{index}", f"{name} is listed twice: remove one"
         try:
             spec = parse_field(str(name), known)
         except ValueError as error:
-            yield f"fields.{index}", str(error)
+            near = near_field(str(name), known)
+            yield f"fields.{index}", str(error) + (f"; did you mean '{near}'?" if near else "")
             continue
         spec = spec.through or spec
         budget = values.get("budget") or {}
@@ -793,6 +833,17 @@ def name_faults(values):
                 f"{spec.name} needs to know what to achieve: add bake.auto.{spec.kind}, with "
                 "force_error or bytes",
             )
+
+
+def near_field(name, recipes):
+    """Return the field whose name is most like one that is no field's, or None."""
+    kind, dash, size = name.rpartition("-")
+    if dash and (size.isdigit() or size == AUTO):
+        near = difflib.get_close_matches(kind, list(GRID_FIELDS), n=1, cutoff=0.7)
+        return f"{near[0]}-{size}" if near and near[0] != kind else None
+    known = ["exact", AUTO, *PLANE_FIELDS, PROXY, *recipes]
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)
+    return near[0] if near and near[0] != name else None
 
 
 def _targets(values):

@@ -6,20 +6,22 @@ Ground floor: no torch, no trimesh.
 """
 
 import hashlib
+import json
 import os
+import subprocess
 import sys
 import time
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import NamedTuple
-from urllib.parse import urlsplit
 
 from pandis.catalogue import AUTO, GRID_FIELDS, PLANE_FIELDS, parse_field
-from pandis.config import check_yaml, load_config, plain, recipe_options
+from pandis.config import check_yaml, load_config, plain, recipe_options, results_folder
 from pandis.errors import PandisError
 from pandis.placing import STAGES as SCENE_STAGES
 from pandis.placing import load_scenes, needed, scene_options
 from pandis.provenance import CodeDigests, unused_modules
+from pandis.sourcing import ANALYTIC, SHIPPED, SourceDigests, source_fault, url_extension
 
 #: Named targets and the stages whose outputs they ask for.
 TARGETS = {
@@ -38,8 +40,6 @@ QUERY_TIMES = "config/query-times.csv"
 CHOSEN_RECIPE = "pandis-exact"
 #: The scale that errors are told at where nothing depends on the device's: no option goes stale.
 NOMINAL = {"size": 0.10, "stiffness": 400.0}
-SUMMARY = "results/summary.csv"
-REPORT = "results/report.html"
 
 
 class Output(NamedTuple):
@@ -50,17 +50,22 @@ class Output(NamedTuple):
     wildcards: dict
 
 
-def open_plan(config, root, files):
-    """Return the plan, or end the process with the configuration's faults in plain words."""
+def open_plan(config, root, files, aloud=True):
+    """Return the plan, or end the process with the configuration's faults in plain words.
+
+    With ``aloud`` it says which meshes are refused, and why: they keep no other from running.
+    """
     try:
-        return Plan(config, root, files)
+        plan = Plan(config, root, files)
     except PandisError as error:
         # Snakemake would print a traceback of its own around the message
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(1) from None
-
-
-FINAL = (Output(SUMMARY, "summary", {}), Output(REPORT, "report", {}))
+    if aloud:
+        for mesh, why in plan.refused.items():
+            print(f"refused: {mesh}: {why}", file=sys.stderr)
+        plan.forget_partial_report()
+    return plan
 
 
 class Plan:
@@ -86,13 +91,47 @@ class Plan:
         self.files = [os.path.relpath(path) for path in files]
         for path in self.files:
             check_yaml(path)
-        self.entries = load_config(config)
+        #: Where everything lies that a run makes.
+        self.folder = results_folder(config)
+        #: Meshes that cannot be built, and why: their own job says so, and ends the run with 1.
+        self.refused = {}
+        self.entries = self._buildable(load_config(config, self.refused))
         self.scenes = load_scenes(config, self.entries)
         #: What scenes need alone; without scenes, everything.
         self.needed = needed(self.entries, self.scenes)
         self.digests = CodeDigests(root)
+        self.sources = SourceDigests()
         self._options, self._train_digests = {}, {}
         self._start = time.time()
+
+    def _buildable(self, entries):
+        """Return the meshes whose source is there and of a known format; note the others."""
+        good = {}
+        for mesh, entry in entries.items():
+            fault = source_fault(entry.source)
+            if fault is None:
+                good[mesh] = entry
+            else:
+                self.refused[mesh] = f"meshes.{mesh}.{fault}"
+        if not good:
+            lines = "\n".join(f"  {why}" for why in self.refused.values())
+            raise PandisError(f"no mesh can be built:\n{lines}")
+        return good
+
+    @property
+    def summary(self):
+        """Path of the table of the whole run."""
+        return f"{self.folder}/summary.csv"
+
+    @property
+    def report(self):
+        """Path of the page of the whole run."""
+        return f"{self.folder}/report.html"
+
+    @property
+    def final(self):
+        """The outputs that all meshes share."""
+        return Output(self.summary, "summary", {}), Output(self.report, "report", {})
 
     #: The table of query times that `fields: auto` goes by; `snakemake calibrate` renews it.
     query_times = QUERY_TIMES
@@ -128,7 +167,7 @@ class Plan:
         ``entry`` stands in for the mesh's own, with other fields.
         """
         entry = entry or self.entries[mesh]
-        home, made = f"results/{mesh}", []
+        home, made = f"{self.folder}/{mesh}", []
 
         def add(path, stage, **wildcards):
             made.append(Output(f"{home}/{path}", stage, {"mesh": mesh} | wildcards))
@@ -190,19 +229,27 @@ class Plan:
             return [output.path for output in self.everything()]
         every = [output for mesh in self.entries for output in self.outputs(mesh)]
         every += self.scene_outputs()
-        return [o.path for o in every if o.stage in TARGETS[name]]
+        wanted = [o.path for o in every if o.stage in TARGETS[name]]
+        return wanted + [o.path for o in self.refusals() if name != "scenes"]
 
     def everything(self):
         """Return every output of this configuration: with scenes, what they need alone."""
         every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
         if not self.scenes:
-            return [*every, *FINAL]
+            return [*every, *self.refusals(), *self.final]
         return [*(o for o in every if o.stage in SCENE_STAGES), *self.scene_outputs()]
+
+    def refusals(self):
+        """Return the outputs that meshes stand for that cannot be built: none is ever made."""
+        return [
+            Output(f"{self.folder}/{mesh}/refused", "refuse", {"mesh": mesh})
+            for mesh in self.refused
+        ]
 
     def scene_outputs(self):
         """Return the outputs of all scenes."""
         return [
-            Output(f"results/scenes/{scene}.{ending}", "scene", {"scene": scene})
+            Output(f"{self.folder}/scenes/{scene}.{ending}", "scene", {"scene": scene})
             for scene in self.scenes
             for ending in ("zarr.zip", "json", "h")
         ]
@@ -210,54 +257,59 @@ class Plan:
     # --- inputs of rules ---------------------------------------------------------
 
     def source(self, wildcards):
-        """Return the file a mesh is read from, if it is one and exists.
-
-        A missing file is no input: declared, it would stop the whole plan.
-        The mesh's own job fails instead, with a message, and the other meshes go on.
-        """
+        """Return the files that a mesh is read from: its own, and those that it names."""
         source = self.entries[wildcards.mesh].source
         extension = url_extension(source)
         if extension:
-            return [f"results/{wildcards.mesh}/source.{extension}"]
-        shipped = source.startswith(("pymeshlab:", "analytic:"))
-        return [source] if not shipped and Path(source).is_file() else []
+            return [f"{self.folder}/{wildcards.mesh}/source.{extension}"]
+        if source.startswith((SHIPPED, ANALYTIC)):
+            return []
+        return [os.path.relpath(path) if not Path(source).is_absolute() else str(path)
+                for path in self.sources.files(Path(source))]  # fmt: skip
+
+    def source_digest(self, wildcards):
+        """Return the SHA-256 of the source set of a mesh; of a URL what it must be."""
+        entry = self.entries[wildcards.mesh]
+        if url_extension(entry.source):
+            return entry.sha256.lower()
+        return self.sources.of(entry.source)
 
     def field_artifacts(self, wildcards):
         """Return the artifacts of all fields of a mesh but its own mesh file."""
         held = self.held(wildcards.mesh)
-        return [f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip" for spec in held]
+        return [f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip" for spec in held]
 
     def grid_artifact(self, wildcards):
         """Return the grid that a grid field is exported from."""
         spec = parse_field(wildcards.field, ())
-        return f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip"
+        return f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip"
 
     def native_artifact(self, wildcards):
         """Return the artifact that holds a field of a mesh."""
         spec = parse_field(wildcards.name, self.entries[wildcards.mesh].train)
-        return f"results/{wildcards.mesh}/{spec.artifact}.zarr.zip"
+        return f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip"
 
     def native(self, wildcards):
         """Return the files for ``pandis.h`` of a mesh."""
         specs = [spec for spec in self.specs(wildcards.mesh) if spec.native]
-        return [f"results/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
+        return [f"{self.folder}/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
 
     def scene_fields(self, wildcards):
         """Return the files for ``pandis.h`` of the objects of a scene, each once."""
         objects = self.scenes[wildcards.scene].objects.values()
-        files = (f"results/{own.mesh}/export/{own.field}.pandis" for own in objects)
+        files = (f"{self.folder}/{own.mesh}/export/{own.field}.pandis" for own in objects)
         return list(dict.fromkeys(files))
 
     def unexported(self, wildcards):
         """Return the artifacts of the fields that are timed from the library itself."""
         stems = [s.artifact for s in self.specs(wildcards.mesh) if not s.exports]
         stems = [stem for stem in dict.fromkeys(stems) if stem != "mesh"]
-        return [f"results/{wildcards.mesh}/{stem}.zarr.zip" for stem in stems]
+        return [f"{self.folder}/{wildcards.mesh}/{stem}.zarr.zip" for stem in stems]
 
     def exports(self, wildcards):
         """Return the exported files of a mesh."""
         return [
-            f"results/{wildcards.mesh}/export/{spec.name}.{ending}"
+            f"{self.folder}/{wildcards.mesh}/export/{spec.name}.{ending}"
             for spec in self.specs(wildcards.mesh)
             for ending in spec.exports
         ]
@@ -266,22 +318,22 @@ class Plan:
         """Return the PyTorch programs that are timed from C++."""
         specs = [s for s in self.specs(wildcards.mesh) if s.kind == "network"]
         wanted = self.entries[wildcards.mesh].timing.libtorch
-        return [f"results/{wildcards.mesh}/export/{s.name}.pt2" for s in specs if wanted]
+        return [f"{self.folder}/{wildcards.mesh}/export/{s.name}.pt2" for s in specs if wanted]
 
-    def report_artifacts(self):
-        """Return everything that the report reads."""
+    def report_artifacts(self, only=None):
+        """Return everything that the report reads, of all meshes or of one."""
         found = []
-        for mesh in self.entries:
+        for mesh in [only] if only else self.entries:
             stems = ["mesh", "trajectory", "evaluation", "stress", "timing", "hardware"]
             stems += [spec.artifact for spec in self.held(mesh)]
             if any(spec.kind == "network" for spec in self.held(mesh)):
                 stems.append("samples")
-            found += [f"results/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
+            found += [f"{self.folder}/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
         return found
 
     def results(self, stem):
         """Return one file of every mesh."""
-        return [f"results/{mesh}/{stem}" for mesh in self.entries]
+        return [f"{self.folder}/{mesh}/{stem}" for mesh in self.entries]
 
     # --- params of rules ---------------------------------------------------------
 
@@ -319,6 +371,8 @@ class Plan:
             return scene_options(self.scenes[wildcards["scene"]], self.entries)
         if mesh is None:
             return {"fields": {name: entry.fields for name, entry in self.entries.items()}}
+        if stage == "refuse":
+            return {"why": self.refused[mesh]}
         entry = self.entries[mesh]
         seed = stage_seed(entry.seed, mesh, stage)
         size, stiffness = entry.device.size, entry.device.stiffness
@@ -400,23 +454,66 @@ class Plan:
     def farewell(self):
         """Return what a successful run prints at its end."""
         if self.scenes:
-            return "\nThe scenes are in  results/scenes/"
-        if not Path(REPORT).is_file() or Path(REPORT).stat().st_mtime < self._start:
+            return f"\nThe scenes are in  {self.folder}/scenes/"
+        if not Path(self.report).is_file() or Path(self.report).stat().st_mtime < self._start:
             return "Done. The report is made by the targets all and report."
         return (
-            f"\nThe report is in   {REPORT}\n"
-            f"The table is in    {SUMMARY}\n"
-            "Exported fields:   results/{mesh}/export/"
+            f"\nThe report is in   {self.report}\n"
+            f"The table is in    {self.summary}\n"
+            f"Exported fields:   {self.folder}/{{mesh}}/export/"
         )
 
     def condolence(self):
         """Return what a failed run prints at its end."""
         return (
-            "\nA job failed; its own message stands above, after 'error:' or in a traceback.\n"
-            "All logs are in    results/logs/\n"
+            "\nA job failed, or was stopped; its own message stands above, after 'error:' or in a "
+            "traceback.\n"
+            f"All logs are in    {self.folder}/logs/\n"
             "Other meshes went on. Mend the cause and run the same command again: only what is "
             "missing or stale runs."
         )
+
+    # --- a report without the meshes that failed -----------------------------------
+
+    @property
+    def partial_note(self):
+        """Path of the list of meshes that the report leaves out; there while it does."""
+        return Path(self.folder) / "refused.json"
+
+    def forget_partial_report(self):
+        """See to it that a report that leaves meshes out is made anew, however it was copied."""
+        if self.partial_note.is_file():
+            for path in (self.report, self.summary):
+                if Path(path).is_file():
+                    os.utime(path, (1, 1))  # older than everything that it is made from
+
+    def partial_report(self, workflow):
+        """Write the report and the summary of the meshes that are whole, after a failed run.
+
+        In a process of its own, for planning loads no numerics. What is written is no result of
+        Snakemake's: it is older than all its inputs, and its records go.
+
+        Parameters
+        ----------
+        workflow : snakemake.workflow.Workflow
+            Whose run has failed; only if it would have made the report.
+        """
+        final = [job for job in workflow.dag.jobs if job.rule.name in ("report", "summary")]
+        if not any(job.rule.name == "report" for job in final):
+            return
+        given = {"config": workflow.config, "root": str(self.digests.root), "files": self.files}
+        command = [sys.executable, "-m", "pandis.report.partial"]
+        done = subprocess.run(
+            command,
+            input=json.dumps(given, default=str),
+            text=True,
+            env=os.environ | {"PYTHONPATH": str(self.digests.root)},
+            check=False,
+        )
+        if done.returncode == 0:
+            for made in (path for job in final for path in job.output):
+                workflow.persistence.cleanup_metadata(made)
+            self.forget_partial_report()
 
     def train_threads(self, wildcards):
         """Return the threads that a recipe trains with: a part of its options."""
@@ -447,13 +544,3 @@ def stage_seed(root, *names):
     """Return the seed of a stage: a hash of the configuration's seed and the names."""
     text = "\0".join([str(root), *names])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "little")
-
-
-def url_extension(source):
-    """Return the file ending of a URL (``ply``, ``ply.gz``), or None if it is none."""
-    if not source.startswith(("http://", "https://")):
-        return None
-    suffixes = PurePosixPath(urlsplit(source).path).suffixes[-2:]
-    if suffixes[-1:] != [".gz"]:
-        suffixes = suffixes[-1:]
-    return "".join(suffixes).removeprefix(".") or "unknown"

@@ -9,24 +9,22 @@ inside each artifact, so that `verify` can judge a folder of results alone.
 
 import ast
 import hashlib
+import subprocess
 import sys
+from functools import cache
 from importlib import metadata
 from pathlib import Path
+
+from pandis.native.compiler import find_compiler
 
 #: Files beside a package's modules that are a part of it: templates, sources in C.
 _DATA = {".html", ".css", ".js", ".h", ".c", ".cpp"}
 
-#: Packages whose versions are recorded if the stage has loaded them.
-_PACKAGES = {
-    "numpy": "numpy",
-    "zarr": "zarr",
-    "numcodecs": "numcodecs",
-    "trimesh": "trimesh",
-    "igl": "libigl",
-    "torch": "torch",
-    "onnx": "onnx",
-    "onnxruntime": "onnxruntime",
-}
+#: Packages that are installed under another name than they are imported by.
+_PACKAGES = {"igl": "libigl", "yaml": "PyYAML", "skimage": "scikit-image"}
+#: What a stage's code says of Python itself: its versions differ in what they compute, not the
+#: last number.
+_PYTHON = "python"
 
 
 #: Modules that one kind of recipe alone runs, though the trainer imports them all.
@@ -56,6 +54,7 @@ class CodeDigests:
         self.scripts = Path(scripts) if scripts else self.root.parent / "scripts"
         self._own = {}
         self._imports = {}
+        self._packages, self._versions = {}, {}
 
     def stage(self, name, unused=()):
         """Return one digest (hex) for the stage whose script is ``{name}.py``."""
@@ -74,7 +73,16 @@ class CodeDigests:
             if module not in found:
                 found.add(module)
                 queue += self._imports[module]
-        return {module: self._own[module] for module in sorted(found - set(unused))}
+        modules = {module: self._own[module] for module in sorted(found - set(unused))}
+        packages = {name for module in modules for name in self._packages[module]}
+        versions = {f"package {name}": self._version(name) for name in sorted(packages)}
+        major, minor = sys.version_info[:2]
+        return modules | versions | {_PYTHON: f"{major}.{minor}"}
+
+    def _version(self, name):
+        if name not in self._versions:
+            self._versions[name] = package_version(name)
+        return self._versions[name]
 
     def _load(self, module, path, package):
         if module in self._own:
@@ -83,6 +91,7 @@ class CodeDigests:
         tree = ast.parse(source)
         self._own[module] = _tree_digest(tree)
         imports = self._imports[module] = []
+        self._packages[module] = set(_foreign(tree))
         if path.name == "__init__.py":
             # templates and the like belong to the package they lie in
             files = path.parent.iterdir()
@@ -107,6 +116,14 @@ class CodeDigests:
                 break  # a name inside the module, or no module of ours
             modules.append(module)
         return modules
+
+
+def package_version(name):
+    """Return the version of what ``import name`` imports; ``absent`` if it is not installed."""
+    try:
+        return metadata.version(_PACKAGES.get(name, name))
+    except metadata.PackageNotFoundError:
+        return "absent"
 
 
 def combine(digests):
@@ -143,13 +160,46 @@ def _imported(tree, package):
         yield from (name for name in names if name.split(".")[0] == "pandis")
 
 
-def versions():
-    """Return the versions of Python and of the packages that this process has loaded."""
+def _foreign(tree):
+    """Yield the names of the packages of others that a module imports, wherever it does."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names = [node.module or ""]
+        else:
+            continue
+        tops = {name.split(".")[0] for name in names}
+        yield from tops - {"pandis", "snakemake", ""} - sys.stdlib_module_names
+
+
+def versions(modules):
+    """Return the versions behind a stage: Python, the packages it imports, the C compiler.
+
+    The compiler makes nothing stale: another one gives the same bits.
+
+    Parameters
+    ----------
+    modules : dict of str to str
+        From `CodeDigests.modules`.
+    """
     found = {"python": ".".join(map(str, sys.version_info[:3]))}
-    for module, package in _PACKAGES.items():
-        if module in sys.modules:
-            found[package] = metadata.version(package)
+    for name, version in modules.items():
+        if name.startswith("package "):
+            found[name.removeprefix("package ")] = version
+    if "pandis.native.compiler" in modules:
+        found["compiler"] = compiler_version()
     return found
+
+
+@cache
+def compiler_version():
+    """Return what the C compiler calls itself; an empty text without one."""
+    compiler = find_compiler()
+    if compiler is None:
+        return ""
+    done = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
+    return done.stdout.partition("\n")[0]
 
 
 def provenance(stage, wildcards, options, modules, inputs):
@@ -174,5 +224,5 @@ def provenance(stage, wildcards, options, modules, inputs):
         "options": options,
         "code": {"digest": combine(modules), "modules": modules},
         "inputs": inputs,
-        "versions": versions(),
+        "versions": versions(modules),
     }

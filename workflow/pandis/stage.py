@@ -25,6 +25,7 @@ from pandis.artifact import (
 )
 from pandis.errors import PandisError
 from pandis.provenance import CodeDigests, combine, provenance, unused_modules
+from pandis.sourcing import source_digest, source_files
 
 PROGRESS_SECONDS = 5.0
 #: What a job that was stopped says.
@@ -90,6 +91,8 @@ class Job:
         self.output = snakemake.output
         extra = [v for k, v in snakemake.wildcards.items() if k not in ("mesh", "extension")]
         self.name = " ".join([self.mesh or "all meshes", self.stage, *map(str, extra)])
+        #: SHA-256 of the source set, for the stage that reads one.
+        self.source = snakemake.params.get("source", "")
         self._inputs = {}
         self._start = time.monotonic()
         path = Path(snakemake.log[0])
@@ -155,6 +158,14 @@ class Job:
         self._inputs[working_path(path)] = file_digest(path)
         return Path(path)
 
+    def check_source(self, path):
+        """Refuse a source that is another than when the run was planned."""
+        if self.source and source_digest(source_files(path)) != self.source:
+            raise PandisError(
+                f"{path}, or a file that it names, was changed after this run was planned; run the "
+                "same command again"
+            )
+
     def workflow(self):
         """Return the folder of the Snakefile."""
         return Path(self._snakemake.scriptdir).resolve().parent / "workflow"
@@ -163,7 +174,8 @@ class Job:
         """Return why the output that is being made will be current."""
         wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
         inputs = dict(sorted(self._inputs.items()))
-        return provenance(self.stage, wildcards, self.options, self._modules, inputs)
+        made = provenance(self.stage, wildcards, self.options, self._modules, inputs)
+        return made | ({"source": self.source} if self.source else {})
 
     def write(self, kind, arrays, attributes, chunks=None):
         """Write the rule's first output as an artifact."""

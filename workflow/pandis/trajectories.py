@@ -4,8 +4,11 @@ import numpy as np
 
 from pandis.errors import PandisError
 from pandis.mesh.shapes import Sphere
+from pandis.thickness import inscribed_radius
 
 _TRIES = 24
+#: A path that follows the thickness is no deeper than this share of the inscribed radius.
+_OF_RADIUS = 0.8
 #: Turns of a spiral.
 TURNS = 6
 
@@ -29,24 +32,52 @@ def trace(surface, engine, options, progress):
     progress : callable
         Makes a `pandis.stage.Progress`.
 
+    Where no part of the mesh is thick enough for the depths asked for, the depth follows the
+    thickness: it is nowhere more than 0.8 of the inscribed radius.
+
     Returns
     -------
-    dict of str to ndarray
+    arrays : dict of str to ndarray
         ``points`` (n, 3), ``distance`` (n,), ``normal`` (n, 3): float64, unit frame, exact.
+    attributes : dict
+        ``followed``: a sentence that says so if the depth follows the thickness; else empty.
 
     Raises
     ------
     PandisError
-        No place on the mesh is thick enough for the depths asked for, or a spiral is asked
-        for on something else than a sphere.
+        There is no way over the mesh at any depth, or a spiral is asked for on something else
+        than a sphere.
     """
     if options["kind"] == "spiral":
-        return _spiral(engine, options["samples"])
+        return _spiral(engine, options["samples"]), {"followed": ""}
+    found = _walk(surface, engine, options, progress, follow=False)
+    if found is not None:
+        return found, {"followed": ""}
+    found = _walk(surface, engine, options, progress, follow=True)
+    if found is None:
+        raise PandisError(
+            "there is no way over the mesh for the probe's path, at any depth: its parts are "
+            f"smaller than a step of it; reduce trajectory.step (now {options['step']:g} of the "
+            "unit frame)"
+        )
+    deepest = -found["distance"].min()
+    return found, {
+        "followed": f"its parts are too thin for the depths of {options['shallow']:g} to "
+        f"{options['deep']:g} that were asked for, so that the path follows their thickness and "
+        f"is at most {deepest:.2g} deep"
+    }
+
+
+def _walk(surface, engine, options, progress, follow):
+    """Return the arrays of a path; None if it comes to no end.
+
+    With ``follow`` its depth is at most 0.8 of the inscribed radius.
+    """
     rng = np.random.default_rng(options["seed"])
     count, step = options["samples"], options["step"]
     depth = _depths(count, options["shallow"], options["deep"], rng)
     report = progress("trajectory", count, "samples")
-    tracer = _Tracer(engine, step)
+    tracer = _Tracer(engine, step, follow)
     starts, normals, _, _ = surface.draw(1000, rng)
     points, distances, found_normals = np.empty((count, 3)), np.empty(count), np.empty((count, 3))
     done, heading, restarts = 0, None, 0
@@ -55,13 +86,9 @@ def trace(surface, engine, options, progress):
             state = None
             while state is None:
                 if restarts == len(starts):
-                    raise PandisError(
-                        "no part of the mesh is thick enough for the trajectory: reduce "
-                        f"trajectory.deep (now {options['deep']:g} of the unit frame)"
-                    )
+                    return None
                 pick = restarts * 617 % len(starts)  # spread over the surface
-                seed_point = starts[pick] - depth[done] * normals[pick]
-                state = tracer.settle(seed_point, normals[pick], depth[done], reach=step)
+                state = tracer.begin(starts[pick], normals[pick], depth[done])
                 restarts += 1
             heading = rng.normal(size=3)
         else:
@@ -79,8 +106,20 @@ def trace(surface, engine, options, progress):
 
 
 class _Tracer:
-    def __init__(self, engine, step):
-        self.engine, self.step = engine, step
+    def __init__(self, engine, step, follow):
+        self.engine, self.step, self.follow = engine, step, follow
+
+    def begin(self, foot, normal, depth):
+        """Start below a surface point; None if that ends elsewhere."""
+        depth = self._within(foot, normal, depth)
+        return self.settle(foot - depth * normal, normal, depth, reach=self.step)
+
+    def _within(self, foot, normal, depth):
+        """Return the depth, or as much as the part allows there."""
+        if not self.follow:
+            return depth
+        radius = inscribed_radius(self.engine, foot[None], normal[None])[0]
+        return min(depth, _OF_RADIUS * radius)
 
     def settle(self, point, normal, depth, reach):
         """Bring a point to the depth; None if it ends elsewhere, turned or too far away."""
@@ -97,6 +136,16 @@ class _Tracer:
         same_side = found[0] @ normal > 0.0
         return (point, distance[0], found[0]) if well and near and same_side else None
 
+    def _step(self, point, normal, heading, depth):
+        """Take one step along the surface, at a depth that the part allows where it leads."""
+        there = point + self.step * heading
+        if self.follow:
+            distance, outward = self.engine.distance_and_normal(there[None], check=False)
+            foot = there - distance[0] * outward[0]
+            depth = self._within(foot, outward[0], depth)
+            there = foot - depth * outward[0]
+        return self.settle(there, normal, depth, reach=self.step)
+
     def advance(self, point, normal, heading, depth, rng):
         """Take one step; turn more and more until one succeeds."""
         for attempt in range(_TRIES):
@@ -104,7 +153,7 @@ class _Tracer:
             length = np.linalg.norm(along)
             if length > 1e-6:
                 heading = along / length
-                state = self.settle(point + self.step * heading, normal, depth, reach=self.step)
+                state = self._step(point, normal, heading, depth)
                 if state is not None:
                     return state, heading
             heading = heading + rng.normal(0, 0.3 * (attempt + 1), 3)

@@ -17,6 +17,7 @@ from pandis.plan import DEFAULT_CONFIG
 from pandis.provenance import unused_modules
 from pandis.report.seal import read_seal
 from pandis.report.tables import summarise, to_csv
+from pandis.sourcing import source_digest, source_files, source_path, url_extension
 
 
 def verify(plan, log):
@@ -34,7 +35,7 @@ def verify(plan, log):
         Something is missing, damaged or stale; the log has said what, and the
         message says the command that mends it.
     """
-    checker = _Checker(plan)
+    checker = Checker(plan)
     outputs = plan.everything()
     found = [(output, fault) for output in outputs if (fault := checker.fault(output))]
     total = len(outputs)
@@ -42,19 +43,51 @@ def verify(plan, log):
     for output, fault in found:
         log(f"{output.path:{width}}  {fault}")
     if found:
-        paths = " ".join(output.path for output, _ in found)
         raise PandisError(
             f"{len(found)} of {total} results are not what the configuration asks for (listed "
-            f"above). To mend them: snakemake -j2{_configfiles(plan)} -R {paths} -- all"
+            f"above). {remedy(plan, found)}"
         )
     log(f"all {total} results are whole and belong to this configuration and code")
+
+
+def remedy(plan, found):
+    """Return the commands that mend results, of pairs of an output and what is wrong with it.
+
+    A file that is lost or damaged is made again alone: if its bytes come out the same, as they do
+    but for durations, nothing that was made from it runs again.
+    """
+    given = f"-j2{_configfiles(plan)}"
+    stale = [output for output, fault in found if fault.startswith(_STALE)]
+    # what waits for an input that is lost is whole again with that
+    apart = (*_STALE, _WAITS)
+    lost = [output for output, fault in found if not fault.startswith(apart)]
+    said = []
+    made = [output.path for output in lost if output.stage != "refuse"]
+    if made:
+        said.append(
+            f"To restore what is lost or damaged, without making again what follows from it: "
+            f"snakemake {given} -f {' '.join(made)} && snakemake {given} all"
+        )
+    if stale:
+        paths = " ".join(output.path for output in stale)
+        said.append(f"To mend what is stale: snakemake {given} -R {paths} -- all")
+    if any(output.stage == "refuse" for output in lost):
+        said.append("Meshes that are refused have to be mended, or taken out.")
+    return "\n".join(said)
+
+
+#: How what is wrong begins where a result is whole, but not of this configuration and code.
+_WAITS = "its input"
+_STALE = ("stale", "is another result", "differs", "leaves out")
 
 
 def _configfiles(plan):
     return f" --configfile {' '.join(plan.files)}" if plan.files != [DEFAULT_CONFIG] else ""
 
 
-class _Checker:
+class Checker:
+    """Tells what is wrong with each output of a plan."""
+
     def __init__(self, plan):
         self.plan = plan
         self._digests = {}
@@ -62,6 +95,8 @@ class _Checker:
     def fault(self, output):
         """Return what is wrong with an output, or None."""
         path = Path(output.path)
+        if output.stage == "refuse":
+            return f"refused: {self.plan.refused[output.wildcards['mesh']]}"
         if not path.is_file():
             return "missing"
         if output.stage == "fetch":
@@ -79,6 +114,8 @@ class _Checker:
 
     def _stale(self, output, found):
         options = self.plan.options(output.stage)(output.wildcards)
+        if found["stage"] == "partial":
+            return "leaves out the meshes that a run could not build"
         made = (found["stage"], found["wildcards"])
         if made != (output.stage, output.wildcards):
             return f"is another result, of {made[0]} {' '.join(made[1].values())}"
@@ -91,13 +128,25 @@ class _Checker:
             before = found["code"]["modules"]
             changed = [m for m in sorted(modules | before) if modules.get(m) != before.get(m)]
             return f"stale: code changed ({', '.join(changed)})"
+        if output.stage == "mesh":
+            source = self._source(output.wildcards["mesh"])
+            if source != found.get("source", ""):
+                return "stale: its source changed, or a file that the source names"
         for name, digest in found["inputs"].items():
             now = self._digest(name)
             if now is None:
-                return f"stale: its input {name} is missing or damaged"
+                return f"its input {name} is missing or damaged"
             if now != digest:
                 return f"stale: its input {name} changed"
         return None
+
+    def _source(self, mesh):
+        """Return the digest of a source as its files are now, whatever a plan remembers."""
+        entry = self.plan.entries[mesh]
+        if url_extension(entry.source):
+            return entry.sha256.lower()
+        path = source_path(entry.source)
+        return "" if path is None else source_digest(source_files(path))
 
     def _summary(self, path):
         """Return what is wrong with summary.csv: it must be what the artifacts give now."""
@@ -108,7 +157,7 @@ class _Checker:
             )
             text = to_csv(summarise(*read))
         except PandisError:
-            return "stale: an artifact it sums up is missing or damaged"
+            return "its input, an artifact that it sums up, is missing or damaged"
         same = _without_builds(path.read_bytes()) == _without_builds(text.encode())
         return None if same else "differs from the artifacts it sums up"
 

@@ -32,7 +32,7 @@ def several(first, surface, engine, options, progress):
     paths = [first]
     for index in range(1, options["paths"]):
         own = options["trajectory"] | {"seed": [options["seed"], 5, index]}
-        more = trace(surface, engine, own, progress)
+        more, _ = trace(surface, engine, own, progress)
         paths.append(tuple(more[key] for key in ("points", "distance", "normal")))
     return paths
 

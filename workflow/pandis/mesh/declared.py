@@ -99,6 +99,33 @@ def _gltf(data):
     return Declared(total, exact=True)
 
 
+#: Extensions that pack the triangles of a glTF scene: a reader that does not know them finds none.
+_PACKINGS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
+
+
+def compression(path, form):
+    """Return the name of the extension that a glTF scene's triangles are compressed by, or None.
+
+    Parameters
+    ----------
+    path : Path
+        Not compressed as a file.
+    form : str
+        Its format.
+    """
+    if form not in ("glb", "gltf"):
+        return None
+    try:
+        data = path.read_bytes()
+        if form == "glb":
+            data = data[20 : 20 + struct.unpack_from("<I", data, 12)[0]]
+        scene = json.loads(data)
+        needed = [*scene.get("extensionsRequired", []), *scene.get("extensionsUsed", [])]
+    except (ValueError, TypeError, AttributeError, struct.error):
+        return None  # malformed: the readers will say how
+    return next((name for name in needed if name in _PACKINGS), None)
+
+
 def _primitive(part, accessors):
     mode = part.get("mode", 4)
     which = part["indices"] if "indices" in part else part["attributes"]["POSITION"]

@@ -3,7 +3,6 @@
 import gzip
 import shutil
 import tempfile
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,9 @@ import numpy as np
 from pandis.artifact import file_digest
 from pandis.errors import PandisError
 from pandis.mesh import tools
-from pandis.mesh.declared import declared
+from pandis.mesh.declared import compression, declared
+from pandis.sourcing import FORMATS, format_of, source_path
 
-FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
 READERS = ("trimesh", "pymeshlab", "libigl")
 
 
@@ -25,23 +24,7 @@ def find_file(source):
     PandisError
         There is no such file, or it is empty.
     """
-    if source.startswith("pymeshlab:"):
-        name = source.removeprefix("pymeshlab:")
-        spec = find_spec("pymeshlab")
-        if spec is None:
-            raise PandisError(f"source: '{source}' needs PyMeshLab: pip install pymeshlab")
-        folder = Path(spec.submodule_search_locations[0]) / "tests" / "sample_meshes"
-        path = folder / name
-        if not path.is_file():
-            known = ", ".join(sorted(f.name for f in folder.glob("*.*")))
-            raise PandisError(f"source: PyMeshLab ships no '{name}'; it has {known}")
-    else:
-        path = Path(source)
-        if not path.is_file():
-            raise PandisError(
-                f"source: there is no file '{source}' (looked in {Path.cwd()}); correct the path "
-                "or put the file there"
-            )
+    path = source_path(source)
     if path.stat().st_size == 0:
         raise PandisError(f"{source}: the file is empty; export the mesh again")
     return path
@@ -78,9 +61,7 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
             f"{source}: the file's sha256 is {digest}, the configuration says {sha256.lower()}; "
             "the file changed or the download broke: fetch it again, or correct sha256"
         )
-    suffixes = [s.lower().removeprefix(".") for s in path.suffixes]
-    packed = suffixes[-1:] == ["gz"]
-    ending = suffixes[-2 if packed else -1] if len(suffixes) > packed else ""
+    packed, ending = path.suffix.lower() == ".gz", format_of(path)
     if ending not in FORMATS:
         raise PandisError(
             f"{source}: unknown format '.{ending}'; known are "
@@ -97,6 +78,11 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
             except (OSError, EOFError) as error:
                 raise PandisError(f"{source}: not a whole gzip file ({error})") from error
             path = plain
+        if packing := compression(path, ending):
+            raise PandisError(
+                f"{source}: its triangles are compressed with {packing}, which no "
+                "reader here knows; export the scene again without compression"
+            )
         says = declared(path, ending)
         limits = {"seconds": seconds, "memory_gb": memory_gb}
         found = {}

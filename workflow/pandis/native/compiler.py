@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from pandis.errors import PandisError
+from pandis.native.cache import cache_folder
 
 #: No reassociation, no fused multiply-add: IEEE results that do not depend on the machine. That
 #: nobody asks for errno or for traps lets the compiler use vectors.
@@ -27,12 +28,10 @@ FLAGS = (
 )
 
 
-def cache_folder():
-    """Return where compiled libraries are kept (``PANDIS_CACHE``, else the user's cache)."""
-    if os.environ.get("PANDIS_CACHE"):
-        return Path(os.environ["PANDIS_CACHE"])
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "pandis"
+def find_compiler():
+    """Return the C compiler that is used, None if there is none."""
+    compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
+    return compiler if compiler and shutil.which(compiler) else None
 
 
 @cache
@@ -52,8 +51,8 @@ def load(source):
     PandisError
         There is no compiler, or it fails.
     """
-    compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
-    if compiler is None or not shutil.which(compiler):
+    compiler = find_compiler()
+    if compiler is None:
         raise PandisError(
             f"no C compiler found for {source.name}: install one (Debian: apt-get install gcc; "
             "conda: conda install gcc) or name it in the environment variable CC"

@@ -9,7 +9,7 @@ from pandis.catalogue import PROXY, parse_field
 _JOBS = {"grid": "bake", "model": "train", "method": "", "choice": "choose"}
 
 
-def build_seconds(mesh, fields, folder="results/benchmarks"):
+def build_seconds(mesh, fields, folder):
     """Return the seconds of the last job that built each field.
 
     A job that went on from a checkpoint counts from there. Times lie beside the artifacts, not in
@@ -20,6 +20,7 @@ def build_seconds(mesh, fields, folder="results/benchmarks"):
     mesh : str
     fields : list of str
     folder : path-like
+        Of the benchmark files: ``results/benchmarks``.
 
     Returns
     -------

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from pandis.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, PROXY
-from pandis.evaluation.front import pareto
+from pandis.evaluation.front import may_be_used, pareto
 from pandis.forces import penalty_force
 from pandis.report.picture import save
 from pandis.report.render import VIEW, render
@@ -221,23 +221,26 @@ def _spherical(force):
 
 
 def error_against_time(rows, specs, networks):
-    """Draw mean error on the trajectory against the time of a query in C, and against jumps.
+    """Draw the mean contact error against the time of a query in C, and against jumps.
 
-    The line joins the fields that no other one beats in both.
+    The line joins the fields that no other one beats in both, of those that may be used: the
+    others are hollow.
     """
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     by_name = {spec.name: spec for spec in specs}
-    known = [row for row in rows if row["field"] in by_name]
-    floor = min((r["trajectory_mean"] for r in known if r["trajectory_mean"] > 0), default=1) / 5
+    known = [r for r in rows if r["field"] in by_name and r["contact_mean"] != ""]
+    floor = min((r["contact_mean"] for r in known if r["contact_mean"] > 0), default=1) / 5
     axes = [figure.add_subplot(1, 2, k + 1) for k in (0, 1)]
     for panel, key in zip(axes, ("native_p50_us", "jump_rms_newtons"), strict=True):
         shown, best = [row for row in known if row[key] != "" and row[key] > 0], []
-        for row, unbeaten in zip(shown, pareto(shown, ("trajectory_mean", key)), strict=True):
-            exact = row["trajectory_mean"] == 0  # zero has no place on a logarithmic axis
-            at = (row[key], floor if exact else row["trajectory_mean"])
+        for row, unbeaten in zip(shown, pareto(shown, ("contact_mean", key)), strict=True):
+            exact = row["contact_mean"] == 0  # zero has no place on a logarithmic axis
+            at = (row[key], floor if exact else row["contact_mean"])
             best += [at] if unbeaten else []
             look = colour(by_name[row["field"]], networks)
-            panel.loglog(*at, "v" if exact else "o", color=look, ms=7 if unbeaten else 5)
+            fill = {} if may_be_used(row) else {"markerfacecolor": "none"}
+            size = 7 if unbeaten else 5
+            panel.loglog(*at, "v" if exact else "o", color=look, ms=size, **fill)
             note = row["field"] + (" (error 0)" if exact else "")
             panel.annotate(note, at, textcoords="offset points", xytext=(7, -3), fontsize=7)
         line = np.array(sorted(best, key=lambda at: (at[0], -at[1]))).reshape(-1, 2)
@@ -246,9 +249,11 @@ def error_against_time(rows, specs, networks):
         panel.margins(x=0.3)
     axes[0].axvline(1000, color="#999999", ls=":", lw=1)
     axes[0].text(960, axes[0].get_ylim()[1], "1 kHz", ha="right", va="top", color="#777777")
-    axes[0].set(xlabel="one query in C, median (µs)", ylabel="mean force error (unit frame, k = 1)")
+    axes[0].set(
+        xlabel="one query in C, median (µs)", ylabel="mean contact error (unit frame, k = 1)"
+    )
     axes[1].set(xlabel="RMS change of force per 0.1 mm (N)")
-    keys = ("field", "trajectory_mean", "native_p50_us", "bytes", "jump_rms_newtons", "front")
+    keys = ("field", "contact_mean", "native_p50_us", "bytes", "jump_rms_newtons", "front")
     return save(figure, {key: [row[key] for row in known] for key in keys})
 
 

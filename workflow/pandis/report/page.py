@@ -6,6 +6,7 @@ import jinja2
 import numpy as np
 
 from pandis import __version__
+from pandis.budget import Limits, told, told_figures
 from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.evaluation.beyond import POINTS
 from pandis.evaluation.front import PRICES, recommend
@@ -16,7 +17,7 @@ from pandis.frame import Frame
 from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures, paper
 from pandis.report.builds import build_seconds
-from pandis.report.tables import COLUMNS, summary_rows
+from pandis.report.tables import COLUMNS, CONTACT, control_rows, summary_rows
 from pandis.report.view import view
 from pandis.stress.suite import QUESTIONS
 
@@ -43,9 +44,11 @@ def mesh_section(name, artifacts, field_names):
     networks = [spec.name for spec in specs if spec.kind == "network"]
     frame = Frame.from_attributes(mesh.attributes["frame"])
     trajectory = artifacts["trajectory"].arrays["points"]
-    builds = build_seconds(name, field_names)
+    home = mesh.path.parent
+    builds = build_seconds(name, field_names, home.parent / "benchmarks")
     held = [artifacts[k].attributes for k in ("evaluation", "timing", "stress", "hardware")]
     rows = summary_rows(name, *held, builds)
+    contact = evaluation.attributes["controls"]["control-zero"][CONTACT]
     shown = [parse_field("exact", ()), *(s for s in specs if s.name in _best(specs, rows))]
     vertices = frame.to_unit(mesh.arrays["vertices"])
     forces = {s.name: evaluation.arrays[f"force_{s.name}"] for s in specs}
@@ -56,7 +59,12 @@ def mesh_section(name, artifacts, field_names):
         "name": name,
         "rows": rows,
         "builds": builds,
-        "choice": artifacts["choice"].attributes if "choice" in artifacts else None,
+        "controls": control_rows(name, held[0], held[2]),
+        "judged": contact["judged"],
+        "trajectory": artifacts["trajectory"].attributes,
+        "walls": max((v["walls"]["points"] for v in held[3]["fields"].values()), default=0),
+        "versions": _versions(artifacts.values()),
+        "choice": _chosen(artifacts["choice"].attributes) if "choice" in artifacts else None,
         "view": view(evaluation, [s.name for s in specs], _first(rows, networks)),
         "columns": {k: title for k, title in COLUMNS.items() if any(row[k] != "" for row in rows)},
         "mesh": mesh.attributes,
@@ -86,6 +94,27 @@ def mesh_section(name, artifacts, field_names):
         )
         if compute
         else None,
+    }
+
+
+def _versions(artifacts):
+    """Return the versions behind artifacts, by package."""
+    found = {}
+    for artifact in artifacts:
+        found |= artifact.provenance.get("versions", {})
+    return dict(sorted(found.items()))
+
+
+def _chosen(choice):
+    """Return a choice with what it promises, and what was asked for, in words."""
+    scale = choice["scale"]
+    wanted = Limits(**choice["limits"])
+    said = told(wanted.mean, scale["newtons"], scale["mean_force"])
+    tail = told(wanted.tail, scale["newtons"], scale["mean_force"])
+    return choice | {
+        "says": told_figures(choice["choice"]["held_out"], scale["newtons"], scale["mean_force"]),
+        "wanted": f"at most {said} on average, {tail} at p99, and "
+        f"{100 * wanted.missed:.2g} % of the surface missing",
     }
 
 
@@ -160,8 +189,16 @@ def _sentence(rows, networks, closed_form):
     return text
 
 
-def build(sections):
-    """Return the page as text."""
+def build(sections, refused=None):
+    """Return the page as text.
+
+    Parameters
+    ----------
+    sections : list of dict
+        From `mesh_section`.
+    refused : dict of str to str, optional
+        Meshes that could not be built, and why.
+    """
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -179,6 +216,7 @@ def build(sections):
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(
         sections=sections,
+        refused=refused or {},
         version=__version__,
         rays=THICKNESS_RAYS,
         jump=JUMP,
@@ -187,6 +225,7 @@ def build(sections):
         questions=QUESTIONS,
         scripts=scripts,
         tables=paper.tables(sections),
+        versions={k: v for section in sections for k, v in section["versions"].items()},
     )
 
 

@@ -61,7 +61,8 @@ def summarise(evaluations, timings, stresses, hardware):
     for found in zip(evaluations, timings, stresses, hardware, strict=True):
         (mesh,) = {artifact.path.parent.name for artifact in found}
         held = [artifact.attributes for artifact in found]
-        rows += summary_rows(mesh, *held, build_seconds(mesh, held[0]["fields"]))
+        times = found[0].path.parent.parent / "benchmarks"
+        rows += summary_rows(mesh, *held, build_seconds(mesh, held[0]["fields"], times))
     return rows
 
 
@@ -155,11 +156,20 @@ def _contact(errors):
     }
 
 
-def to_csv(rows):
-    """Return rows as the text of a CSV file."""
+def to_csv(rows, refused=()):
+    """Return rows as the text of a CSV file; refused meshes have a row with the reason alone.
+
+    Parameters
+    ----------
+    rows : list of dict
+    refused : dict of str to str
+        Meshes that could not be built, and why.
+    """
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, list(COLUMNS), lineterminator="\n")
+    writer = csv.DictWriter(stream, [*COLUMNS, *(["refused"] if refused else [])],
+                            lineterminator="\n")  # fmt: skip
     writer.writeheader()
+    writer.writerows({"mesh": mesh, "refused": refused[mesh]} for mesh in refused)
     writer.writerows(
         {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
     )

@@ -1,0 +1,98 @@
+"""The report and the summary of the meshes that are whole, after a run in which others failed.
+
+Run as ``python -m pandis.report.partial`` with the configuration on stdin: planning, which knows
+that a run has failed, loads no numerics.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from pandis.artifact import read_artifact, write_atomically
+from pandis.errors import PandisError
+from pandis.plan import Plan
+from pandis.report.page import build, mesh_section
+from pandis.report.seal import seal
+from pandis.report.tables import summarise, to_csv
+from pandis.verification import Checker
+
+#: What every section of the report is made from, beside the artifacts of the fields.
+_STEMS = ("evaluation", "timing", "stress", "hardware")
+
+
+def write_partial(plan):
+    """Write the report and the summary of a plan, as far as they can be made.
+
+    Parameters
+    ----------
+    plan : pandis.plan.Plan
+
+    Returns
+    -------
+    dict of str to str
+        The meshes that are left out, and why. Nothing is written if all are.
+    """
+    checker, good, refused = Checker(plan), [], dict(plan.refused)
+    for mesh in plan.meshes:
+        wanted = [Path(path) for path in plan.report_artifacts(mesh)]
+        faults = [checker.fault(o) for o in plan.outputs(mesh) if Path(o.path) in wanted]
+        if any(faults):
+            refused[mesh] = (
+                last_words(plan, mesh) or f"its results are not whole: {next(filter(None, faults))}"
+            )
+        else:
+            good.append(mesh)
+    if not good or not refused:
+        return refused
+    fields = {mesh: plan.entries[mesh].fields for mesh in good}
+    sections = [
+        mesh_section(
+            mesh, [read_artifact(path) for path in plan.report_artifacts(mesh)], fields[mesh]
+        )
+        for mesh in good
+    ]
+    why = {"stage": "partial", "wildcards": {}, "options": {"refused": refused}}
+    columns = ([read_artifact(f"{plan.folder}/{mesh}/{stem}.zarr.zip") for mesh in good]
+               for stem in _STEMS)  # fmt: skip
+    # the note first: where it is, the others are no results
+    write_atomically(plan.partial_note, (json.dumps(refused, indent=2) + "\n").encode())
+    write_atomically(plan.summary, to_csv(summarise(*columns), refused).encode())
+    write_atomically(plan.report, seal(build(sections, refused), why).encode())
+    return refused
+
+
+def last_words(plan, mesh):
+    """Return the error that the last failed job of a mesh has logged, or an empty text."""
+    logs = sorted(
+        Path(plan.folder, "logs", mesh).glob("*.log"), key=lambda path: path.stat().st_mtime
+    )
+    for path in reversed(logs):
+        text = path.read_text(encoding="utf-8", errors="replace")
+        _, mark, said = text.rpartition("] error: ")
+        if mark:
+            return said.strip()
+    return ""
+
+
+def main():
+    """Read what was planned from stdin, and write what can be written."""
+    given = json.loads(sys.stdin.read())
+    try:
+        plan = Plan(given["config"], given["root"], given["files"])
+        refused = write_partial(plan)
+    except PandisError as error:
+        print(f"error: no report of the other meshes: {error}", file=sys.stderr)
+        return 1
+    made = len(plan.meshes) + len(plan.refused) - len(refused)
+    if not made or not refused:
+        return 1
+    print(
+        f"{plan.report} and {plan.summary} are about the {made} that could be built; "
+        f"left out, with the reason: {', '.join(refused)}",
+        file=sys.stderr,
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
