@@ -32,8 +32,8 @@ rule mesh:
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
-        mem_mb=4000,
-        runtime=30,
+        mem_mb=8000,
+        runtime=60,
     params:
         options=plan.options("mesh"),
         code=plan.code("mesh"),

@@ -37,7 +37,7 @@ rule export_network:
     conda:
         "../workflow/envs/pandis.yaml"
     resources:
-        mem_mb=2000,
+        mem_mb=5000,
         runtime=15,
     params:
         options=plan.options("export_network"),

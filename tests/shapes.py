@@ -54,15 +54,15 @@ def union(parts):
     return trimesh.Trimesh(*found, process=False)
 
 
-def plate(thickness):
+def plate(thickness, cuts=4.0):
     """A plate of 100 mm."""
-    return box((100.0, 100.0, thickness), 4.0)
+    return box((100.0, 100.0, thickness), cuts)
 
 
-def finned_ball():
+def finned_ball(thickness=0.4, cuts=2.0):
     """A ball of 50 mm with two fins of 0.40 mm: a third of its surface."""
     ball = trimesh.creation.icosphere(4, 25.0)
-    fins = [box((0.4, 100.0, 30.0), 2.0), box((0.4, 30.0, 100.0), 2.0)]
+    fins = [box((thickness, 100.0, 30.0), cuts), box((thickness, 30.0, 100.0), cuts)]
     fins[1].apply_translation([9.0, 0, 0])
     return union([ball, *fins])
 

@@ -38,7 +38,7 @@ def test_auto_is_one_field_and_needs_to_know_what_to_achieve():
     assert "budget" in faults("fields: auto\nbudget: {bytes: 1000}")
     entry = load("fields: auto\nbudget: {force_error: 1e-3}")["a"]
     assert entry.fields == ["auto"]
-    assert load("fields: [exact, auto]\nbudget: {force_error: 1e-3}")["a"].fields[1] == "auto"
+    assert "auto stands alone" in faults("fields: [exact, auto]\nbudget: {force_error: 1e-3}")
     assert "train.auto" in faults("train: {auto: {width: 8}}")
 
 
@@ -176,3 +176,42 @@ def test_schema_accepts_the_configs_and_refuses_a_typo():
         jsonschema.validate(config, schema)
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(config | {"filds": []}, schema)
+
+
+@pytest.mark.parametrize(
+    ("sections", "said"),
+    [
+        ({"fields": ["auto", "tricubic-32"], "budget": {"force_error": 1e-3}}, "auto stands alone"),
+        ({"fields": ["trilinaer-64"]}, "did you mean 'trilinear-64'?"),
+        ({"fields": ["pandis-exakt"]}, "did you mean 'pandis-exact'?"),
+        ({"budget": {"force_error": "20 kN"}}, "an amount of force is a number above zero"),
+        ({"budget": {"force_error": -1}}, "an amount of force is a number above zero"),
+        ({"budget": {"force_error": 1e-3, "missed": 0.02}}, "budget.missed"),
+        ({"bake": {"auto": {"spline": {"force_error": "x"}}}}, "an amount of force"),
+    ],
+)
+def test_what_a_user_may_write_wrongly_is_said_in_one_sentence(sections, said):
+    with pytest.raises(PandisError) as error:
+        load_config({"meshes": {"a": {"source": "analytic:box"}}} | sections)
+    assert said in str(error.value)
+
+
+def test_one_field_needs_no_list_and_budgets_take_newtons_and_percent():
+    raw = {"fields": "tricubic-64", "meshes": {"a": {"source": "analytic:box"}}}
+    assert load_config(raw)["a"].fields == ["tricubic-64"]
+    raw = {"fields": "auto", "budget": {"force_error": "20 mN", "tail": "50 %"}} | {
+        "meshes": {"a": {"source": "analytic:box"}}
+    }
+    budget = load_config(raw)["a"].budget
+    assert (budget.force_error, budget.tail, budget.missed) == ("20 mN", "50 %", 0.005)
+
+
+def test_a_fault_of_one_mesh_is_its_own():
+    meshes = {"a": {"source": "analytic:box"}, "b": {"source": "analytic:box", "stres": {}}}
+    refused = {}
+    assert list(load_config({"meshes": meshes}, refused)) == ["a"]
+    assert refused == {"b": "meshes.b.stres: unknown option; did you mean 'stress'?"}
+    with pytest.raises(PandisError, match=r"meshes\.b\.stres"):
+        load_config({"meshes": {"b": meshes["b"]}}, {})
+    with pytest.raises(PandisError, match="seed: Input should be"):
+        load_config({"meshes": meshes, "seed": -1}, {})  # shared: no mesh can be built

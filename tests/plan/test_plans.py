@@ -93,6 +93,26 @@ def test_query_times_are_an_input_of_the_choice(rerun):
     assert plan(rerun) == all_of("choose", *DEPENDENT) | native("auto") | LAST
 
 
+def test_another_folder_has_its_own_results(rerun):
+    change(rerun, results="results/other")
+    assert plan(rerun) == EVERYTHING
+    meshes = {"meshes": {"x": {"source": "analytic:box"}}}
+    files = Plan({"results": "a/b"} | meshes, ROOT / "workflow")
+    assert all(path.startswith("a/b/") for path in files.target("all"))
+    for folder in ("../up", "/tmp", "a b", "", 3, "a/../b"):
+        with pytest.raises(PandisError, match="results: a folder below the working directory"):
+            Plan({"results": folder} | meshes, ROOT / "workflow")
+
+
+def test_a_mesh_with_a_fault_of_its_own_keeps_no_other_from_running(rerun):
+    bad = {"source": "analytic:box", "x": 1}
+    change(rerun, meshes={"torus": {"source": "torus.obj"}, "bad": bad})
+    jobs = plan(rerun)
+    assert jobs - LAST == {("refuse", "torus"), ("refuse", "bad")}
+    with pytest.raises(PandisError, match=r"no mesh can be built:\n  meshes.x.source: .*part.step"):
+        Plan({"meshes": {"x": {"source": "part.step"}}}, ROOT / "workflow")
+
+
 def test_evaluation_option_trains_nothing(rerun):
     change(rerun, evaluation={"probes": 4000})
     assert plan(rerun) == all_of("evaluate", "validate") | LAST

@@ -2,12 +2,26 @@
 
 import hashlib
 import http.server
+import json
+import os
+import re
+import signal
+import subprocess
 import threading
 
 import pytest
+import trimesh
 import yaml
 
-from support import box_mesh, octahedron, snakemake, write_obj
+from support import (
+    box_mesh,
+    edit,
+    environment,
+    octahedron,
+    snakemake,
+    snakemake_command,
+    write_obj,
+)
 
 
 def run(folder, meshes, *targets, **sections):
@@ -142,3 +156,105 @@ def test_mesh_from_a_url(workspace, server):
     assert not list((workspace / "results/changed").glob("source*"))
     del meshes["changed"], meshes["absent"]
     assert "Nothing to be done" in run(workspace, meshes).stdout
+
+
+SMALL = {
+    "fields": ["exact", "nearest-12"],
+    "trajectory": {"samples": 50, "deep": 0.01},
+    "evaluation": {"probes": 500, "lines": 20},
+    "stress": {"ticks": 1000, "loops": 5},
+    "timing": {"queries": 100, "batch": 100, "cold": 0},
+    "hardware": {"seconds": 0.05, "loaded_seconds": 0},
+}
+SHEET = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n"
+
+
+def test_a_refused_mesh_costs_itself_alone_and_a_complete_run_makes_the_report_anew(workspace):
+    write_obj(workspace / "good.obj", *box_mesh())
+    (workspace / "sheet.obj").write_text(SHEET)
+    good = {"good": {"source": "good.obj"}}
+    bad = {
+        "sheet": {"source": "sheet.obj"},
+        "gone": {"source": "gone.obj"},
+        "odd": {"source": "good.obj", "stress": {"ticks": 1}},
+    }
+    assert run(workspace, good, "all", **SMALL).returncode == 0
+    report, summary = (workspace / "results" / name for name in ("report.html", "summary.csv"))
+    whole = summary.read_text()
+    done = run(workspace, good | bad, "all", **SMALL)
+    assert done.returncode == 1
+    for message in (
+        "refused: odd: meshes.odd.stress.ticks: Input should be greater than or equal to 1000",
+        "refused: gone: meshes.gone.source: there is no file 'gone.obj'",
+        "the mesh is open: 4 boundary edges",
+        "about the 1 that could be built; left out, with the reason: odd, gone, sheet",
+    ):
+        assert message in done.stdout
+    assert "Traceback" not in done.stdout
+    page, rows = report.read_text(), summary.read_text().splitlines()
+    for name in bad:
+        assert f"<td>{name}</td>" in page
+        assert any(row.startswith(f"{name},") for row in rows)
+    assert "set mesh.open: thicken" in page
+    assert 'id="good"' in page
+    check = run(workspace, good | bad, "verify", **SMALL)
+    assert check.returncode == 1
+    assert "leaves out the meshes that a run could not build" in check.stdout
+    # nothing of the good one is built again, and both files are made anew
+    done = run(workspace, good, "all", **SMALL)
+    assert done.returncode == 0, done.stdout
+    assert summary.read_text() == whole
+    assert not (workspace / "results/refused.json").exists()
+    assert "could not be built" not in report.read_text()
+    assert run(workspace, good, "verify", **SMALL).returncode == 0
+    assert "Nothing to be done" in run(workspace, good, "all", **SMALL).stdout
+
+
+def test_a_missing_source_never_loses_what_was_built_from_it(workspace):
+    write_obj(workspace / "good.obj", *box_mesh())
+    write_obj(workspace / "other.obj", *box_mesh())
+    meshes = {"good": {"source": "good.obj"}, "other": {"source": "other.obj"}}
+    assert run(workspace, meshes).returncode == 0
+    (workspace / "other.obj").unlink()
+    assert run(workspace, meshes).returncode == 1
+    assert (workspace / "results/other/mesh.zarr.zip").is_file()
+
+
+def test_a_mesh_compressed_by_an_unknown_extension_is_refused_by_its_name(workspace):
+    box = trimesh.Scene(trimesh.creation.box((1.0, 1.0, 0.8)))
+    for name, data in trimesh.exchange.gltf.export_gltf(box).items():
+        (workspace / name).write_bytes(data)
+    scene = json.loads((workspace / "model.gltf").read_text())
+    scene["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    (workspace / "model.gltf").write_text(json.dumps(scene))
+    done = run(workspace, {"part": {"source": "model.gltf"}})
+    assert "compressed with KHR_draco_mesh_compression, which no reader here knows" in done.stdout
+
+
+def test_ctrl_c_ends_in_a_sentence_and_keeps_the_training(workspace):
+    edit(workspace / "config/fast.yaml", "steps: 300", "steps: 200000")
+    model = "results/sphere/model-pandis-exact.zarr.zip"
+    command = snakemake_command("-j2", model, "--configfile", "config/fast.yaml")
+    with subprocess.Popen(
+        command,
+        cwd=workspace,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as started:
+        said = []
+        for line in started.stdout:
+            said.append(line)
+            if "train pandis-exact: training:" in line and len(said) < 10_000:
+                os.killpg(started.pid, signal.SIGINT)
+                break
+        said += started.stdout.readlines()
+    text = "".join(said)
+    assert started.returncode != 0
+    assert "Traceback" not in text
+    assert re.search("checkpoint at step [1-9]", text)
+    assert "interrupted; run the same command again to go on" in text
+    again = snakemake(workspace, "-n", model, "--configfile", "config/fast.yaml")
+    assert again.returncode == 0, again.stdout

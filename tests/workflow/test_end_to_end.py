@@ -57,7 +57,11 @@ def test_contract_of_the_artifacts(finished):
     for errors in evaluation.attributes["errors"].values():
         assert fields < set(errors)
         assert errors["exact"]["max"] == 0
-        assert {"mean", "rms", "p95", "p99", "max"} < set(errors["trilinear-24"])
+        assert {"mean", "p99", "max"} < set(errors["trilinear-24"])
+    assert {"contact-shallow", "contact-deep", "shallow", "deep", "trajectory"} == set(
+        evaluation.attributes["errors"]
+    )
+    assert set(evaluation.attributes["controls"]) == {"control-zero", "control-gap"}
     hardware = json.loads((home / "hardware.json").read_text())
     assert "No haptic device was attached" in hardware["statement"]
     assert set(hardware["fields"]) == fields
@@ -299,7 +303,7 @@ def test_every_kind_of_grid(workspace):
         "fields": ["exact", *(f"{kind}-32" for kind in kinds), "trilinear-auto", "spline-auto"],
         "bake": {
             "vti": True,
-            "auto": {"trilinear": {"force_error": 0.01}, "spline": {"bytes": 40_000}},
+            "auto": {"trilinear": {"bytes": 400_000}, "spline": {"bytes": 40_000}},
         },
         "evaluation": {"probes": 2000},
         "stress": {"ticks": 5000, "loops": 2},
@@ -320,7 +324,7 @@ def test_every_kind_of_grid(workspace):
         assert errors["spline-auto"] < errors["trilinear-32"]
         assert evaluation["bytes"]["spline-auto"] <= 40_000
         sized = read_artifact(home / "grid-trilinear-auto.zarr.zip").attributes["sizing"]
-        assert sized["held_out_error"] <= 0.01
+        assert sized["held_out_error"] == sized["tried"][-1]["force_error"] <= 0.02
         assert spline.attributes["grid"]["band"] == {"inside": 0.045, "outside": 0.02}
         for field in config["fields"][1:]:
             assert (home / f"export/{field}.vti").stat().st_size > 1000

@@ -82,15 +82,14 @@ def test_kill_in_a_first_run_again_and_again(workspace, finished):
 
 def test_failure_after_an_option_change_leaves_nothing_stale(rerun):
     """The hole in Snakemake's records: a failed job counts as run with the new options."""
-    # the sphere has room for that depth, the torus has not
-    edit(
-        rerun / "config/fast.yaml",
-        "hardware:",
-        "trajectory: {shallow: 0.85, deep: 0.89}\nhardware:",
-    )
+    # a spiral is for a sphere, and not for the torus
+    edit(rerun / "config/fast.yaml", "hardware:", "trajectory: {kind: spiral}\nhardware:")
     done = snakemake(rerun, "-j2", "all", *FAST)
     assert done.returncode != 0
-    assert "reduce trajectory.deep (now 0.89" in done.stdout
+    assert "a spiral is for analytic:sphere" in done.stdout
+    # the sphere has its report, which says what is left out
+    assert "a spiral is for analytic:sphere" in (rerun / "results/report.html").read_text()
+    assert "results/summary.csv are about the 1 that could be built" in done.stdout
     assert "Nothing to be done" not in snakemake(rerun, "-j2", "all", *FAST).stdout
     stale = plan(rerun)
     for stage in ("trajectory", "evaluate", "timing", "validate"):
@@ -167,11 +166,16 @@ def test_mending_as_verify_says(rerun, finished):
     target = rerun / "results/sphere/grid-force-24.zarr.zip"
     target.write_bytes(target.read_bytes()[:-1000])
     said = verify(rerun).stdout
-    command = next(t for t in said.splitlines() if "To mend them: snakemake " in t)
-    arguments = command.split("To mend them: snakemake ")[1].split()
-    assert arguments[1:3] == ["--configfile", "config/fast.yaml"]
-    done = snakemake(rerun, *arguments)
+    line = next(t for t in said.splitlines() if "To restore what is lost or damaged" in t)
+    restore, rest = line.split(": snakemake ")[1].split(" && snakemake ")
+    given = "-j2 --configfile config/fast.yaml"
+    assert restore == f"{given} -f results/sphere/grid-force-24.zarr.zip"
+    assert rest == f"{given} -- all"
+    done = snakemake(rerun, *restore.split())
     assert done.returncode == 0, done.stdout
+    # its bytes are the same: nothing that was made from it is stale
+    assert plan(rerun) == set()
+    assert snakemake(rerun, *rest.split()).returncode == 0
     assert verify(rerun).returncode == 0
     assert results(rerun) == results(finished)
 

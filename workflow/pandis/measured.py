@@ -20,15 +20,20 @@ def bunny_table():
     """Return the README's table: the default run's figures for ``bunny``."""
     notes, rows = _figures("default")
     table = [
-        "| field | bytes | on the path | shallow | deep | one query, median |",
-        "|---|--:|--:|--:|--:|--:|",
+        "| field | bytes | contact error | of the mean force | surface missing | questions failed "
+        "| on the path | shallow | deep | one query, median |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     for row in rows:
         if row["mesh"] == "bunny" and row["bytes"]:
             errors = (row[f"{name}_mean"] for name in ("trajectory", "shallow", "deep"))
             cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
             time = f"{float(row['native_p50_us']):.2g} µs"
-            table.append(f"| `{row['field']}` | {int(row['bytes']):,} | {cells} | {time} |")
+            contact = f"{float(row['contact_millinewtons']):.2g} mN"
+            contact += f" | {float(row['contact_percent']):.2g} %"
+            contact += f" | {float(row['missing_percent']):.2g} % | {row['stress']}"
+            start = f"| `{row['field']}` | {int(row['bytes']):,} | {contact}"
+            table.append(f"{start} | {cells} | {time} |")
     return _noted(table, notes)
 
 

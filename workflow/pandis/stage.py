@@ -24,6 +24,7 @@ from pandis.artifact import (
     write_atomically,
 )
 from pandis.errors import PandisError
+from pandis.limits import limited
 from pandis.provenance import CodeDigests, combine, provenance, unused_modules
 from pandis.sourcing import source_digest, source_files
 
@@ -58,9 +59,12 @@ def stage(snakemake):
     signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
+    resources = snakemake.resources
+    limits = (resources.get("runtime"), resources.get("mem_mb"))
     try:
         job.check_code()
-        yield job
+        with limited(job.stage, *limits, lambda text: job.log(f"error: {text}"), job.stream):
+            yield job
     except PandisError as error:
         job.log(f"error: {error}", terminal=False)
         job.close()
@@ -106,6 +110,11 @@ class Job:
         self._log.flush()
         if terminal:
             print(f"{self.name}: {text}", file=sys.stderr, flush=True)
+
+    @property
+    def stream(self):
+        """The open log."""
+        return self._log
 
     def close(self):
         """Close the log."""

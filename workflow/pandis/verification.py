@@ -66,7 +66,7 @@ def remedy(plan, found):
     if made:
         said.append(
             f"To restore what is lost or damaged, without making again what follows from it: "
-            f"snakemake {given} -f {' '.join(made)} && snakemake {given} all"
+            f"snakemake {given} -f {' '.join(made)} && snakemake {given} -- all"
         )
     if stale:
         paths = " ".join(output.path for output in stale)

@@ -110,11 +110,13 @@ def hold(answer, places, wanted, scale, device):
     -------
     dict
         ``gives_way``: the share of the area whose wall holds less than is wanted; ``breaks``: less
-        than half of that; ``of_exact``: the least share of it that a wall holds; ``limit``,
-        ``broken_limit``, ``passed``.
+        than half of that, and by 0.05 N; ``of_exact``: the least share of it that a wall holds;
+        ``limit``, ``broken_limit``, ``passed``.
     """
-    share = holding(answer, places, scale, device) / np.maximum(wanted, 1e-12)
-    early, broken = (float(places.weight[share < s - 1e-6].sum()) for s in (1.0, BREAKS))
+    found = holding(answer, places, scale, device)
+    share, short = found / np.maximum(wanted, 1e-12), wanted - found >= JUDGED
+    early = float(places.weight[share < 1 - 1e-6].sum())
+    broken = float(places.weight[(share < BREAKS) & short].sum())
     return {
         "gives_way": early,
         "breaks": broken,

@@ -51,6 +51,7 @@ def library():
     lib.bvh_free.argtypes = [pointer]
     lib.bvh_inside.argtypes = [pointer, pointer, i64, pointer]
     lib.bvh_winding.argtypes = [pointer, pointer, i64, pointer, pointer]
+    lib.bvh_turns.argtypes = [pointer, pointer, i64, f64, pointer]
     lib.bvh_part.restype, lib.bvh_part.argtypes = pointer, [pointer, i32, pointer]
     lib.bvh_reach.restype, lib.bvh_reach.argtypes = f64, [pointer]
     lib.bvh_scan.argtypes = [pointer, pointer, i64, pointer, pointer]
@@ -181,6 +182,22 @@ class Bvh:
         columns = distance.ctypes.data, normal.ctypes.data
         self._library.bvh_scan(self._tree, points.ctypes.data, len(points), *columns)
         return distance, normal
+
+    def turns(self, points, beta):
+        """Return the winding numbers (n,) at points (n, 3) of a mesh that need not be closed.
+
+        Clusters of faces farther than ``beta`` times their radius count as one.
+        """
+        points = np.ascontiguousarray(points, np.float64)
+        found = np.empty(len(points))
+
+        def part(low, high):
+            start = points[low:].ctypes.data
+            self._library.bvh_turns(self._tree, start, high - low, beta, found[low:].ctypes.data)
+
+        if len(points):
+            in_threads(part, len(points))
+        return found
 
     def winding(self, points):
         """Return the approximate and the exact winding numbers (n,) at points (n, 3)."""

@@ -518,6 +518,12 @@ void bvh_winding(const Bvh *t, const double *points, int64_t count, double *roug
     }
 }
 
+/* Clusters farther than `beta` radii count as dipoles: the larger, the nearer to the exact number, at
+ * a price that a tree bounds. */
+void bvh_turns(const Bvh *t, const double *points, int64_t count, double beta, double *turns) {
+    for (int64_t i = 0; i < count; i++) turns[i] = rough_winding(t, points + 3 * i, (float)beta);
+}
+
 typedef struct {
     double point[3], distance, side;
 } Known;

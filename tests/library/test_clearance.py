@@ -1,0 +1,51 @@
+"""The margins of a file: what a search from the worst points finds between those looked at."""
+
+import numpy as np
+
+from pandis.distance import ShapeDistance
+from pandis.export.clearance import MORE, clearance
+from pandis.fields.base import BOUND, OK
+from pandis.frame import Frame
+from pandis.mesh.shapes import SHAPES
+from support import artifact
+
+FRAME = Frame((0.0, 0.0, 0.0), 0.9)
+ENGINE = ShapeDistance(SHAPES["sphere"], FRAME)
+MESH = artifact("mesh", {}, {"shape": "sphere", "frame": FRAME.attributes()})
+
+
+def margins(error, flag=OK):
+    """Return both margins of a field that errs by ``error`` at points, in free space."""
+
+    def answer(points):
+        distance = ENGINE.distance_and_normal(points)[0]
+        return distance + error(points), np.full(len(points), flag, np.uint8)
+
+    return clearance(answer, MESH, ENGINE)[6:]
+
+
+def test_a_narrow_peak_between_the_points_is_climbed():
+    """A bump of 0.02, as wide as the points are apart: its top is what a probe may meet."""
+    top = np.array([0.0, 0.0, 0.97])
+
+    def bump(points):
+        return 0.02 * np.exp(-(((points - top) / 0.012) ** 2).sum(axis=1))
+
+    measured, bound = margins(bump)
+    assert measured >= 0.99 * MORE * 0.02
+    assert bound < 1e-8
+    measured, bound = margins(bump, BOUND)
+    assert bound >= 0.99 * MORE * 0.02
+    assert measured < 1e-8
+
+
+def test_a_ghost_contact_counts_in_both():
+    """Where the field says inside though points are up to 0.1 outside."""
+
+    def ghost(points):
+        near = np.linalg.norm(points - [0.95, 0, 0], axis=1) < 0.06
+        return np.where(near, -0.2, 0.0)
+
+    measured, bound = margins(ghost)
+    assert measured >= MORE * 0.05
+    assert bound >= MORE * 0.05

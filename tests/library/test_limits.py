@@ -1,0 +1,55 @@
+"""A stage that takes too long or too much memory ends, with a sentence that says what to do."""
+
+import subprocess
+import sys
+
+import pytest
+
+from pandis.limits import _beyond, limited, resident_megabytes
+from support import ROOT, environment
+
+BODY = """
+import sys
+from pandis.limits import limited
+with limited("bake", {minutes}, {megabytes}, print, sys.stderr):
+    {body}
+print("done")
+"""
+
+
+def run(body, minutes=None, megabytes=None):
+    code = BODY.format(body=body, minutes=minutes, megabytes=megabytes)
+    return subprocess.run(
+        [sys.executable, "-u", "-c", code],
+        env=environment(PYTHONPATH=str(ROOT / "workflow")),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        (
+            {"minutes": 1e-3},
+            "its 0.001 minutes; give it more with --set-resources bake:runtime",
+        ),
+        ({"megabytes": 1}, "and 1 are allowed; give it more with --set-resources bake:mem_mb"),
+    ],
+)
+def test_a_body_that_never_ends_is_ended_in_a_sentence(limits, said):
+    done = run("import threading; threading.Event().wait()", **limits)
+    assert done.returncode == 1
+    assert said in done.stdout
+    assert "done" not in done.stdout
+
+
+def test_what_keeps_its_limits_is_left_alone():
+    done = run("pass", minutes=1, megabytes=4000)
+    assert done.stdout == "done\n"
+    with limited("x", None, None, print, sys.stderr):
+        pass
+    assert _beyond("x", None, None, 1e9) == ""
+    assert resident_megabytes() > 10

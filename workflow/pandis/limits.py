@@ -1,0 +1,78 @@
+"""A stage ends by itself: nothing runs for ever, or takes all of a machine's memory, in silence.
+
+A rule states its minutes and its memory for clusters; here they hold, too. Most parts of a stage
+have limits of their own, which say more; this is what is left where one has none.
+"""
+
+import faulthandler
+import os
+import threading
+import time
+from contextlib import contextmanager
+
+#: Seconds between two looks at the memory.
+_EVERY = 1.0
+#: Seconds after the time is up in which a stage may still say so itself.
+_GRACE = 20.0
+
+
+@contextmanager
+def limited(name, minutes, megabytes, say, file):
+    """Run the body of a stage within limits; beyond them the process ends.
+
+    Parameters
+    ----------
+    name : str
+        Of the rule.
+    minutes, megabytes : float or None
+        Nothing is limited where there is none.
+    say : callable
+        Takes the line that says which limit was reached, and what to do.
+    file : file object
+        Gets a traceback if the process can no longer say anything.
+    """
+    over = threading.Event()
+    start = time.monotonic()
+
+    def look():
+        while not over.wait(_EVERY):
+            reason = _beyond(name, minutes, megabytes, time.monotonic() - start)
+            if reason:
+                say(reason)
+                os._exit(1)
+
+    if minutes:  # in C, whatever holds Python's lock
+        faulthandler.dump_traceback_later(60 * minutes + _GRACE, exit=True, file=file)
+    watcher = threading.Thread(target=look, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        over.set()
+        faulthandler.cancel_dump_traceback_later()
+
+
+def _beyond(name, minutes, megabytes, seconds):
+    """Say which limit is passed; an empty text if none is."""
+    if minutes and seconds > 60 * minutes:
+        return (
+            f"it has taken more than its {minutes:g} minutes; give it more with "
+            f"--set-resources {name}:runtime={2 * minutes:g}, or reduce what it is asked"
+        )
+    used = resident_megabytes()
+    if megabytes and used > megabytes:
+        return (
+            f"it has taken {used:,.0f} MB of memory, and {megabytes:,.0f} are allowed; give it "
+            f"more with --set-resources {name}:mem_mb={round(2 * used, -3):.0f}, or reduce what it "
+            "is asked"
+        )
+    return ""
+
+
+def resident_megabytes():
+    """Return the memory that this process has in use, 0 where the system does not tell."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as stream:
+            return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    except OSError:
+        return 0.0
