@@ -1378,7 +1378,7 @@ static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Where the surface lies: the box around it; and two margins: nothing outside of that box is touched
+/* Where the surface lies: the box around it; and two margins, measured: nothing outside of that box is touched
  * further off than the first, nor before the probe has gone the distance less a margin: the first, or
  * the second where the answer is flagged as a bound. Without the section nothing is known. */
 static int pandis__measure(pandis_field *f) {

@@ -29,15 +29,22 @@ def build_seconds(mesh, fields, folder):
     """
     found = {}
     for field in fields:
-        recipes = [field, field.removeprefix(f"{PROXY}-")]
-        first, _, rest = parse_field(field, recipes).artifact.partition("-")
-        if first == "mesh":
+        path = build_file(mesh, field, folder)
+        if path is None:
             found[field] = 0.0
             continue
-        name = "-".join(part for part in (_JOBS[first], rest) if part)
         try:
-            lines = (Path(folder) / mesh / f"{name}.jsonl").read_text().splitlines()
-            found[field] = float(json.loads(lines[-1])["s"])
+            found[field] = float(json.loads(path.read_text().splitlines()[-1])["s"])
         except (OSError, ValueError, KeyError, IndexError):
             continue
     return found
+
+
+def build_file(mesh, field, folder):
+    """Return the benchmark file of the job that built a field, None where nothing is built."""
+    recipes = [field, field.removeprefix(f"{PROXY}-")]
+    first, _, rest = parse_field(field, recipes).artifact.partition("-")
+    if first == "mesh":
+        return None
+    name = "-".join(part for part in (_JOBS[first], rest) if part)
+    return Path(folder) / mesh / f"{name}.jsonl"
