@@ -35,6 +35,8 @@ SETS = {f"contact-{name}": depth for name, depth in PROBE_DEPTHS.items()}
 #: Bounds, by share of area, of the classes of inscribed radius that stratified points are drawn
 #: from: the thinnest half of a percent has as many points as the thick half of the surface.
 _CLASSES = (0.0, 0.005, 0.02, 0.1, 0.4, 1.0)
+#: Radii are told apart up to this (unit frame): a press of 4 N on an object of 10 cm at 400 N/m.
+THICKEST = 0.2
 #: Candidates that stratified points are picked from.
 _POOL = 20_000
 
@@ -103,14 +105,15 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
     feet, outward = drawn[:2]
     depths = {name: rng.permutation((np.arange(count) + rng.random(count)) / count)
               for name in SETS}  # fmt: skip
-    reach = OF_RADIUS * inscribed_radius(engine, feet, outward)
+    deepest = max(SETS.values())
+    reach = OF_RADIUS * inscribed_radius(engine, feet, outward, deepest / OF_RADIUS)
     kept = reach >= THINNEST * scale.metre
     feet, outward, reach = feet[kept], outward[kept], reach[kept]
     sets = {
-        name: below(engine, feet, outward, depths[name][kept] * np.minimum(deepest, reach))
-        for name, deepest in SETS.items()
+        name: below(engine, feet, outward, depths[name][kept] * np.minimum(most, reach))
+        for name, most in SETS.items()
     }
-    full = below(engine, feet, outward, np.minimum(max(SETS.values()), reach))
+    full = below(engine, feet, outward, np.minimum(deepest, reach))
     return ContactSet(sets, full, float(1 - kept.mean()), scale.newtons)
 
 
@@ -255,7 +258,7 @@ class Stratified(NamedTuple):
     feet, outward : ndarray, shape (n, 3)
         On the surface, and the unit normals there; unit frame.
     radius : ndarray, shape (n,)
-        Inscribed radii.
+        Inscribed radii, up to `THICKEST`.
     weight : ndarray, shape (n,)
         Share of the judged area that each stands for; they sum to 1.
     """
@@ -287,7 +290,7 @@ def stratify(surface, engine, scale, count, rng):
         there is none, of the thickest hundredth: something has to be pressed.
     """
     feet, outward, _, _ = surface.draw(_POOL, rng)
-    radius = inscribed_radius(engine, feet, outward)
+    radius = inscribed_radius(engine, feet, outward, THICKEST)
     judged = np.flatnonzero(OF_RADIUS * radius * scale.newtons >= JUDGED)
     if not len(judged):
         judged = np.argsort(radius, kind="stable")[-max(_POOL // 100, 1) :]

@@ -10,7 +10,7 @@ _SAME = 1e-6
 _STEPS = 60
 
 
-def inscribed_radius(engine, points, normals):
+def inscribed_radius(engine, points, normals, largest=UNIT_SIDE / 2):
     """Return the radius (n,) of the largest ball inside that touches each surface point.
 
     From there on another wall is nearer: half the thickness of a plate, and the depth at which
@@ -25,8 +25,10 @@ def inscribed_radius(engine, points, normals):
         From `pandis.distance.open_distance`.
     points, normals : ndarray, shape (n, 3), unit frame
         On the surface, outward.
+    largest : float
+        No more is answered: what lies deeper is not looked at, and need not be for most purposes.
     """
-    radius = np.full(len(points), UNIT_SIDE / 2)
+    radius = np.full(len(points), float(largest))
     open_ = np.arange(len(points))
     for _ in range(_STEPS):
         here, outward, size = points[open_], normals[open_], radius[open_]

@@ -9,7 +9,7 @@ import numpy as np
 from pandis.distance import SURFACE_DISTANCE, MeshDistance
 from pandis.errors import PandisError
 from pandis.fields.base import Field
-from pandis.measure import JUDGED, OF_RADIUS
+from pandis.measure import JUDGED, OF_RADIUS, THICKEST
 from pandis.native.bvh import Bvh
 from pandis.thickness import inscribed_radius
 
@@ -79,7 +79,7 @@ class ControlGap(Field):
             labels = self.engine.label(points, ties=False, check=False)
         else:
             labels = self._faces.label(feet, SURFACE_DISTANCE, check=False)
-        radius = np.rint(inscribed_radius(self.engine, feet, outward) / _SAME_RADIUS)
+        radius = np.rint(inscribed_radius(self.engine, feet, outward, THICKEST) / _SAME_RADIUS)
         return np.column_stack([radius, labels.face, labels.barycentrics[:, 1:]])
 
 

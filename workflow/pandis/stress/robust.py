@@ -149,7 +149,7 @@ def precision(answer, exact, shell, scale):
     }
 
 
-def special_points(vertices, faces, places):
+def special_points(vertices, faces, places, thickness):
     """Return points (n, 3) where there is something to stumble over.
 
     Vertices, edges and faces of the mesh, the medial axis (between the walls below surface
@@ -158,7 +158,7 @@ def special_points(vertices, faces, places):
     corners = vertices[faces[:: max(1, len(faces) // 1000)]]
     edges = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2
     box = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=3)))
-    medial = places.feet - places.radius[:, None] * places.outward
+    medial = places.feet - thickness[:, None] * places.outward
     return np.concatenate([corners.reshape(-1, 3), edges, corners.mean(axis=1), medial, box])
 
 

@@ -24,6 +24,7 @@ from pandis.stress.robust import (
 )
 from pandis.stress.stiffness import stiffness
 from pandis.stress.work import loops, work
+from pandis.thickness import inscribed_radius
 
 
 class Question(NamedTuple):
@@ -147,7 +148,9 @@ class Suite:
         self.rests = stable_stiffness(self.exact, *own)
         corners = (engine.frame.to_unit(mesh.arrays["vertices"])
                    if mesh.attributes.get("shape") else engine.vertices)  # fmt: skip
-        self.odd = special_points(corners, mesh.arrays["faces"], self.pushed)
+        #: How thick the solid is below the points pushed into, however thick.
+        self.thickness = inscribed_radius(engine, self.pushed.feet, self.pushed.outward)
+        self.odd = special_points(corners, mesh.arrays["faces"], self.pushed, self.thickness)
 
     def _places(self, count, rng):
         return stratify(self.surface, self.engine, self.scale, count, rng)
@@ -239,7 +242,7 @@ def stress(fields, controls, suite, progress):
             continue
         found[field.name] = suite.ask(field, progress)
         failed[field.name] = failures(found[field.name])
-    holds = suite.pushed.radius * suite.scale.newtons
+    holds = suite.thickness * suite.scale.newtons
     arrays = {"pushed": suite.pushed.feet, "holding_newtons": holds}
     return arrays, {
         "fields": found,
