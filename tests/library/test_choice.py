@@ -50,7 +50,7 @@ def shape(name, mesh_only=False, **size):
 TORUS = shape("torus", mesh_only=True)
 
 
-def chooser(found, tmp_path, table=TABLE, log=lambda text: None, **budget):
+def chooser(found, tmp_path, table=TABLE, log=lambda text: None, points=None, **budget):
     recipe = ExactRecipe(width=48, depth=2, steps=150, batch=1024, base=8).model_dump()
     stress = StressOptions(ticks=2000, loops=5).model_dump()
     options = {
@@ -62,7 +62,7 @@ def chooser(found, tmp_path, table=TABLE, log=lambda text: None, **budget):
         "stress": stress | {"size": 0.1, "stiffness": 400.0},
         "weight_bits": 32,
     }
-    points = Points(found.surface, found.engine, SCALE, 3)
+    points = points or Points(found.surface, found.engine, SCALE, 3)
     where = tmp_path / "c.pt", silent_progress, log
     return Chooser(found.mesh, points, options, QueryTimes(table), *where)
 

@@ -15,9 +15,11 @@ from pandis import choice
 from pandis.catalogue import DENSE_KINDS
 from pandis.choice import Chooser
 from pandis.errors import PandisError
+from pandis.fields.controls import controls
 from pandis.fields.sizing import Grids, grid_bytes
 from pandis.forces import penalty_force
 from pandis.measure import draw_contacts, promise
+from pandis.points import Points
 from shapes import open_shape, opened
 from test_choice import SCALE, TORUS, chooser
 
@@ -44,13 +46,20 @@ def shape(name):
 
 
 @cache
+def points_of(name):
+    """Return the points that all budgets of a shape choose and promise by."""
+    own = shape(name)
+    return Points(own.surface, own.engine, SCALE, 3)
+
+
+@cache
 def fresh(name):
     """Return points of a shape that neither choice nor promise has seen."""
     own = shape(name)
     return draw_contacts(own.surface, own.engine, SCALE, FRESH, np.random.default_rng([77, 5, 1]))
 
 
-_MADE, _PROVED = {}, {}
+_MADE, _PROVED, _TRIED = {}, {}, {}
 
 
 @pytest.fixture
@@ -71,6 +80,12 @@ def workshop(monkeypatch):
         found = _PROVED[id(field)]
         return measured._replace(why=found.why, excess=max(found.excess, measured.excess))
 
+    def tried_once(exact, surface, scale):
+        if id(surface) not in _TRIED:
+            _TRIED[id(surface)] = controls(exact, surface, scale)
+        return _TRIED[id(surface)]
+
+    monkeypatch.setattr(choice, "controls", tried_once)
     monkeypatch.setattr(Grids, "make", made_once)
     monkeypatch.setattr(Chooser, "_proved", proved_once)
     monkeypatch.setattr(Chooser, "_network", lambda self: None)
@@ -85,7 +100,7 @@ def figures(field, name):
 def every(name, tmp_path):
     """Return the exhaustive list: (order, bytes, kind, size, candidate, fresh figures)."""
     own = shape(name)
-    made = chooser(own, tmp_path, force_error=1.0)
+    made = chooser(own, tmp_path, points=points_of(name), force_error=1.0)
     listed = []
     sizes = sorted((grid_bytes(k, n), k, n) for k in DENSE_KINDS for n in SIZES)
     sizes += [(size, "spline", size) for size in SPLINES]
@@ -139,7 +154,7 @@ def _keeps(name, listed, made, budget, tmp_path):
     """Tell whether a choice keeps its promise, and passes over nothing cheaper that would."""
     limits, missed = {"mean": budget["force_error"], "tail": budget["tail"]}, 0.005
     try:
-        _, attributes, _ = chooser(shape(name), tmp_path, **budget).choose()
+        _, attributes, _ = chooser(shape(name), tmp_path, points=points_of(name), **budget).choose()
     except PandisError:
         return False
     chosen = attributes["choice"]["field"]
@@ -160,9 +175,9 @@ def test_thin_parts_get_the_exact_field_or_a_refusal_that_says_why(name, tmp_pat
     """And never a field that lacks twice what may be missing."""
     own = shape(name)
     for budget in BUDGETS:
-        _, attributes, _ = chooser(own, tmp_path, **budget).choose()
+        _, attributes, _ = chooser(own, tmp_path, points=points_of(name), **budget).choose()
         assert attributes["choice"]["field"] == "exact"
-    small = chooser(own, tmp_path, force_error="20 %", bytes=300_000)
+    small = chooser(own, tmp_path, points=points_of(name), force_error="20 %", bytes=300_000)
     try:
         found = small.choose()[1]["choice"]["held_out"]["missing"]
     except PandisError:
