@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from pandis.report.builds import build_file
 from pandis.report.page import build, mesh_section
 from pandis.report.seal import seal
 from pandis.stage import stage
@@ -13,11 +12,6 @@ with stage(snakemake) as job:
     for index, mesh in enumerate(fields):
         paths = [path for path in job.input if Path(path).parent.name == mesh]
         sections.append(mesh_section(mesh, [job.read_path(p) for p in paths], fields[mesh]))
-        folder = paths and Path(paths[0]).parent.parent / "benchmarks"
-        times = {build_file(mesh, field, folder) for field in fields[mesh]} - {None}
-        for path in sorted(times):
-            if path.is_file():  # what jobs took stands beside the artifacts, not in them
-                job.note_file(path)
         progress.update(index + 1)
     job.write_file(seal(build(sections), job.provenance()).encode())
     # what an earlier run had to leave out is in now

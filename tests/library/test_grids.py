@@ -23,6 +23,7 @@ from pandis.stage import silent_progress
 from support import box_mesh
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)
+SCALE = Scale(0.1, 400.0)
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 BAND = Band(0.045, 0.02)
 ALL = Band(4.0, 4.0)
@@ -356,6 +357,23 @@ def error_of(made, engine, surface):
     return np.linalg.norm(force - penalty_force(distance, normal), axis=1).mean()
 
 
+def test_a_spline_has_no_step_however_deep_a_probe_is_pressed(smooth):
+    """To where a device of 3.3 N holds against it: 8.25 mm of 10 cm, in steps of 0.028 mm."""
+    engine, surface = smooth
+    field = spline_field(engine, surface, 120_000)
+    feet, outward, _, _ = surface.draw(60, np.random.default_rng(2))
+    step = 0.028e-3 * SCALE.metre
+    depth = np.arange(0, 8.25e-3 * SCALE.metre, step)
+    way = feet[:, None] - depth[:, None] * outward[:, None]
+    answer = field.query(way.reshape(-1, 3))
+    force = penalty_force(answer.distance, answer.normal).reshape(way.shape) * SCALE.newtons
+    change = np.linalg.norm(np.diff(force, axis=1), axis=2)
+    assert depth.max() > 2 * BAND.inside  # far below where everything is exact
+    assert change.max() < 0.017  # of an exact wall: 0.0112 N
+    assert (answer.flag == OK).all()
+    assert np.abs(answer.distance + np.tile(depth, 60)).max() < 6e-3  # 3 %
+
+
 def test_splines_fit_their_bytes_and_get_better_with_them(smooth):
     errors = []
     for budget in (60_000, 120_000, 240_000):
@@ -418,7 +436,7 @@ def test_sizing(torus, kind, target, monkeypatch):
     monkeypatch.setattr("pandis.fields.sizing.SIZES", (16, 24, 32, 48))
     engine, surface = torus
     options = TARGET | target
-    points, frame = Points(surface, engine, Scale(0.1, 400.0), 1), FRAME.attributes()
+    points, frame = Points(surface, engine, SCALE, 1), FRAME.attributes()
     arrays, attributes = Sizing(kind, points, frame, options, silent_progress, silent).find()
     sizing = attributes["sizing"]
     if "bytes" in target:
@@ -440,7 +458,7 @@ def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypa
     monkeypatch.setattr("pandis.fields.sizing.SPLINE_BYTES", (8_000, 60_000, 120_000))
     options = TARGET | {"force_error": 2e-3}
     frame, lines = FRAME.attributes(), []
-    points = Points(surface, engine, Scale(0.1, 400.0), 1)
+    points = Points(surface, engine, SCALE, 1)
     arrays, attributes = Sizing(
         "spline", points, frame, options, silent_progress, lines.append
     ).find()

@@ -4,15 +4,16 @@ from scipy.spatial import cKDTree
 
 from pandis.config import SampleOptions, TrajectoryOptions
 from pandis.distance import MeshDistance, ShapeDistance
-from pandis.errors import PandisError
 from pandis.forces import penalty_force
 from pandis.frame import Frame
-from pandis.mesh.shapes import SHAPES
+from pandis.mesh.shapes import SHAPES as CLOSED_FORMS
 from pandis.native.bvh import TIED
 from pandis.sampling import PROBE_DEPTHS, Surface, bending, blue_noise, probes
 from pandis.stage import silent_progress
 from pandis.strata import STRATA
+from pandis.thickness import inscribed_radius
 from pandis.trajectories import trace
+from shapes import SHAPES, open_shape
 from support import box_mesh, sample
 
 SMALL = SampleOptions(
@@ -44,7 +45,7 @@ def test_penalty_force_pushes_out_and_never_pulls():
 
 @pytest.fixture(scope="module")
 def torus():
-    vertices, faces = SHAPES["torus"].tessellation()
+    vertices, faces = CLOSED_FORMS["torus"].tessellation()
     frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
     engine = MeshDistance(frame.to_unit(vertices), faces)
     return Surface(engine.vertices, engine.faces), engine
@@ -126,12 +127,12 @@ def test_points_with_two_closest_points_are_marked():
 
 def test_bent_places_get_more_points():
     """A box of fine squares: all bends are at its edges."""
-    vertices, faces = SHAPES["box"].tessellation()
+    vertices, faces = CLOSED_FORMS["box"].tessellation()
     surface = Surface(vertices, faces)
     weight = bending(surface)
     assert weight.min() == 1
     assert weight.max() > 2
-    middle = np.sort(np.abs(surface.corners.mean(axis=1)) / SHAPES["box"].half, axis=1)[:, 1]
+    middle = np.sort(np.abs(surface.corners.mean(axis=1)) / CLOSED_FORMS["box"].half, axis=1)[:, 1]
     assert (weight[middle < 0.9] == 1).all()
     points, _, face, _ = surface.draw(20_000, np.random.default_rng(0), bent=True)
     share = (surface.areas * weight)[weight > 1].sum() / (surface.areas * weight).sum()
@@ -185,8 +186,8 @@ def test_surface_points_are_uniform_by_area(torus):
 
 def test_closed_form_is_sampled_on_itself():
     frame = Frame((0.0, 0.0, 0.0), 0.9)
-    engine = ShapeDistance(SHAPES["sphere"], frame)
-    vertices, faces = SHAPES["sphere"].tessellation()
+    engine = ShapeDistance(CLOSED_FORMS["sphere"], frame)
+    vertices, faces = CLOSED_FORMS["sphere"].tessellation()
     surface = Surface(frame.to_unit(vertices), faces, engine)
     points, normals, _, _ = surface.draw(2000, np.random.default_rng(0))
     assert np.abs(np.linalg.norm(points, axis=1) - 0.9).max() < 1e-14
@@ -234,8 +235,30 @@ def test_trajectory_is_seeded(torus):
     assert np.array_equal(one["points"], other["points"])
 
 
-def test_too_thin_a_mesh_is_refused():
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_path_follows_the_thickness_of_what_is_too_thin_for_it(name):
+    """A sheet-metal part got no report at all: its walls are thinner than the usual depth."""
+    shape = open_shape(name)
+    options = TrajectoryOptions(samples=200).model_dump() | {"seed": 1}
+    found, attributes = trace(shape.surface, shape.engine, options, silent_progress)
+    distance, normal = shape.engine.distance_and_normal(found["points"])
+    assert (distance < 0).all()
+    assert np.array_equal(distance, found["distance"])
+    foot = found["points"] - distance[:, None] * normal
+    radius = inscribed_radius(shape.engine, foot, normal)
+    if attributes["followed"]:
+        assert "too thin for the depths of 0.001 to 0.02" in attributes["followed"]
+        assert (-distance <= 0.85 * radius + 1e-6).mean() > 0.99
+    else:
+        assert -distance.min() > 0.015
+    if name.startswith("plate"):
+        assert attributes["followed"]
+
+
+def test_depths_that_no_part_has_room_for_follow_it_too():
     vertices, faces = box_mesh()
     engine = MeshDistance(vertices * [0.9, 0.9, 0.005], faces)
-    with pytest.raises(PandisError, match=r"reduce trajectory\.deep \(now 0\.5"):
-        path_of(Surface(engine.vertices, engine.faces), engine, samples=10, shallow=0.4, deep=0.5)
+    own = Surface(engine.vertices, engine.faces)
+    found = path_of(own, engine, samples=50, shallow=0.4, deep=0.5)
+    assert (found["distance"] < 0).all()
+    assert found["distance"].min() > -0.005

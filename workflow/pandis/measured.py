@@ -141,9 +141,9 @@ def distance_table():
     return _noted(table, notes)
 
 
-def training_table():
-    """Return the table of docs/training.md: one row per trained network."""
-    notes, rows = _figures("training")
+def training_table(name="training"):
+    """Return a table of docs/training.md: one row per trained network."""
+    notes, rows = _figures(name)
     table = [
         "| mesh | recipe | options | steps | s | points/s | KB | shallow | deep | on the path |",
         "|---|---|---|--:|--:|--:|--:|--:|--:|--:|",

@@ -119,6 +119,7 @@ def generated():
         TRAINING: with_generated(
             TRAINING,
             training=measured.training_table(),
+            untuned=measured.training_table("untuned"),
             budgets=measured.budget_table(),
             base=measured.base_table(),
             throughput=measured.throughput_table(),

@@ -1,0 +1,84 @@
+"""How much the force of the default spline changes from step to step along inward rays.
+
+Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/rays.py
+
+Rays go from 4,000 surface points straight in, to 8.25 mm or 0.9 of the inscribed radius if that is
+less, in steps of 0.028 mm (10 cm, 400 N/m: an exact wall changes by 0.011 N a step). Printed for
+the bunny, the torus and, where it is at hand, the fandisk: the share of the steps above 0.017 N
+and above 0.05 N, the largest, and the share within 0.8 of the inscribed radius.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from pandis.artifact import Artifact
+from pandis.distance import MeshDistance
+from pandis.fields.spline import SplineField
+from pandis.forces import penalty_force
+from pandis.frame import Frame
+from pandis.grids.spline import SplineFit, samples_for
+from pandis.mesh.shapes import SHAPES
+from pandis.physical import Scale
+from pandis.sampling import Surface
+from pandis.sourcing import source_path
+from pandis.stage import silent_progress
+from pandis.thickness import inscribed_radius
+
+RAYS, STEP, DEEPEST, BYTES = 4000, 0.028e-3, 8.25e-3, 800_000
+SCALE = Scale(0.1, 400.0)
+
+
+def steps(answer, engine, surface, rays=RAYS):
+    """Return the change of force (N) over every step, and how deep it is by the radius there."""
+    rng = np.random.default_rng(3)
+    feet, outward, _, _ = surface.draw(rays, rng)
+    radius = inscribed_radius(engine, feet, outward)
+    ends, step = np.minimum(DEEPEST * SCALE.metre, 0.9 * radius), STEP * SCALE.metre
+    counts = np.ceil(ends / step).astype(int) + 1
+    ray = np.repeat(np.arange(rays), counts)
+    index = np.concatenate([np.arange(count) for count in counts])
+    depth = np.minimum(index * step, ends[ray])
+    force = penalty_force(*answer(feet[ray] - depth[:, None] * outward[ray])) * SCALE.newtons
+    change = np.linalg.norm(np.diff(force, axis=0), axis=1)
+    same = ray[1:] == ray[:-1]
+    return change[same], (depth[1:] / radius[ray[1:]])[same]
+
+
+def fitted(engine, surface, budget=BYTES):
+    """Return the spline of a budget of bytes."""
+    fit = SplineFit(engine, surface, (0.045, 0.02), 7, samples_for(budget=budget))
+    arrays, attributes = fit.build(fit.choose_size(budget), budget, silent_progress)
+    attributes["frame"] = Frame((0.0, 0.0, 0.0), 1.0).attributes()
+    return SplineField("spline-auto", Artifact(None, "grid", arrays, attributes, {}, ""))
+
+
+def main():
+    """Measure and print."""
+    bunny = trimesh.load(source_path("pymeshlab:bunny.obj"), process=False)
+    meshes = {"bunny": (bunny.vertices, bunny.faces), "torus": SHAPES["torus"].tessellation()}
+    folder = os.environ.get("PANDIS_MESHES")
+    if folder:
+        path = Path(folder) / "watertight/fandisk_6475v_12946f.obj"
+        found = trimesh.load(path, process=False)
+        meshes["fandisk"] = found.vertices, found.faces
+    for name, (corners, faces) in meshes.items():
+        vertices = np.asarray(corners, float)
+        frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
+        engine = MeshDistance(frame.to_unit(vertices), np.asarray(faces))
+        surface = Surface(engine.vertices, engine.faces)
+        change, depth = steps(fitted(engine, surface).answer, engine, surface)
+        within = change[depth < 0.8]
+        print(
+            f"{name}: {100 * (change > 0.017).mean():.3f} % above 0.017 N, "
+            f"{100 * (change > 0.05).mean():.4f} % above 0.05 N, largest {change.max():.3f} N; "
+            f"within 0.8 of the radius {100 * (within > 0.017).mean():.3f} %, "
+            f"largest {within.max():.3f} N"
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
