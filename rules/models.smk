@@ -13,7 +13,7 @@ rule train:
     threads: plan.train_threads
     resources:
         mem_mb=3000,
-        runtime=240,
+        runtime=720,
         gpu=plan.train_gpus,
     params:
         options=plan.options("train"),
@@ -63,7 +63,7 @@ rule choose:
     threads: 2
     resources:
         mem_mb=4000,
-        runtime=240,
+        runtime=720,
     params:
         options=plan.options("choose"),
         code=plan.code("choose"),

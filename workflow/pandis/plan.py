@@ -496,12 +496,13 @@ class Plan:
         Parameters
         ----------
         workflow : snakemake.workflow.Workflow
-            Whose run has failed; only if it would have made the report.
+            Whose run has failed; only if it would have made the report, and nobody stopped it.
         """
         final = [job for job in workflow.dag.jobs if job.rule.name in ("report", "summary")]
         if not any(job.rule.name == "report" for job in final):
             return
         given = {"config": workflow.config, "root": str(self.digests.root), "files": self.files}
+        given["since"] = self._start
         command = [sys.executable, "-m", "pandis.report.partial"]
         done = subprocess.run(
             command,

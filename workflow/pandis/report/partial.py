@@ -14,6 +14,7 @@ from pandis.plan import Plan
 from pandis.report.page import build, mesh_section
 from pandis.report.seal import seal
 from pandis.report.tables import summarise, to_csv
+from pandis.stage import INTERRUPTED
 from pandis.verification import Checker
 
 #: What every section of the report is made from, beside the artifacts of the fields.
@@ -61,6 +62,16 @@ def write_partial(plan):
     return refused
 
 
+def was_stopped(plan, since):
+    """Tell whether a job of this run was stopped by its user: then nothing has failed."""
+    logs = Path(plan.folder, "logs").rglob("*.log")
+    return any(
+        INTERRUPTED in path.read_text(encoding="utf-8", errors="replace")
+        for path in logs
+        if path.stat().st_mtime >= since
+    )
+
+
 def last_words(plan, mesh):
     """Return the error that the last failed job of a mesh has logged, or an empty text."""
     logs = sorted(
@@ -79,6 +90,8 @@ def main():
     given = json.loads(sys.stdin.read())
     try:
         plan = Plan(given["config"], given["root"], given["files"])
+        if was_stopped(plan, given["since"]):
+            return 1
         refused = write_partial(plan)
     except PandisError as error:
         print(f"error: no report of the other meshes: {error}", file=sys.stderr)
