@@ -353,7 +353,10 @@ def test_a_callback_that_hangs(stand_in, files):
 
 
 def test_an_interrupt_ends_the_run_and_reaches_python(stand_in, files):
-    done = in_a_process_of_its_own(stand_in, files, "raise 40")
+    for _ in range(3):  # beside other work the gap between two calls may end the run before
+        done = in_a_process_of_its_own(stand_in, files, "raise 40")
+        if done.returncode:
+            break
     assert done.returncode != 0
     assert "KeyboardInterrupt" in done.stderr
     assert done.stdout == ""

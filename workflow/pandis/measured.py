@@ -29,7 +29,7 @@ def bunny_table():
             errors = (row[f"{name}_mean"] for name in ("trajectory", "shallow", "deep"))
             cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
             time = f"{float(row['native_p50_us']):.2g} µs"
-            contact = f"{float(row['contact_millinewtons']):.2g} mN"
+            contact = f"{float(row['contact_millinewtons']):,.3g} mN"
             contact += f" | {float(row['contact_percent']):.2g} %"
             contact += f" | {float(row['missing_percent']):.2g} % | {row['stress']}"
             start = f"| `{row['field']}` | {int(row['bytes']):,} | {contact}"
