@@ -23,10 +23,8 @@ with stage(snakemake) as job:
     surface, seed = open_surface(mesh, engine), job.options["seed"]
     sets = probes(surface, engine, job.options["probes"], seed)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
-    scale, rng = (
-        Scale(job.options["size"], job.options["stiffness"]),
-        np.random.default_rng([seed, 6]),
-    )
+    scale = Scale(job.options["size"], job.options["stiffness"])
+    rng = np.random.default_rng([seed, 6])
     contacts = draw_contacts(surface, engine, scale, job.options["probes"], rng, even=True)
     tried = controls(fields.exact, surface, scale)
     arrays, attributes = evaluate(fields, tried, path, sets, contacts, job.progress)

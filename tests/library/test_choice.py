@@ -1,7 +1,5 @@
 """`fields: auto`: the cheapest field that keeps what it promises, and nothing built beyond it."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ from pandis.frame import Frame
 from pandis.measure import draw_contacts, promise
 from pandis.mesh.shapes import SHAPES
 from pandis.physical import Scale
-from pandis.points import Points
+from pandis.points import _CHOOSING, _PROMISING, Points
 from pandis.query_times import QueryTimes
 from pandis.sampling import Surface
 from pandis.stage import silent_progress
@@ -236,14 +234,11 @@ def test_every_stream_of_random_numbers_is_another_one():
     """A trailing zero changes no stream of NumPy's: [s, 11] and [s, 11, 0] once coincided."""
     same = [np.random.default_rng(key).random() for key in ([5, 11], [5, 11, 0])]
     assert same[0] == same[1]
-    source = "\n".join(
-        path.read_text(encoding="utf-8") for path in (ROOT / "workflow/pandis").rglob("*.py")
-    )
-    fixed = [tuple(map(int, re.findall(r"\d+", key)))
-             for key in re.findall(r"seed\"?\]?, ([\d, ]+)\]", source)]  # fmt: skip
-    fixed += [(11, 0, 1), (12, 0, 1)]
-    shards = {(stratum, shard) for stratum in range(20) for shard in range(1000)}
-    clash = {key for key in fixed if len(key) > 1 and key[-1] == 0}
-    assert not clash
-    assert not {key for key in fixed if key in shards}
-    assert len([key for key in fixed if len(key) == 3]) == 2
+    own = {np.random.default_rng([5, *key]).random() for key in (_CHOOSING, _PROMISING)}
+    shards = {
+        np.random.default_rng([5, stratum, shard]).random()
+        for stratum in range(20)
+        for shard in range(100)
+    }
+    assert len(own) == 2
+    assert not own & (shards | set(same))

@@ -161,7 +161,8 @@ class Chooser:
         fit = self._fitting("network", {w: self._weights(w) for w in widths})
         if not fit:
             return None
-        law = self.options["samples"] | {"seed": self.options["seed"]}
+        # a seed of its own: a spline that was tried drew from this job's, too
+        law = self.options["samples"] | {"seed": self.options["seed"] + 1}
         strata = Strata(self.points.surface, self.points.engine, law)
         drawn = strata.arrays(self.progress)
         samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")

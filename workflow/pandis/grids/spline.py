@@ -80,7 +80,8 @@ class SplineFit:
         points = points[(np.abs(points) < 1).all(axis=1)]
         points = points[np.argsort(_order(points), kind="stable")]
         distance, normal = self.engine.distance_and_normal(points)
-        known = (distance >= -_CORE_DEPTH) & (distance <= self.band.outside)
+        known = distance >= -max(_CORE_DEPTH, inside)
+        known &= distance <= self.band.outside
         points, distance, normal = points[known], distance[known], normal[known]
         weight = np.where(distance < 0, 1.0, _OUTSIDE_WEIGHT)
         weight[distance < -inside] = _CORE_WEIGHT
