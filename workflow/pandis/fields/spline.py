@@ -9,6 +9,9 @@ from pandis.grids.spline import box_lattice
 from pandis.native.spline import BLOCK, EDGE, Lattice, SparseSpline, block_count
 
 _LEVELS = ("base", "fine", "far")
+#: How far up an answer is taken where the field rounds a crease (steps of the base), at most; and
+#: how much of the squared gradient must be missing for that.
+_LIFT, _SHORT = 0.7, 0.02
 
 
 class SplineField(Field):
@@ -56,7 +59,9 @@ class SplineField(Field):
         kept = self.levels[0].add(clamped, value, gradient)
         self.levels[1].add(clamped, value, gradient)
         flag = np.full(len(points), OK, np.uint8)
-        rest = np.flatnonzero((kept < 2) | (outside > 0))
+        beyond = (kept < 2) | (outside > 0)
+        self._sharpen(clamped, value, gradient, ~beyond)
+        rest = np.flatnonzero(beyond)
         if len(rest):
             far, gradient[rest] = self.far.evaluate(self._beyond, clamped[rest])
             cell = (np.nan_to_num(clamped[rest]) - self._base.low) * self._base.per_step
@@ -71,6 +76,30 @@ class SplineField(Field):
         bad = ~np.isfinite(points).all(axis=1)
         value[bad], gradient[bad], flag[bad] = np.nan, np.nan, INVALID
         return Answer(value, normalise(gradient), flag)
+
+    def _sharpen(self, points, value, gradient, near):
+        """Undo some of the rounding of creases at points (n, 3) that are near, in place.
+
+        Where two walls are about equally near, a spline rounds the crease between them, which
+        shows in a gradient shorter than 1. The field is linear along the way to the nearest wall,
+        so the answer is taken some way up, where less is rounded, and carried back down.
+        """
+        missing = (1 - np.einsum("nk,nk->n", gradient, gradient) - _SHORT) / (1 - _SHORT)
+        some = np.flatnonzero(near & (missing > 0) & (value < 0))
+        if not len(some):
+            return
+        missing, down = missing[some], gradient[some]
+        lift = np.minimum(_LIFT * self._base.step, -value[some])
+        lift *= missing * missing * (3 - 2 * missing)
+        up = points[some] + lift[:, None] * down
+        found, normal = np.zeros(len(some)), np.zeros((len(some), 3))
+        covered = self.levels[0].add(up, found, normal) == 2
+        self.levels[1].add(up, found, normal)
+        covered &= (normal != 0).any(axis=1)
+        normal = normalise(normal)
+        found -= lift * np.einsum("nk,nk->n", down, normal)
+        value[some[covered]] = found[covered]
+        gradient[some[covered]] = normal[covered]
 
     def bound(self, points):
         """Return a lower bound of the unsigned distance (n,) where the flag is BOUND."""

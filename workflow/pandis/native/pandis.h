@@ -889,6 +889,25 @@ static int pandis__add_level(const pandis__spline *s, int level, const double *p
     return kept;
 }
 
+/* Where two walls are about equally near a spline rounds the crease between them, which shows in a
+ * gradient shorter than 1. The field is linear along the way to the nearest wall, so the answer
+ * is taken some way up, where less is rounded, and carried back down. */
+#define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
+#define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
+
+static void pandis__sharpen(const pandis__spline *s, const double *p, double *value, double *gradient) {
+    double missing = (1 - pandis__dot(gradient, gradient) - PANDIS__SHORT) / (1 - PANDIS__SHORT);
+    if (!(missing > 0 && *value < 0)) return;
+    double lift = PANDIS__LIFT / s->layout[0].per_step, q[3], found = 0, normal[3] = {0};
+    lift = (lift < -*value ? lift : -*value) * missing * missing * (3 - 2 * missing);
+    for (int k = 0; k < 3; k++) q[k] = p[k] + lift * gradient[k];
+    if (pandis__add_level(s, 0, q, &found, normal) < 2) return;
+    pandis__add_level(s, 1, q, &found, normal);
+    if (!pandis__normalise(normal)) return;
+    *value = found - lift * pandis__dot(gradient, normal);
+    for (int k = 0; k < 3; k++) gradient[k] = normal[k];
+}
+
 static int pandis__answer_spline(const pandis__spline *s, const double *u, double *distance, double *normal) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
     for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
@@ -920,6 +939,8 @@ static int pandis__answer_spline(const pandis__spline *s, const double *u, doubl
         else
             value = value < -s->inside ? value : -s->inside;
         flag = PANDIS_BOUND;
+    } else {
+        pandis__sharpen(s, p, &value, gradient);
     }
     *distance = value;
     memcpy(normal, gradient, sizeof gradient);
