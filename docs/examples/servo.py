@@ -1,4 +1,4 @@
-"""The same from Python: a probe of 50 g falls onto an object and comes to rest on it.
+"""The same from Python: a probe of 50 g is let down onto an object and comes to rest on it.
 
     PYTHONPATH=workflow .venv/bin/python docs/examples/servo.py FIELD.pandis STIFFNESS
 
@@ -12,21 +12,52 @@ import numpy as np
 import pandis
 from pandis.frame import UNIT_SIDE
 
+MASS, GRAVITY = 0.05, 9.81
+#: Of the hand that keeps the probe over its place: Ns/m, N/m.
+DAMPING, GUIDE = 2.0, 500.0
+
+
+def level_place(field, deep):
+    """Return where the surface is most level from above, and the solid ``deep`` thick."""
+    centre, reach = np.array(field.frame.centre), 0.9 / field.frame.scale
+    across = reach * (2 * (np.arange(40) + 0.5) / 40 - 1)
+    heights = np.linspace(reach, -reach, 400)
+    best, place = 0.0, None
+    for x in across:
+        for z in across:
+            line = centre + np.column_stack([np.full(400, x), heights, np.full(400, z)])
+            inside = np.flatnonzero(field.distance_and_normal(line)[0] < -2 * reach / 400)
+            if not len(inside):
+                continue
+            top = line[inside[0]]
+            distance, normal = field.distance_and_normal([top, top - [0, deep, 0]])
+            level = normal[:, 1].min()
+            if distance[1] < -deep / 2 and level > best:
+                best, place = level, top
+    return place
+
 
 def main(path, stiffness):
-    """Let a probe fall, and print where it comes to rest."""
+    """Let a probe down, and print where it comes to rest."""
     field = pandis.load(path)
-    centre, scale = field.frame
-    unit = 0.10 * scale / UNIT_SIDE  # metres per mesh unit: the longest side is to be 10 cm
-    position = np.array(centre) + [0, 0.95 / scale, 0]
-    velocity, mass, damping, gravity = np.zeros(3), 0.05, 2.0, np.array([0, -9.81, 0])
+    unit = 0.10 * field.frame.scale / UNIT_SIDE  # metres per mesh unit: longest side 10 cm
+    guide = level_place(field, 0.004 / unit)
+    if guide is None:
+        return print("nothing to stand on: 4 mm are needed")
+    position, velocity = guide + [0, 0.002 / unit, 0], np.zeros(3)
+    held = []
     for _ in range(2000):
         force = field.force(position, k=stiffness * unit)[0]
-        velocity += (force / mass + gravity - damping / mass * velocity) * 1e-3
+        hand = GUIDE * (guide - position) * unit
+        hand[1] = -MASS * GRAVITY
+        velocity += (force + hand - DAMPING * velocity) / MASS * 1e-3
         position += velocity / unit * 1e-3
-    distance, _ = field.distance_and_normal(position)
-    rest = ", ".join(f"{f:.3f}" for f in force)
-    print(f"at rest {-1e3 * distance[0] * unit:.2f} mm below the surface, force {rest} N")
+        held.append(force[1])
+    below = -1e3 * field.distance_and_normal([position])[0][0] * unit
+    print(
+        f"{below:.2f} mm below the surface, held with {np.mean(held[-500:]):.3f} N, "
+        f"moving at {abs(velocity[1]):.1e} m/s"
+    )
 
 
 if __name__ == "__main__":

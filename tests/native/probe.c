@@ -11,6 +11,7 @@
 #include <stdlib.h>
 
 static int counting = 0, allocations = 0;
+#ifndef NO_COUNT
 void *__real_malloc(size_t size);
 void *__real_calloc(size_t count, size_t size);
 void *__real_realloc(void *old, size_t size);
@@ -19,6 +20,7 @@ void *__wrap_malloc(size_t size) { return allocations += counting, __real_malloc
 void *__wrap_calloc(size_t count, size_t size) { return allocations += counting, __real_calloc(count, size); }
 void *__wrap_realloc(void *old, size_t size) { return allocations += counting, __real_realloc(old, size); }
 void __wrap_free(void *old) { allocations += counting, __real_free(old); }
+#endif
 
 static unsigned long long hash(unsigned long long h, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;

@@ -30,8 +30,8 @@ CONFIG = {
 def sources(folder):
     """Write the generated shapes; return the sources of all, with the real sword where it is."""
     found = {}
-    for name, make in MADE.items():
-        mesh = make()
+    for own, make in MADE.items():
+        mesh, name = make(), own.replace(".", "-")
         path = write_obj(folder / f"{name}.obj", np.asarray(mesh.vertices), mesh.faces)
         found[name] = {"source": str(path.relative_to(folder))}
     meshes = os.environ.get("PANDIS_MESHES")

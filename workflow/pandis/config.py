@@ -757,7 +757,8 @@ def load_config(raw, refused=None):
                 merged[name] = MeshEntry.model_validate(options)
     if refused is not None and merged and not shared:
         for key, message in faults.items():
-            name = key.split(".")[1]
+            # a name that is none may have a dot in it
+            name = next(n for n in meshes if f"{key}.".startswith(f"meshes.{n}."))
             told = f"{key}: {message}"
             refused[name] = f"{refused[name]}; {told}" if name in refused else told
         faults = {}

@@ -28,17 +28,52 @@
  *
  * C99 or later, or C++11 or later. For speed: -O3 -march=native -fno-math-errno -fno-trapping-math
  * (without the last two compilers use no vectors for much of it). With -ffp-contract=off every compiler
- * and every vector width gives the same bits; with -ffast-math or x87 arithmetic it does not compile,
- * for it would answer wrongly. A query needs 80 KB of stack at most. Define PANDIS_API as static to keep
- * the names to one source file, PANDIS_NO_FILE to leave out what opens files.
+ * and every vector width gives the same bits. With -ffast-math or x87 arithmetic it does not compile,
+ * for it would answer wrongly; parts of -ffast-math that no macro shows are found by a test of the
+ * arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network 80 KB: define
+ * PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (1024 and 16) as less, and it needs four bytes times
+ * (depth + 2) times width. Define PANDIS_API as `static inline` to keep the names to one source file,
+ * PANDIS_NO_FILE to leave out what opens files.
  *
- * Copyright: see LICENSE of pandis, under which this file may be used, too.
+ * In a loop that must keep its time: open fields before the loop (a file is read and checked, which
+ * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE), on Windows
+ * VirtualLock), ask every field a few points once so that its pages and the caches are filled, and give
+ * the thread a real-time priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system
+ * call; its time is bounded but for meshes, whose worst place (the middle of a finely tessellated ball)
+ * takes a thousand times as long as a usual one.
+ *
+ * This header comes from pandis, a workflow that makes, measures and exports distance fields of
+ * triangle meshes for haptic rendering. It needs nothing else of it.
+ *
+ * MIT License. Copyright (c) 2026 The pandis authors
+ *
+ * Permission is hereby granted, free of charge, to any person obtaining a copy of this software and
+ * associated documentation files (the "Software"), to deal in the Software without restriction, including
+ * without limitation the rights to use, copy, modify, merge, publish, distribute, sublicense, and/or sell
+ * copies of the Software, and to permit persons to whom the Software is furnished to do so, subject to
+ * the following conditions:
+ *
+ * The above copyright notice and this permission notice shall be included in all copies or substantial
+ * portions of the Software.
+ *
+ * THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT NOT
+ * LIMITED TO THE WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO
+ * EVENT SHALL THE AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER
+ * IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR
+ * THE USE OR OTHER DEALINGS IN THE SOFTWARE.
  */
 #ifndef PANDIS_H
 #define PANDIS_H
 
 #include <stddef.h>
 #include <stdint.h>
+
+/* Of this header; a file says which version of the format it has (PANDIS_FORMAT_VERSION). */
+#define PANDIS_VERSION_MAJOR 0
+#define PANDIS_VERSION_MINOR 1
+#define PANDIS_VERSION_PATCH 0
+#define PANDIS_VERSION "0.1.0"
+#define PANDIS_FORMAT_VERSION 1
 
 #ifdef __cplusplus
 extern "C" {
@@ -62,13 +97,19 @@ enum {
     PANDIS_ERROR_SIZE = 5,     /* it is shorter or longer than it says */
     PANDIS_ERROR_CHECKSUM = 6, /* its bytes have changed */
     PANDIS_ERROR_CONTENT = 7,  /* what it says does not fit together */
-    PANDIS_ERROR_POSE = 8      /* an object of a scene lies nowhere: see pandis_object */
+    PANDIS_ERROR_POSE = 8,     /* an object of a scene lies nowhere: see pandis_object */
+    PANDIS_ERROR_ALIGNMENT = 9, /* the bytes do not begin at a multiple of 8 */
+    PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
+    PANDIS_ERROR_LARGE = 11 /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
 };
 
 enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5 };
 
+/* An answer. The slope is the length that the field's gradient had before it was scaled to a normal:
+ * 1 for meshes and closed forms, about 1 elsewhere, clearly less where two walls are about equally
+ * near (the medial axis), so that the normal is about to turn; 0 for grids of forces, which have none. */
 typedef struct {
-    double distance, normal[3];
+    double distance, normal[3], slope;
     int flag;
 } pandis_answer;
 
@@ -158,21 +199,35 @@ typedef struct {
 } pandis_field;
 
 /* Open a field from bytes that the caller keeps until the end, at an address that is a multiple of
- * 8. Everything is checked, so that no query can leave the bytes. Returns 0 or a PANDIS_ERROR. */
+ * 8 (in C11: _Alignas(8) on the array that a tool made of a file). Everything is checked, so that no query can leave the bytes. Returns 0 or a PANDIS_ERROR. */
 PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size);
 
 #ifndef PANDIS_NO_FILE
-/* Read a file into memory of its own; with PANDIS_MMAP defined it is mapped instead, and must not be
- * overwritten while it is open. */
+/* Read a file into memory of its own; with PANDIS_MMAP defined it is mapped instead (not on Windows), and
+ * must not be overwritten while it is open. The path is in UTF-8, on Windows, too. */
 PANDIS_API int pandis_open_file(pandis_field *field, const char *path);
 #endif
 PANDIS_API void pandis_close(pandis_field *field);
 
-/* Answer one point, in mesh units. Where it is no number distance and normal are NaN. */
+/* What a field is (PANDIS_NETWORK ... PANDIS_SHAPE; 0 when it is closed), and its bytes. */
+PANDIS_API int pandis_kind(const pandis_field *field);
+PANDIS_API size_t pandis_bytes(const pandis_field *field);
+
+/* The box around the surface, in mesh units. */
+PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]);
+
+/* The length of the longest side of the mesh that the field was made from, in its units. */
+PANDIS_API double pandis_longest_side(const pandis_field *field);
+
+/* What the field was made from and how: a text in JSON of `*size` bytes, which does not end with a
+ * zero; NULL if there is none. It lives as long as the field is open. */
+PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size);
+
+/* Answer one point, in mesh units. Where it is no number distance, normal and slope are NaN. */
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
 /* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
- * Returns the flag. */
+ * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative or no finite number. */
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
 
 /* Answer `count` points, three doubles each; normals (three doubles each) and flags may be NULL. */
@@ -238,18 +293,19 @@ PANDIS_API const char *pandis_error(int error);
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
 #error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
 #endif
-#if FLT_EVAL_METHOD != 0
+#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: half precision has arithmetic of its own */
 #error "pandis.h needs float and double arithmetic as such: compile with -mfpmath=sse"
 #endif
 #ifndef PANDIS_NO_FILE
-#ifdef PANDIS_MMAP
+#if defined(_WIN32) || !defined(PANDIS_MMAP)
+#define PANDIS__READ
+#include <stdio.h>
+#include <stdlib.h>
+#else
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#else
-#include <stdio.h>
-#include <stdlib.h>
 #endif
 #endif
 
@@ -261,13 +317,28 @@ PANDIS_API const char *pandis_error(int error);
 #define PANDIS__RESTRICT restrict
 #endif
 
+/* A function that keeps its stack to itself. */
+#if defined(__GNUC__)
+#define PANDIS__APART __attribute__((noinline))
+#elif defined(_MSC_VER)
+#define PANDIS__APART __declspec(noinline)
+#else
+#define PANDIS__APART
+#endif
+
+#ifndef PANDIS_MOST_WIDTH
+#define PANDIS_MOST_WIDTH 1024
+#endif
+#ifndef PANDIS_MOST_DEPTH
+#define PANDIS_MOST_DEPTH 16
+#endif
+
 #define PANDIS__FAR 1e150         /* farther points overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
-#define PANDIS__MOST_WIDTH 1024
-#define PANDIS__MOST_DEPTH 16
-#define PANDIS__STACK 1024
-#define PANDIS__DEEPEST 145 /* each level leaves seven entries on the stack */
+#define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
+#define PANDIS__STACK 704
+#define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
 
 static double pandis__dot(const double *u, const double *v) {
@@ -280,6 +351,7 @@ static void pandis__cross(const double *u, const double *v, double *out) {
     out[2] = u[0] * v[1] - u[1] * v[0];
 }
 
+#define PANDIS__STIFFEST 1e100
 #define PANDIS__TINY 1e-150 /* squares of less have lost their digits */
 
 /* Scale to unit length; 0 if there is none. */
@@ -322,6 +394,27 @@ static inline void pandis__sine_cosine(float x, float *sine, float *cosine) {
     float a = quarter & 1 ? c : s, b = quarter & 1 ? s : c;
     *sine = (quarter & 2 ? -a : a) + none;
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
+}
+
+/* Tell whether the arithmetic is what all of this relies on: sums rounded in the order in which they are
+ * written, NaN that stays NaN. Some parts of -ffast-math break that, and no macro tells. */
+static int pandis__arithmetic(void) {
+    /* sines and cosines of 3 and of -100, from a loop as a network's layers have it */
+    static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
+    volatile float read[3] = {3.0f, -100.0f, 0.0f};
+    volatile double large = 9007199254740992.0, one = 1;
+    float x[16], sine[16], cosine[16];
+    int good = 1;
+    for (int k = 0; k < 16; k++) x[k] = read[k & 1];
+    x[15] = read[2] / read[2];
+    for (int k = 0; k < 16; k++) pandis__sine_cosine(x[k], sine + k, cosine + k);
+    for (int k = 0; k < 15; k++) {
+        good &= fabsf(sine[k] - wanted[2 * (k & 1)]) < 1e-6f;
+        good &= fabsf(cosine[k] - wanted[2 * (k & 1) + 1]) < 1e-6f;
+    }
+    double sum = large + one; /* rounds back */
+    double big = sum - large, nan = (double)sine[15];
+    return good & (big == 0) & (nan != nan);
 }
 
 /* ---------------------------------------------------------------- B-splines */
@@ -596,7 +689,7 @@ static double pandis__sign(const pandis__mesh *t, const double *p, const pandis_
     return pandis__dot(foot->offset, n) < 0 ? -1 : 1;
 }
 
-static int pandis__answer_mesh(const pandis__mesh *t, const double *u, double *distance, double *normal) {
+PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, double *distance, double *normal) {
     double start[3];
     for (int k = 0; k < 3; k++) start[k] = u[k] - t->vertices[3 * (ptrdiff_t)t->faces[0] + k];
     /* any point of the surface is a bound, with room for rounding */
@@ -638,7 +731,7 @@ static inline pandis__vector pandis__load16(const int16_t *p) {
 }
 
 static inline pandis__vector pandis__splat(float x) {
-    pandis__vector v;
+    pandis__vector v = {0};
     for (int k = 0; k < PANDIS__VECTOR; k++) v[k] = x;
     return v;
 }
@@ -719,8 +812,8 @@ static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
 PANDIS__KINDS(PANDIS__DOT)
 
 /* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. */
-static int pandis__answer_network(const pandis__network *n, const double *u, double *distance, double *normal) {
-    float slopes[PANDIS__MOST_DEPTH][PANDIS__MOST_WIDTH], ends[2][PANDIS__MOST_WIDTH];
+PANDIS__APART static int pandis__answer_network(const pandis__network *n, const double *u, double *distance, double *normal) {
+    float slopes[PANDIS_MOST_DEPTH][PANDIS__ROWS], ends[2][PANDIS__ROWS];
     float *h = ends[0], *z = ends[1], x[3], result[4] = {0};
     double inside[3], value, gradient[3];
     double outside = pandis__clamp(u, inside);
@@ -903,12 +996,13 @@ static void pandis__sharpen(const pandis__spline *s, const double *p, double *va
     for (int k = 0; k < 3; k++) q[k] = p[k] + lift * gradient[k];
     if (pandis__add_level(s, 0, q, &found, normal) < 2) return;
     pandis__add_level(s, 1, q, &found, normal);
-    if (!pandis__normalise(normal)) return;
+    double slope = sqrt(pandis__dot(gradient, gradient));
+    if (!(slope > PANDIS__TINY) || !pandis__normalise(normal)) return;
     *value = found - lift * pandis__dot(gradient, normal);
-    for (int k = 0; k < 3; k++) gradient[k] = normal[k];
+    for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* as long as it was */
 }
 
-static int pandis__answer_spline(const pandis__spline *s, const double *u, double *distance, double *normal) {
+PANDIS__APART static int pandis__answer_spline(const pandis__spline *s, const double *u, double *distance, double *normal) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
     for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
     int kept = pandis__add_level(s, 0, p, &value, gradient), flag = PANDIS_OK;
@@ -986,6 +1080,21 @@ static void pandis__answer_shape(const pandis__shape *s, const double *p, double
 
 /* ---------------------------------------------------------------- queries */
 
+PANDIS_API int pandis_kind(const pandis_field *field) { return field->kind; }
+
+PANDIS_API size_t pandis_bytes(const pandis_field *field) { return field->size; }
+
+PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]) {
+    for (int k = 0; k < 3; k++) {
+        low[k] = field->centre[k] + field->low[k] / field->scale;
+        high[k] = field->centre[k] + field->high[k] / field->scale;
+    }
+}
+
+#define PANDIS__LONGEST 1.8 /* of the unit frame: a mesh is scaled so that its longest side is this */
+
+PANDIS_API double pandis_longest_side(const pandis_field *field) { return PANDIS__LONGEST / field->scale; }
+
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
     double u[3], d = 0, n[3] = {0};
     int flag = PANDIS_INVALID, finite = 1;
@@ -1010,7 +1119,10 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
     }
     if (flag == PANDIS_INVALID) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
+        answer->slope = (double)NAN;
     } else {
+        int forces = field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR;
+        answer->slope = forces ? 0 : sqrt(pandis__dot(n, n));
         if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
         answer->distance = d / field->scale;
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
@@ -1020,6 +1132,8 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
 
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
     pandis_answer answer;
+    force[0] = force[1] = force[2] = 0;
+    if (!(stiffness >= 0 && stiffness <= PANDIS__STIFFEST)) return PANDIS_INVALID;
     pandis_query(field, point, &answer);
     double push = answer.distance < 0 ? -stiffness * answer.distance : 0; /* not so for NaN */
     for (int k = 0; k < 3; k++) force[k] = push > 0 ? push * answer.normal[k] : 0;
@@ -1082,7 +1196,7 @@ static int pandis__lies(const pandis_object *o) {
     double across[3];
     pandis__cross(o->rotation, o->rotation + 3, across);
     if (!(most <= 1e-6 && pandis__dot(across, o->rotation + 6) > 0)) return 0;
-    return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= 1e100;
+    return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
 }
 
 /* A scene keeps of each object a ball around some point in which it cannot be touched: centre and
@@ -1181,7 +1295,6 @@ PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], do
 #define PANDIS__HEADER 256
 #define PANDIS__SECTION 24
 #define PANDIS__MOST_SECTIONS 32
-#define PANDIS__VERSION 1
 #define PANDIS__ORDER 0x0a0b0c0du
 
 static uint32_t pandis__u32(const unsigned char *p) {
@@ -1228,6 +1341,18 @@ static const void *pandis__section(const pandis_field *f, const char *name, uint
     return NULL;
 }
 
+PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size) {
+    const unsigned char *entry = field->data ? field->data + PANDIS__HEADER : NULL;
+    uint32_t sections = field->data ? pandis__u32(field->data + 36) : 0;
+    *size = 0;
+    for (uint32_t i = 0; i < sections; i++, entry += PANDIS__SECTION) {
+        if (memcmp(entry, "PROV", 4)) continue;
+        *size = (size_t)pandis__u64(entry + 16);
+        return (const char *)(field->data + (size_t)pandis__u64(entry + 8));
+    }
+    return NULL;
+}
+
 static int pandis__finite(const float *values, uint64_t count) {
     int good = values != NULL;
     for (uint64_t i = 0; good && i < count; i++) good &= fabsf(values[i]) <= 3e38f;
@@ -1253,7 +1378,7 @@ static int pandis__open_network(pandis_field *f) {
     pandis__network *n = &f->as.network;
     int32_t base = pandis__whole(f, 3), bits = pandis__whole(f, 4);
     n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1), n->outputs = pandis__whole(f, 2);
-    if (n->width < 1 || n->width > PANDIS__MOST_WIDTH || n->depth < 1 || n->depth > PANDIS__MOST_DEPTH) return 0;
+    if (n->width < 1 || n->width > PANDIS_MOST_WIDTH || n->depth < 1 || n->depth > PANDIS_MOST_DEPTH) return 0;
     if ((n->outputs != 1 && n->outputs != 4) || (bits != 16 && bits != 32) || base < 0 || base > 512) return 0;
     n->stride = (n->width + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES;
     uint64_t row = (uint64_t)n->stride, rows = (uint64_t)(n->depth - 1) * (uint64_t)n->width;
@@ -1423,10 +1548,11 @@ PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
     if (!p || size < 8 || memcmp(p, "PANDIS\r\n", 8)) return PANDIS_ERROR_FORMAT;
     if (size < PANDIS__HEADER) return PANDIS_ERROR_SIZE;
     if (pandis__u32(p + 8) != order || memcmp(p + 8, &order, 4)) return PANDIS_ERROR_ENDIAN;
-    if (pandis__u32(p + 12) != PANDIS__VERSION) return PANDIS_ERROR_VERSION;
+    if (pandis__u32(p + 12) != PANDIS_FORMAT_VERSION) return PANDIS_ERROR_VERSION;
     if (pandis__u64(p + 16) != size) return PANDIS_ERROR_SIZE;
     if (pandis__u32(p + 28) || pandis__u32(p + 24) != pandis__crc(p + 32, size - 32)) return PANDIS_ERROR_CHECKSUM;
-    if ((uintptr_t)p % 8) return PANDIS_ERROR_CONTENT;
+    if ((uintptr_t)p % 8) return PANDIS_ERROR_ALIGNMENT;
+    if (!pandis__arithmetic()) return PANDIS_ERROR_ARITHMETIC;
     field->data = p, field->size = size;
     uint32_t sections = pandis__u32(p + 36);
     if (sections > PANDIS__MOST_SECTIONS || PANDIS__HEADER + (size_t)sections * PANDIS__SECTION > size)
@@ -1443,6 +1569,9 @@ PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
     for (int k = 0; k < 3; k++)
         if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
     int good = 0, kind = (int)pandis__u32(p + 32);
+    if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 && pandis__whole(field, 1) <= 16 &&
+        (pandis__whole(field, 0) > PANDIS_MOST_WIDTH || pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
+        return PANDIS_ERROR_LARGE;
     if (kind == PANDIS_NETWORK) good = pandis__open_network(field);
     if (kind == PANDIS_GRID) good = pandis__open_grid(field);
     if (kind == PANDIS_SPLINE) good = pandis__open_spline(field);
@@ -1454,10 +1583,36 @@ PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
 }
 
 #ifndef PANDIS_NO_FILE
+#ifdef PANDIS__READ
+/* Windows takes UTF-16 for what is UTF-8 elsewhere. */
+static FILE *pandis__open_path(const char *path) {
+#ifdef _WIN32
+    const unsigned char *p = (const unsigned char *)path;
+    wchar_t wide[1024];
+    size_t n = 0;
+    while (*p) {
+        int more = *p >= 0xf0 ? 3 : *p >= 0xe0 ? 2 : *p >= 0xc0 ? 1 : 0;
+        uint32_t code = more ? *p & (0x3fu >> more) : *p;
+        if ((*p >= 0x80 && *p < 0xc0) || n + 3 > sizeof wide / sizeof *wide) return NULL;
+        for (p++; more; more--, p++) {
+            if ((*p & 0xc0) != 0x80) return NULL;
+            code = code << 6 | (*p & 0x3fu);
+        }
+        if (code >= 0x10000u) wide[n++] = (wchar_t)(0xd7c0u + (code >> 10)), code = 0xdc00u + (code & 0x3ffu);
+        wide[n++] = (wchar_t)code;
+    }
+    wide[n] = 0;
+    return _wfopen(wide, L"rb");
+#else
+    return fopen(path, "rb");
+#endif
+}
+#endif
+
 PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
     int error = PANDIS_ERROR_FILE;
     memset(field, 0, sizeof *field);
-#ifdef PANDIS_MMAP
+#ifndef PANDIS__READ
     struct stat found;
     int file = open(path, O_RDONLY);
     if (file < 0) return error;
@@ -1474,7 +1629,7 @@ PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
     }
     close(file);
 #else
-    FILE *file = fopen(path, "rb");
+    FILE *file = pandis__open_path(path);
     if (!file) return error;
     if (!fseek(file, 0, SEEK_END)) {
         long size = ftell(file);
@@ -1493,7 +1648,7 @@ PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
 PANDIS_API void pandis_close(pandis_field *field) {
 #ifndef PANDIS_NO_FILE
     void *data = (void *)(uintptr_t)field->data;
-#ifdef PANDIS_MMAP
+#ifndef PANDIS__READ
     if (field->mapped) munmap(data, field->size);
 #else
     if (field->mapped) free(data);
@@ -1512,6 +1667,12 @@ PANDIS_API const char *pandis_error(int error) {
         case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
         case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
         case PANDIS_ERROR_CONTENT: return "what the file says does not fit together";
+        case PANDIS_ERROR_ALIGNMENT: return "the bytes must begin at an address that is a multiple of 8";
+        case PANDIS_ERROR_ARITHMETIC:
+            return "pandis.h was compiled with flags that break its arithmetic: leave out -funsafe-math-optimizations "
+                   "and -fassociative-math";
+        case PANDIS_ERROR_LARGE:
+            return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
         default: return "unknown error";
     }
