@@ -39,17 +39,44 @@ _STUCK = 1.5
 _SUBSTEPS = 4
 
 
-def motion(device, dt):
-    """Return the matrices that move (x, v) by ``dt`` under a constant force: exact.
+class Mass:
+    """A device and the hand that holds it, as one mass with Coulomb friction.
 
-    m·x″ = u − (b + b_hand)·x′ − k_hand·x, x from where the hand would rest.
+    m·x″ = u − (b + b_hand)·x′ − k_hand·x, x from where the hand would rest; the friction acts
+    against the motion, and at rest holds what is no stronger than it. Exact under a constant u.
+
+    Parameters
+    ----------
+    device : pandis.stress.physical.Device
+    dt : float
+        s of a step.
     """
-    damping = device.damping + device.hand_damping
-    state = np.zeros((3, 3))
-    state[0, 1] = 1
-    state[1] = -device.hand_stiffness / device.mass, -damping / device.mass, 1 / device.mass
-    step = expm(state * dt)
-    return step[:2, :2], step[:2, 2]
+
+    def __init__(self, device, dt):
+        damping = device.damping + device.hand_damping
+        state = np.zeros((3, 3))
+        state[0, 1] = 1
+        state[1] = -device.hand_stiffness / device.mass, -damping / device.mass, 1 / device.mass
+        (self._xx, self._xv, self._xu), (self._vx, self._vv, self._vu), _ = expm(state * dt)
+        self._friction, self._stiffness, self._dt = device.friction, device.hand_stiffness, dt
+
+    def step(self, position, speed, push):
+        """Return position and speed (n, 3) a step later, under a push (n, 3)."""
+        if self._friction > 0:
+            fast = np.linalg.norm(speed, axis=1, keepdims=True)
+            along = np.where(fast > 0, speed, push - self._stiffness * position)
+            size = np.linalg.norm(along, axis=1, keepdims=True)
+            stuck = (fast == 0) & (size <= self._friction)
+            push = push - self._friction * along / np.maximum(size, 1e-300)
+        to = self._xx * position + self._xv * speed + self._xu * push
+        then = self._vx * position + self._vv * speed + self._vu * push
+        if self._friction > 0:
+            ends = (fast > 0) & ((speed * then).sum(axis=1, keepdims=True) <= 0)
+            after = np.linalg.norm(then, axis=1, keepdims=True)
+            share = fast / np.maximum(fast + after, 1e-300)
+            to = np.where(ends, position + speed * share * self._dt / 2, to)
+            to, then = np.where(stuck, position, to), np.where(stuck | ends, 0.0, then)
+        return to, then
 
 
 class Press(NamedTuple):
@@ -98,13 +125,12 @@ def simulate(answer, points, normals, stiffness, scale, device, press, ticks=TIC
     -------
     Press
     """
-    (xx, xv), (xu, vu) = (m.T for m in motion(device, TICK / _SUBSTEPS))
-    move = np.array([xx, xv]).T
+    mass = Mass(device, TICK / _SUBSTEPS)
     position, speed = start * normals, np.zeros_like(normals)
     pressing = -press[:, None] * normals
     late = deque([np.zeros_like(normals)] * device.delay)
     path, answered = [], np.zeros(len(points))
-    energy, slip = np.zeros(len(points)), device.friction / device.mass * TICK / _SUBSTEPS
+    energy = np.zeros(len(points))
     for tick in range(ticks):
         seen = np.round(position / device.encoder) * device.encoder if device.encoder else position
         depth = penalty_force(*answer(points + seen * scale.metre)) / scale.metre
@@ -115,14 +141,7 @@ def simulate(answer, points, normals, stiffness, scale, device, press, ticks=TIC
         force = late.popleft()
         before = position
         for _ in range(_SUBSTEPS):
-            push = force + pressing
-            position, speed = (
-                move[0, 0] * position + move[0, 1] * speed + xu * push,
-                move[1, 0] * position + move[1, 1] * speed + vu * push,
-            )
-            if slip:
-                fast = np.linalg.norm(speed, axis=1, keepdims=True)
-                speed = speed * np.maximum(0, 1 - slip / np.maximum(fast, 1e-12))
+            position, speed = mass.step(position, speed, force + pressing)
         energy -= (force * (position - before)).sum(axis=1)
         if tick >= ticks * 2 // 3:
             path.append(position)

@@ -4,8 +4,8 @@
  * tick under the force that was sent, so that a run is the same on every machine.
  *
  * Device and hand are one mass: m x'' = F + press + k (rest - x) + b_hand rest' - (b + b_hand) x', with
- * Coulomb friction; its motion under a constant force is exact, the friction is applied in four steps of
- * a tick.
+ * Coulomb friction against the motion; at rest the friction holds whatever is no stronger than it. The
+ * motion under a constant force is exact; a tick has four steps, and the friction a direction in each.
  */
 #ifndef SIMULATED_H
 #define SIMULATED_H
@@ -189,29 +189,52 @@ static void simulated_unschedule(unsigned long handle) {
 static void simulated_start(void) { simulated.running = 1; }
 static void simulated_stop(void) { simulated.running = 0; }
 
+/* Move by a step under a push besides spring and damping; returns how far. */
+static double simulated_step(const double *rest, const double *push) {
+    const simulated_spec *s = &simulated.spec;
+    double h = s->period / SIMULATED_SUBSTEPS, fast = length_of(simulated.speed), way[3], speed[3], whole[3];
+    memcpy(whole, push, sizeof whole);
+    if (s->friction > 0) {
+        double along[3], size = fast;
+        for (int k = 0; k < 3; k++) {
+            double net = push[k] + s->hand_stiffness * (rest[k] - simulated.position[k]);
+            along[k] = fast > 0 ? simulated.speed[k] : net;
+        }
+        if (!(fast > 0)) {
+            size = length_of(along);
+            if (size <= s->friction) return 0; /* it sticks */
+        }
+        for (int k = 0; k < 3; k++) whole[k] -= s->friction * along[k] / size;
+    }
+    double onward = 0, slower = 0;
+    for (int k = 0; k < 3; k++) {
+        double x = simulated.position[k] - rest[k], v = simulated.speed[k];
+        way[k] = simulated.xx * x + simulated.xv * v + simulated.xu * whole[k] - x;
+        speed[k] = simulated.vx * x + simulated.vv * v + simulated.vu * whole[k];
+        onward += v * speed[k], slower += speed[k] * speed[k];
+    }
+    if (s->friction > 0 && fast > 0 && !(onward > 0)) { /* it comes to rest on the way */
+        double share = fast / (fast + sqrt(slower));
+        for (int k = 0; k < 3; k++) way[k] = simulated.speed[k] * share * h / 2, speed[k] = 0;
+    }
+    for (int k = 0; k < 3; k++) simulated.position[k] += way[k], simulated.speed[k] = speed[k];
+    return length_of(way);
+}
+
 /* Move by a tick under the force that acts during it. */
 static void simulated_move(void) {
     const simulated_spec *s = &simulated.spec;
     long long now = simulated.tick < simulated.ticks ? simulated.tick : simulated.ticks - 1;
     const double *rest = simulated.rest + 3 * now, *press = simulated.press + 3 * now;
     const double *next = now + 1 < simulated.ticks ? rest + 3 : rest;
-    double h = s->period / SIMULATED_SUBSTEPS, slip = s->friction / s->mass * h, before[3], work = 0, lost = 0;
+    double h = s->period / SIMULATED_SUBSTEPS, push[3], before[3], work = 0, lost = 0;
     memcpy(before, simulated.position, sizeof before);
+    for (int k = 0; k < 3; k++)
+        push[k] = simulated.acting[k] + press[k] + s->hand_damping * (next[k] - rest[k]) / s->period;
     for (int step = 0; step < SIMULATED_SUBSTEPS; step++) {
-        double way[3];
-        for (int k = 0; k < 3; k++) {
-            double x = simulated.position[k] - rest[k], v = simulated.speed[k];
-            double push = simulated.acting[k] + press[k] + s->hand_damping * (next[k] - rest[k]) / s->period;
-            double to = rest[k] + simulated.xx * x + simulated.xv * v + simulated.xu * push;
-            way[k] = to - simulated.position[k];
-            simulated.speed[k] = simulated.vx * x + simulated.vv * v + simulated.vu * push;
-            simulated.position[k] = to;
-        }
-        double fast = length_of(simulated.speed), length = length_of(way);
-        double slowed = slip > 0 ? fmax(0, fast - slip) : fast;
-        for (int k = 0; slip > 0 && k < 3; k++) simulated.speed[k] *= slowed / fmax(fast, 1e-12);
-        /* viscous: at least this, at whatever speeds the way was gone; friction: what it took of the motion */
-        lost += s->damping * length * length / h + s->mass / 2 * (fast * fast - slowed * slowed);
+        double length = simulated_step(rest, push);
+        /* at least this, at whatever speeds the way was gone */
+        lost += s->damping * length * length / h + s->friction * length;
     }
     for (int k = 0; k < 3; k++) work += simulated.acting[k] * (simulated.position[k] - before[k]);
     energy_book(&simulated.energy, length_of(simulated.acting), work, lost, s->wall);

@@ -1,0 +1,87 @@
+"""Dry friction of the simulated device and hand: closed forms, in C and in Python."""
+
+import numpy as np
+import pytest
+from test_devices import TOUCH, order
+
+from pandis.native import hdapi
+from pandis.stress.coupled import Mass
+from pandis.stress.physical import TICK, Device
+
+MASS, FRICTION, SPRING = 0.045, 0.26, 400.0
+FREE = np.array([0.3, 0.0, 0.0])  # far from the ball
+#: Time to swing from one side to the other, and what is lost of the swing on the way.
+HALF, LOSS = np.pi * np.sqrt(MASS / SPRING), 2 * FRICTION / SPRING
+DEVICE = Device(MASS, 0.0, FRICTION, 0.0, 0, 3.3, SPRING, 0.0, 0.0)
+
+
+def in_c(files, start, rest, press, ticks, **changes):
+    bare = {"damping": 0.0, "encoder": 0.0, "hand_damping": 0.0, "hand_stiffness": SPRING}
+    device = hdapi.Simulated(**(TOUCH | bare | {"speed": 1e3} | changes))
+    wanted = order(files, ticks, limits={"speed": 1e3})
+    session = hdapi.run_simulated(device, FREE + start, FREE + rest, press, wanted)
+    return (session.path - FREE)[:, 0]
+
+
+def in_python(_, start, rest, press, ticks):
+    """The same, one tick after the other, as the stress suite moves its devices."""
+    mass = Mass(DEVICE, TICK / 4)
+    rest = np.broadcast_to(rest, (ticks, 3))
+    place, speed, path = np.array([start], float), np.zeros((1, 3)), []
+    for tick in range(ticks):
+        for _step in range(4):
+            away = place - rest[tick]
+            away, speed = mass.step(away, speed, np.array([press], float))
+            place = rest[tick] + away
+        path.append(place[0, 0])
+    return np.array(path)
+
+
+both = pytest.mark.parametrize("moved", [in_c, in_python])
+
+
+@both
+def test_a_swing_loses_the_same_at_every_turn_and_stops_where_friction_holds(moved, files):
+    """Of a mass on a spring with Coulomb friction: 2 F / k from turn to turn (Den Hartog)."""
+    begin = 0.006
+    path = moved(files, np.array([begin, 0, 0]), np.zeros(3), np.zeros(3), 300)
+    sides = [begin]
+    while abs(sides[-1]) > FRICTION / SPRING:
+        sides.append(-np.sign(sides[-1]) * (abs(sides[-1]) - LOSS))
+    assert len(sides) > 3
+    for turn, side in enumerate(sides[1:], 1):
+        at = round(turn * HALF / TICK) - 1
+        assert path[max(0, at - 1) : at + 2] == pytest.approx(side, abs=0.01 * begin)
+    assert np.ptp(path[round(len(sides) * HALF / TICK) :]) == 0  # and not a bit further
+
+
+@both
+def test_a_block_that_is_pulled_sticks_and_then_slips(moved, files):
+    """Pulled over a spring at a steady speed: nothing up to F / k, then v (t - sin(wt) / w)."""
+    speed, ticks = 0.02, 400
+    rest = np.zeros((ticks, 3))
+    rest[:, 0] = speed * TICK * np.arange(ticks)
+    path = moved(files, np.zeros(3), rest, np.zeros(3), ticks)
+    slip = FRICTION / SPRING / speed / TICK
+    assert path[: int(slip) - 1].any() == False  # noqa: E712
+    t = (np.arange(ticks) + 1 - slip) * TICK
+    w = np.sqrt(SPRING / MASS)
+    wanted = np.where(t > 0, speed * (t - np.sin(w * t) / w), 0)
+    assert np.abs(path - wanted).max() < 0.01 * wanted.max()
+    assert path[-1] == pytest.approx(wanted[-1], rel=0.01)
+
+
+@both
+@pytest.mark.parametrize("share", [0.5, 0.99])
+def test_below_breakaway_nothing_moves_for_a_minute(moved, share, files):
+    """Pushed aside at an angle, too: less than an encoder's step, and indeed nothing."""
+    push = share * FRICTION * np.array([0.6, 0.0, 0.8])
+    path = moved(files, np.zeros(3), np.zeros(3), push, 60_000 if moved is in_c else 3000)
+    assert np.abs(path).max() < 55e-6 / 1000
+
+
+@both
+def test_above_breakaway_it_moves(moved, files):
+    push = 1.05 * FRICTION * np.array([1.0, 0.0, 0.0])
+    path = moved(files, np.zeros(3), np.zeros(3), push, 400)
+    assert path[-1] > 0.5 * 0.05 * FRICTION / SPRING
