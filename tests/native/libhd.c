@@ -13,6 +13,15 @@
  *     fast            it says that it runs at 4 kHz
  *     nan N           from tick N on positions are no numbers
  *     jump N          at tick N the position jumps by 5 cm
+ *     uncalibrated N  from tick N on it is not calibrated; N -1: from the beginning
+ *     update          its calibration wants to be updated
+ *     released N      from tick N on no button is held
+ *     open N          from tick N on its safety switch is open; N -1: from the beginning
+ *     hot N           from tick N on a motor is hot
+ *     burning N       from tick N on a motor's temperature is no number
+ *     aside           its workspace lies 3 cm to the right
+ *     tired           it stands 0.2 N for long
+ *     late N          from tick N on a force acts eight ticks later: walls come alive
  */
 #define _GNU_SOURCE
 #include "simulated.h"
@@ -43,86 +52,167 @@ static int faulty(const char *name) {
     return !strcmp(fault, name) && (fault_tick < 0 || simulated.tick >= fault_tick);
 }
 
+/* What HDAPI knows of frames. */
+static int initialised, framed, frames, scheduled;
+static double pending[3];
+static hd_callback callback;
+static void *callback_data;
+
 unsigned int hdInitDevice(const char *name) {
     static const double press[3] = {0, 0, 0};
-    static const simulated_spec touch = {0.045, 0.1, 0.26, 55e-6, 3.3, 3.3, 1.5, 20, 3, 1e-3, 400, 0};
-    double start[3] = {0, 0, 0};
-    const char *text = getenv("PANDIS_FAULT"), *place = getenv("PANDIS_PLACE");
+    simulated_spec touch = {0.045, 0.1, 0.26, 55e-6, 3.3, 3.3, 1.5, 20, 3, 1e-3, 400, 0};
+    double start[3] = {0, 0, 0}, rest[3] = {0, 0, 0};
+    const char *text = getenv("PANDIS_FAULT"), *place = getenv("PANDIS_PLACE"), *kind = getenv("PANDIS_STANDIN");
     memset(&standin_seen, 0, sizeof standin_seen);
     *fault = 0, fault_tick = -1, fault_code = 0;
     if (text) sscanf(text, "%15s %lld %x", fault, &fault_tick, &fault_code);
     if (place) sscanf(place, "%lf %lf %lf", start, start + 1, start + 2);
-    memcpy(hand, start, sizeof hand);
+    memcpy(rest, start, sizeof rest);
+    /* the hand, and how lively the device is: stiffness, damping, resting place along x; damping, friction */
+    if (kind) sscanf(kind, "%lf %lf %lf %lf %lf", &touch.hand_stiffness, &touch.hand_damping, rest, &touch.damping, &touch.friction);
+    memcpy(hand, rest, sizeof hand);
     /* errors that nobody has asked for stay in the list */
     unsigned int error[SIMULATED_ERRORS];
     int errors = simulated.errors;
     memcpy(error, simulated.error, sizeof error);
     simulated_prepare(&touch, start, hand, press, 1);
     memcpy(simulated.error, error, sizeof error), simulated.errors = errors;
+    framed = frames = scheduled = 0;
     if (faulty("init") || (name && strcmp(name, "Default Device"))) {
         simulated_report(HD_DEVICE_FAULT);
         return HD_INVALID_HANDLE;
     }
-    return simulated_init(name);
+    if (initialised) {
+        simulated_report(HD_INVALID_OPERATION);
+        return HD_INVALID_HANDLE;
+    }
+    initialised = 1;
+    return 0;
 }
 
-void hdDisableDevice(unsigned int device) { simulated_disable_device(device); }
+static int is_ours(unsigned int device) {
+    if (initialised && device == 0) return 1;
+    simulated_report(HD_BAD_HANDLE);
+    return 0;
+}
+
+void hdDisableDevice(unsigned int device) {
+    if (is_ours(device)) initialised = simulated.output = 0;
+}
 
 void hdEnable(unsigned int what) {
     standin_seen.enabled += what == HD_FORCE_OUTPUT;
-    simulated_enable(what);
+    if (what == HD_FORCE_OUTPUT && is_ours(0)) simulated.output = 1;
 }
 
 void hdDisable(unsigned int what) {
     standin_seen.disabled += what == HD_FORCE_OUTPUT;
-    simulated_disable(what);
+    if (what == HD_FORCE_OUTPUT && is_ours(0)) simulated.output = 0;
 }
 
 void hdBeginFrame(unsigned int device) {
     standin_seen.begun++;
     if (faulty("error") && simulated.tick == fault_tick) simulated_report(fault_code);
-    simulated_begin(device);
+    if (!is_ours(device)) return;
+    if (framed) simulated_report(HD_ILLEGAL_BEGIN);
+    else if (frames++) simulated_report(HD_FRAME_ERROR); /* one frame a tick */
+    framed = 1;
+    memset(pending, 0, sizeof pending);
 }
 
 void hdEndFrame(unsigned int device) {
     standin_seen.ended++;
-    simulated_end(device);
+    if (!is_ours(device)) return;
+    if (!framed) simulated_report(HD_ILLEGAL_END);
+    else simulated_accept(pending);
+    framed = 0;
     double size = length_of(simulated.sent);
     if (size > standin_seen.largest) standin_seen.largest = size;
     for (int k = 0; k < 3; k++) standin_seen.sum[k] += simulated.sent[k], standin_seen.last[k] = simulated.sent[k];
 }
 
-void hdGetDoublev(unsigned int what, double *values) {
-    simulated_get(what, values);
-    if (what == HD_NOMINAL_MAX_FORCE && faulty("weak")) *values = 1;
-    if (what == HD_UPDATE_RATE && faulty("fast")) *values = 4000;
-    if (what != HD_CURRENT_POSITION) return;
+unsigned int hdCheckCalibration(void) {
+    if (faulty("update")) return HD_CALIBRATION_NEEDS_UPDATE;
+    return faulty("uncalibrated") ? HD_CALIBRATION_NEEDS_MANUAL_INPUT : HD_CALIBRATION_OK;
+}
+
+void hdGetIntegerv(unsigned int what, int *values) {
+    if (what == HD_CURRENT_BUTTONS) *values = !faulty("released");
+}
+
+void hdGetBooleanv(unsigned int what, unsigned char *values) {
+    if (what == HD_CURRENT_SAFETY_SWITCH) *values = !faulty("open");
+}
+
+/* What a position is delayed or spoilt by. */
+static void spoil(double *values) {
+    const struct timespec hang = {1, 500000000}, slow = {0, 30000000};
     if (faulty("nan")) values[1] = values[1] * 0 / 0.0;
     if (faulty("jump")) values[0] += 50;
     if (faulty("raise") && simulated.tick == fault_tick) raise(SIGINT);
-    if (faulty("hang") && simulated.tick == fault_tick) {
-        const struct timespec pause = {1, 500000000};
-        nanosleep(&pause, NULL);
+    if (faulty("hang") && simulated.tick == fault_tick) nanosleep(&hang, NULL);
+    if (faulty("slow") && simulated.tick == fault_tick) nanosleep(&slow, NULL);
+}
+
+void hdGetDoublev(unsigned int what, double *values) {
+    device_spec spec;
+    double place[3];
+    simulated_tell(&spec);
+    simulated_place(place);
+    switch (what) {
+        case HD_NOMINAL_MAX_FORCE: *values = faulty("weak") ? 1 : spec.force; break;
+        case HD_NOMINAL_MAX_CONTINUOUS_FORCE: *values = faulty("tired") ? 0.2 : 0.88; break;
+        case HD_SOFTWARE_VELOCITY_LIMIT: *values = 1e3 * spec.speed; break;
+        case HD_SOFTWARE_FORCE_IMPULSE_LIMIT: *values = spec.impulse; break;
+        case HD_UPDATE_RATE: *values = faulty("fast") ? 4000 : spec.rate; break;
+        case HD_USABLE_WORKSPACE_DIMENSIONS:
+            for (int k = 0; k < 3; k++) values[k] = -80, values[k + 3] = 80;
+            if (faulty("aside")) values[0] += 30, values[3] += 30;
+            break;
+        case HD_MOTOR_TEMPERATURE:
+            for (int k = 0; k < 3; k++) values[k] = 0.3;
+            if (faulty("hot")) values[2] = 0.95;
+            if (faulty("burning")) values[1] = values[1] * 0 / 0.0;
+            break;
+        case HD_CURRENT_POSITION:
+            for (int k = 0; k < 3; k++) values[k] = 1e3 * place[k];
+            spoil(values);
+            break;
+        case HD_CURRENT_VELOCITY:
+            for (int k = 0; k < 3; k++) values[k] = 1e3 * simulated.speed[k];
+            break;
+        case HD_CURRENT_TRANSFORM:
+            for (int k = 0; k < 16; k++) values[k] = k % 5 == 0;
+            for (int k = 0; k < 3; k++) values[12 + k] = 1e3 * place[k];
+            break;
+        case HD_CURRENT_FORCE: memcpy(values, simulated.sent, sizeof simulated.sent); break;
+        default: simulated_report(HD_INVALID_ENUM);
     }
-    if (faulty("slow") && simulated.tick == fault_tick) {
-        const struct timespec pause = {0, 30000000};
-        nanosleep(&pause, NULL);
-    }
 }
 
-void hdSetDoublev(unsigned int what, const double *values) { simulated_set(what, values); }
-
-const char *hdGetString(unsigned int what) {
-    return what == HD_DEVICE_MODEL_TYPE ? "stand-in" : simulated_string(what);
+void hdSetDoublev(unsigned int what, const double *values) {
+    if (what != HD_CURRENT_FORCE) return;
+    if (!framed) simulated_report(HD_INVALID_OPERATION);
+    else memcpy(pending, values, sizeof pending);
 }
 
-hd_error hdGetError(void) { return simulated_error(); }
+const char *hdGetString(unsigned int what) { return what == HD_DEVICE_MODEL_TYPE ? "stand-in" : ""; }
 
-unsigned long hdScheduleAsynchronous(hd_callback callback, void *data, unsigned short priority) {
-    return simulated_schedule(callback, data, priority);
+hd_error hdGetError(void) {
+    hd_error found = {simulated_take_error(), 0, 0};
+    return found;
 }
 
-void hdUnschedule(unsigned long handle) { simulated_unschedule(handle); }
+unsigned long hdScheduleAsynchronous(hd_callback own, void *data, unsigned short priority) {
+    (void)priority;
+    callback = own, callback_data = data, scheduled = 1;
+    return 1;
+}
+
+void hdUnschedule(unsigned long handle) {
+    if (handle != 1 || !scheduled) simulated_report(HD_INVALID_OPERATION); /* it has ended by itself */
+    scheduled = 0;
+}
 
 static void *loop(void *none) {
     struct timespec due;
@@ -137,7 +227,10 @@ static void *loop(void *none) {
             const struct timespec pause = {0, 60000000};
             nanosleep(&pause, NULL);
         }
-        if (simulated.scheduled) standin_seen.calls++;
+        if (faulty("late") && simulated.spec.delay < 8) simulated.spec.delay = 8;
+        standin_seen.calls += scheduled;
+        frames = 0;
+        if (scheduled && callback(callback_data) == HD_CALLBACK_DONE) scheduled = 0;
         simulated_advance();
     }
     return NULL;
@@ -148,7 +241,6 @@ void hdStartScheduler(void) {
         simulated_report(HD_TIMER_ERROR);
         return;
     }
-    simulated_start();
     stopping = 0, threaded = !pthread_create(&thread, NULL, loop, NULL);
 }
 
@@ -156,5 +248,4 @@ void hdStopScheduler(void) {
     stopping = 1;
     if (threaded) pthread_join(thread, NULL);
     threaded = 0;
-    simulated_stop();
 }

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_devices import TOUCH, order
 
-from pandis.native import hdapi
+from pandis.native import device as hdapi
 from pandis.stress.coupled import Mass
 from pandis.stress.physical import TICK, Device
 

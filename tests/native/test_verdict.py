@@ -3,6 +3,7 @@
 import shutil
 from functools import partial
 
+import numpy as np
 import pytest
 from test_devices import RADIUS, compile_stand_in
 
@@ -10,13 +11,13 @@ from pandis.config import HardwareOptions, TrajectoryOptions
 from pandis.fields.controls import controls
 from pandis.fields.exact import ExactField
 from pandis.forces import penalty_force
-from pandis.hardware.attached import run_attached
+from pandis.hardware.attached import run_attached, stiffness_for
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.pressing import Hand, contact, press
-from pandis.hardware.validation import _statement, press_devices
+from pandis.hardware.validation import _attached, _statement, press_devices
 from pandis.hardware.verdict import device_sentence, judge, machine_sentence
 from pandis.hardware.walls import compare, open_walls
-from pandis.native.hdapi import Order
+from pandis.native.device import Order
 from pandis.native.runtime import NativeField
 from pandis.physical import Scale
 from pandis.sampling import Surface
@@ -108,7 +109,9 @@ def test_every_device_is_named(files, surface):
     assert failed["verdict"] == "fail"
     assert "at 2 of the points that it presses on the force is missing" in failed["sentence"]
     assert "do not use it" in failed["sentence"]
-    assert found["falcon"]["sentence"].startswith("On a simulated Falcon at 400 N/m")
+    assert found["falcon"]["sentence"].startswith(
+        "On a simulated Falcon in a hand of 3 Ns/m at 400 N/m"
+    )
 
 
 def test_a_slow_machine_is_told_what_to_do():
@@ -140,14 +143,20 @@ def test_no_control_passes_the_hardware_verdict(name):
         assert found["missing"] > 0.005
 
 
-def attach(library, files, monkeypatch, arm=True, fault="", place=0.9 * RADIUS):
+#: What allows a device to be armed: a stiffness that is safe for a light hand, and all walls.
+SAFE, WHOLE = {"hands": {"0.3": 1e3}}, {"holds": True, "pressed_missing": 0}
+
+
+def attach(library, files, monkeypatch, arm=True, fault="", place=RADIUS + 5e-4, allowed=True):
     monkeypatch.setenv("PANDIS_FAULT", fault)
     monkeypatch.setenv("PANDIS_PLACE", f"{place} 0 0")
+    monkeypatch.setenv("PANDIS_STANDIN", f"300 6 {place - 4.5e-3}")
     monkeypatch.setenv("PANDIS_ARM", "1")
     monkeypatch.setattr("pandis.hardware.attached.Order", partial(Order, gap=100.0, patience=100.0))
     options = HardwareOptions(seconds=0.05, deadline=10, attached={"library": str(library)})
     options = options.model_dump() | options.attached.model_dump() | {"arm": arm}
-    return run_attached(NativeField(files["sphere"]), SIZE, 1e4, options)
+    known = (SAFE, WHOLE) if allowed else ()
+    return run_attached(NativeField(files["sphere"]), SIZE, 1e4, options, *known)
 
 
 @pytest.fixture(scope="module")
@@ -197,10 +206,59 @@ def test_arming_needs_a_word_of_its_own_for_each_run(libraries, files, monkeypat
     monkeypatch.setenv("PANDIS_PLACE", f"{0.9 * RADIUS} 0 0")
     options = HardwareOptions(seconds=0.05, attached={"library": str(libraries[1]), "arm": True})
     options = options.model_dump() | options.attached.model_dump()
-    arrays, found = run_attached(NativeField(files["sphere"]), SIZE, 400.0, options)
+    arrays, found = run_attached(NativeField(files["sphere"]), SIZE, 400.0, options, SAFE, WHOLE)
     assert not arrays["force"].any()
     assert not found["armed"]
     assert "PANDIS_ARM is not set" in found["statement"]
+
+
+def test_an_armed_device_gets_what_is_safe_for_a_light_hand():
+    touch = DEVICES["touch"]
+    assert stiffness_for(1e4, touch, SAFE, WHOLE) == (touch.stiffness, "")
+    weak = {"hands": {"0.3": 200.0, "3": 1e3}}
+    assert stiffness_for(400.0, touch, weak, WHOLE) == (pytest.approx(140.0), "")
+    assert stiffness_for(100.0, touch, weak, WHOLE) == (100.0, "")
+    for known, why in {
+        (None, None): "no safe stiffness is known",
+        (0, 1): "lacks a part of the surface",
+        (0, 2): "lacks a part of the surface",
+        (1, 0): "no stiffness is safe",
+    }.items():
+        pressed = (SAFE, {"hands": {"0.3": 0.0}})[known[0]] if known[0] is not None else None
+        walls = (WHOLE, WHOLE | {"holds": False}, WHOLE | {"pressed_missing": 1})
+        found = stiffness_for(
+            400.0, touch, pressed, walls[known[1]] if known[1] is not None else None
+        )
+        assert why in found[1]
+
+
+def test_without_a_safe_stiffness_no_force_is_sent(libraries, files, monkeypatch):
+    arrays, found = attach(libraries[1], files, monkeypatch, allowed=False)
+    assert not found["armed"]
+    assert not arrays["force"].any()
+    assert "though it was to be armed: no safe stiffness is known" in found["statement"]
+
+
+def test_the_stiffness_that_is_sent_is_the_one_found_safe(libraries, files, monkeypatch):
+    """On every tick, by the record: at most 0.7 of what is safe for a light hand."""
+    monkeypatch.setitem(SAFE["hands"], "0.3", 100.0)
+    arrays, found = attach(libraries[1], files, monkeypatch)
+    assert found["stiffness"] == pytest.approx(70.0)
+    depth = np.maximum(RADIUS - np.linalg.norm(arrays["position"], axis=1), 0)
+    assert arrays["force"].any()
+    assert (np.linalg.norm(arrays["force"], axis=1) <= 70.0 * depth + 0.05).all()
+
+
+def test_a_whole_validation_arms_with_no_more_than_its_own_figure(libraries, files, surface):
+    """The simulated device of the attached model is pressed though nobody asked for it."""
+    options = HardwareOptions(devices=[], seconds=0.05, attached={"library": str(libraries[0])})
+    options = options.model_dump() | {"hand": HAND, "size": SIZE, "stiffness": 400.0}
+    verdict = {"devices": {}}
+    _, found = _attached(NativeField(files["sphere"]), surface, WHOLE, verdict, options)
+    own = press_devices(
+        NativeField(files["sphere"]), surface, WHOLE, options | {"devices": ["touch"]}
+    )["touch"]
+    assert found["stiffness"] == pytest.approx(min(400.0, 0.7 * own["hands"]["0.3"]))
 
 
 def test_no_library_is_said(files, tmp_path):

@@ -7,7 +7,8 @@ from pandis.forces import penalty_force
 
 POINTS = 100_000
 #: Bounds in the unit frame: force errors where the direction had at least a tenth of unit
-#: length, those of the unit normal where it had half of it; below, rounding turns it.
+#: length, those of the normal where it had half of it; below, rounding turns it. The normal's is
+#: that of the direction before it was scaled, over whose length rounding turns a unit normal.
 DISTANCE, FORCE, NORMAL = 5e-6, 5e-6, 2e-5
 FORCE_LENGTH, NORMAL_LENGTH = 0.1, 0.5
 
@@ -56,7 +57,7 @@ def check(answer, reference, frame, rounding=1.0):
     differences = {
         "distance": float(np.abs(distance * frame.scale - wanted_distance).max()),
         "force": float((force_off * (length >= FORCE_LENGTH)).max()),
-        "normal": float((normal_off * (length >= NORMAL_LENGTH)).max()),
+        "normal": float((normal_off * np.minimum(length, 1) * (length >= NORMAL_LENGTH)).max()),
         "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),
     }
     bounds = {"distance": DISTANCE, "force": FORCE * rounding, "normal": NORMAL, "length": 1e-5}

@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from pandis.hardware.devices import DEVICES
-from pandis.native.hdapi import DEVICE, DONE, LIBRARY, Order, run_device
+from pandis.native.device import CALIBRATION, DEVICE, DONE, LIBRARY, Order, run_device
 from pandis.native.scene import NativeScene, Placed
 
 STAND_IN = "A stand-in for OpenHaptics ran, and no device: nothing of it is a hardware result."
@@ -13,28 +13,66 @@ UNARMED = (
     "A haptic device ({model}) was attached; its positions were read and no force was sent, for "
     "hardware.attached.arm or the environment variable PANDIS_ARM is not set."
 )
+REFUSED = (
+    "A haptic device ({model}) was attached; its positions were read and no force was sent, though "
+    "it was to be armed: {refused}."
+)
 UNTOUCHED = (
     "A haptic device ({model}) was attached and armed; the object was not touched: no force."
 )
 ENDED = "A haptic device ({model}) was attached; the run ended early: {why}."
 REAL = "A haptic device ({model}) was attached, and forces were sent to it, through its library."
 NONE = "No device ran: {why}."
-#: Seconds until the whole force is given; largest change, share of the largest force per ms.
-RAMP, IMPULSE = 0.5, 0.1
 #: What must be set to 1, each time anew, for forces to be sent: a configuration stays where it is.
 CONSENT = "PANDIS_ARM"
+#: An armed device gets so much of what is safe for a hand of so many Ns/m.
+SHARE, HAND = 0.7, "0.3"
 
 
-def run_attached(field, size, stiffness, options):
+def stiffness_for(asked, spec, pressed, walls):
+    """Return the stiffness that a device may be armed with, and why it may not be armed at all.
+
+    Parameters
+    ----------
+    asked : float
+        N/m, of the configuration.
+    spec : pandis.hardware.devices.Specification
+    pressed : dict or None
+        What `pandis.hardware.pressing.press` found for this field, mesh and device.
+    walls : dict or None
+        From `pandis.hardware.walls.compare`.
+
+    Returns
+    -------
+    stiffness : float
+        N/m: what is asked for, at most the device's own and 0.7 of what is safe for a hand of
+        0.3 Ns/m.
+    refused : str
+        Empty, or why no force may be sent.
+    """
+    most = min(asked, spec.stiffness)
+    if pressed is None or walls is None:
+        return most, "no safe stiffness is known for this field on this device"
+    if not walls["holds"] or walls["pressed_missing"]:
+        return most, "the field lacks a part of the surface"
+    safe = SHARE * pressed["hands"][HAND]
+    if not safe > 0:
+        return most, f"no stiffness is safe for a hand of {HAND} Ns/m"
+    return min(most, safe), ""
+
+
+def run_attached(field, size, asked, options, pressed=None, walls=None):
     """Run one field on the attached device.
 
     Parameters
     ----------
     field : pandis.native.runtime.NativeField
-    size, stiffness : float
-        Metres of the longest side; N/m, or the device's most if that is less.
+    size, asked : float
+        Metres of the longest side; N/m: see `stiffness_for`.
     options : dict
         See `pandis.config.AttachedOptions`, and ``seconds`` and ``deadline``.
+    pressed, walls : dict, optional
+        See `stiffness_for`; without them no force is sent.
 
     Returns
     -------
@@ -47,12 +85,13 @@ def run_attached(field, size, stiffness, options):
     spec = DEVICES[options["model"]]
     # the device's scheduler has a rate of its own
     period = 1 / spec.rate
-    given = min(stiffness, spec.stiffness)
-    armed = options["arm"] and os.environ.get(CONSENT) == "1"
+    given, refused = stiffness_for(asked, spec, pressed, walls)
+    consent = options["arm"] and os.environ.get(CONSENT) == "1"
+    armed = consent and not refused
     order = Order(
         NativeScene([Placed.at(field, size, given)]),
         max(1, round(options["seconds"] / period)),
-        spec.limits(RAMP, period, given, IMPULSE * spec.force),
+        spec.limits(period, given),
         period,
         options["deadline"],
         expected=spec.force,
@@ -60,15 +99,17 @@ def run_attached(field, size, stiffness, options):
     )
     session = run_device(options["library"], options["name"], order)
     touched = bool(session.force.any())
-    statement = _statement(session, armed, touched).format(
-        model=session.model or spec.title, why=session.sentence
+    statement = _statement(session, armed, consent, touched).format(
+        model=session.model or spec.title, why=session.sentence, refused=refused
     )
     late = session.since - period
     found = {
-        "statement": statement,
+        "statement": statement + _reach(session, size),
         "hardware": not session.stand_in and touched and session.cause == DONE,
         "stand_in": session.stand_in,
         "armed": armed,
+        "refused": refused if consent else "",
+        "armed_at": session.armed_at,
         "model": session.model,
         "ended": session.sentence,
         "code": session.code,
@@ -79,6 +120,8 @@ def run_attached(field, size, stiffness, options):
         "fastest_m_s": session.fastest,
         "cut": session.cut,
         "slowed": session.slowed,
+        "damped": session.damped,
+        "signs": session.signs,
         "energy_j": session.worst,
         "late_us": float(np.percentile(late, 99.9) * 1e6) if len(late) else None,
     }
@@ -91,13 +134,25 @@ def run_attached(field, size, stiffness, options):
     return arrays, found
 
 
-def _statement(session, armed, touched):
-    if session.cause in (LIBRARY, DEVICE) or not len(session.force):
+def _statement(session, armed, consent, touched):
+    if session.cause in (LIBRARY, DEVICE, CALIBRATION) or not len(session.force):
         return NONE
     if session.stand_in:
         return STAND_IN
     if session.cause != DONE:
         return ENDED
     if not armed:
-        return UNARMED
+        return REFUSED if consent else UNARMED
     return REAL if touched else UNTOUCHED
+
+
+def _reach(session, size):
+    """Say if the object, in the middle of the device's own workspace, reaches beyond it."""
+    room = 1e3 * (np.array(session.said.high) - np.array(session.said.low))
+    if (room <= 0).any() or (1e3 * size <= room).all():
+        return ""
+    box = " x ".join(f"{side:.0f}" for side in room)
+    return (
+        f" The device's own workspace is {box} mm: parts of an object of {1e3 * size:.0f} mm may "
+        "lie beyond it; make device.size smaller."
+    )

@@ -7,7 +7,10 @@ listed.
 
 from typing import NamedTuple
 
-from pandis.native.hdapi import Limits, Simulated
+from pandis.native.device import NEEDS_BUTTON, Limits, Simulated
+
+#: Seconds until the whole force is given; largest addition, share of the largest force per ms.
+RAMP, IMPULSE = 0.5, 0.1
 
 
 class Specification(NamedTuple):
@@ -38,6 +41,12 @@ class Specification(NamedTuple):
         Ticks per second.
     assumed : tuple of str
         What of this is no maker's figure.
+    continuous : float
+        Largest force for long, N; 0: not known.
+    most_damping : float
+        That a program may add, Ns/m.
+    button : bool
+        It has one that is held while forces are given.
     """
 
     title: str
@@ -52,6 +61,9 @@ class Specification(NamedTuple):
     speed: float
     rate: float
     assumed: tuple
+    continuous: float = 0.0
+    most_damping: float = 0.0
+    button: bool = False
 
     def simulated(self, hand_stiffness, hand_damping, delay, period, wall):
         """Return the simulated device with a hand, under a wall of so many N/m."""
@@ -60,32 +72,44 @@ class Specification(NamedTuple):
             self.speed, hand_stiffness, hand_damping, period, wall, delay,
         )  # fmt: skip
 
-    def limits(self, ramp, period, stiffness, impulse=None):
+    def limits(self, period, stiffness, gentle=True):
         """Return the limits that no force to this device may go beyond.
 
-        ``ramp`` in seconds, ``period`` of a tick in seconds, ``stiffness`` of the wall in N/m;
-        ``impulse`` in N per ms, if less than the device's.
+        Parameters
+        ----------
+        period : float
+            Of a tick, s.
+        stiffness : float
+            Of the wall, N/m.
+        gentle : bool
+            As in an attached run: the force comes in over `RAMP`, by no more than `IMPULSE`.
         """
-        step = (impulse or self.impulse) * period * 1e3
-        losses = self.damping, self.friction, stiffness
-        return Limits(self.force, step, self.speed, ramp / period, *losses)
+        change = self.impulse * period * 1e3
+        step = min(change, IMPULSE * self.force * period * 1e3) if gentle else change
+        return Limits(
+            self.force, self.continuous, step, change, self.speed, RAMP / period if gentle else 0,
+            self.damping, self.friction, stiffness, self.most_damping,
+            NEEDS_BUTTON if self.button else 0,
+        )  # fmt: skip
 
 
-_ALWAYS = ("damping", "impulse", "speed")
+_ALWAYS = ("damping", "impulse", "speed", "most_damping")
 #: By the names that the configuration uses.
 DEVICES = {
     "touch": Specification(
-        "Touch", 3.3, 400.0, 0.075, 55e-6, 0.26, 0.045, 0.1, 3.3, 1.5, 1000.0, _ALWAYS
+        "Touch", 3.3, 400.0, 0.075, 55e-6, 0.26, 0.045, 0.1, 3.3, 1.5, 1000.0, _ALWAYS,
+        0.88, 2.0, True,
     ),
     "touch-x": Specification(
-        "Touch X", 7.9, 1000.0, 0.1, 23e-6, 0.06, 0.09, 0.1, 7.9, 1.5, 1000.0, (*_ALWAYS, "mass")
+        "Touch X", 7.9, 1000.0, 0.1, 23e-6, 0.06, 0.09, 0.1, 7.9, 1.5, 1000.0, (*_ALWAYS, "mass"),
+        1.75, 4.0, True,
     ),
     "omega-3": Specification(
         "omega.3", 12.0, 5000.0, 0.075, 10e-6, 0.1, 0.2, 0.5, 12.0, 1.5, 4000.0,
-        (*_ALWAYS, "mass", "friction"),
+        (*_ALWAYS, "mass", "friction"), 12.0, 40.0, True,
     ),
     "falcon": Specification(
         "Falcon", 8.0, 3000.0, 0.04, 63e-6, 0.3, 0.15, 0.3, 8.0, 1.5, 1000.0,
-        (*_ALWAYS, "mass", "friction"),
+        (*_ALWAYS, "mass", "friction"), 0.0, 10.0, True,
     ),
 }  # fmt: skip

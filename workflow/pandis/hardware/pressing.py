@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.frame import UNIT_SIDE
-from pandis.native.hdapi import DONE, Order, run_simulated
+from pandis.hardware.devices import RAMP
+from pandis.native.device import DONE, Order, run_simulated
 from pandis.native.scene import NativeScene, Placed
 from pandis.stress.coupled import CALM, LADDER, QUIET, START, shaking
 
@@ -20,6 +21,11 @@ TICKS, SLIDE = 900, 2000
 _GENTLE = 0.5
 #: So much energy (J) may be missing: an encoder's step at the force that is pressed with hides it.
 SLACK = 2e-5
+
+
+#: Dampings (Ns/m) of the hands that a stiffness is called safe for: a light one, one that holds on,
+#: a firm one.
+HANDS = (0.3, 1.0, 3.0)
 
 
 class Hand(NamedTuple):
@@ -94,7 +100,10 @@ def press(field, spec, surface, size, stiffness, hand, rate):
         ``energy_j`` (the least balance of the wall and the device, see ``energy.h``), ``quiet``
         (share of the points that do not shake), ``reach_m`` (how far from the workspace's middle
         the probe came), ``ended`` (why, if a run ended early),
-        ``within_limits``, ``passive``, ``safe_n_m``, ``limited_by``.
+        ``within_limits``, ``passive``; ``hand``: the damping of the one that all of this is
+        about; ``safe_n_m``: the largest safe stiffness for it, and ``limited_by``; ``hands``: the
+        same for each of `HANDS`, by its damping; ``released_n_m``: with a weight in place of a
+        hand.
     """
     rig = _Rig(field, spec, surface, size, hand, rate)
     stiffness = min(stiffness, spec.stiffness)
@@ -106,7 +115,15 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     energy = min(run.worst for run in every)
     reach = max(float(np.linalg.norm(run.path, axis=1).max()) for run in every)
     safe, limit = rig.safe(stiffness)
+    others = {
+        damping: _Rig(field, spec, surface, size, hand._replace(damping=damping), rate)
+        for damping in HANDS
+    }
+    free = _Rig(field, spec, surface, size, hand._replace(stiffness=0.0, damping=0.0), rate)
     return {
+        "hand": hand.damping,
+        "hands": {f"{d:g}": other.safe(stiffness)[0] for d, other in others.items()},
+        "released_n_m": free.safe(stiffness)[0],
         "stiffness": stiffness,
         "strongest_n": max(run.strongest for run in every),
         "steepest_n_per_ms": max(run.steepest for run in every) * 1e-3 * rate,
@@ -127,12 +144,15 @@ class _Rig:
         self.field, self.spec, self.hand, self.period = field, spec, hand, 1 / rate
         self.size, self.surface, self._pressed = size, surface, {}
         self.picked = list(zip(surface.feet, surface.outward, surface.radius, strict=True))
-        self.ticks = round(TICKS * 1e-3 * rate)
+        # the hand waits above the surface until the whole force is given
+        self.wait = round(RAMP * rate)
+        self.ticks = self.wait + round(TICKS * 1e-3 * rate)
 
     def order(self, stiffness, ticks):
         scene = NativeScene([Placed.at(self.field, self.size, stiffness)])
-        limits = self.spec.limits(0, self.period, stiffness)
-        return Order(scene, ticks, limits, self.period, armed=True)
+        return Order(
+            scene, ticks, self.spec.limits(self.period, stiffness), self.period, armed=True
+        )
 
     def simulated(self, wall):
         hand = self.hand
@@ -145,7 +165,12 @@ class _Rig:
             for point, normal, radius in self.picked:
                 press = min(self.hand.press, _GENTLE * stiffness * radius)
                 start = point + START * normal
-                run = run_simulated(device, start, point, -press * normal, wanted)
+                rest, push = (
+                    np.tile(point, (self.ticks, 1)),
+                    np.tile(-press * normal, (self.ticks, 1)),
+                )
+                rest[: self.wait], push[: self.wait] = start, 0.0
+                run = run_simulated(device, start, rest, push, wanted)
                 self._pressed[stiffness].append(run)
         return self._pressed[stiffness]
 
@@ -159,11 +184,13 @@ class _Rig:
             for values in (self.surface.points, -self.hand.press * self.surface.normals)
         )
         start = self.surface.points[0] + START * self.surface.normals[0]
-        device, wanted = self.simulated(stiffness), self.order(stiffness, len(at))
+        rest = np.concatenate([np.tile(start, (self.wait, 1)), rest])
+        push = np.concatenate([np.zeros((self.wait, 3)), push])
+        device, wanted = self.simulated(stiffness), self.order(stiffness, len(rest))
         return run_simulated(device, start, rest, push, wanted)
 
     def is_quiet(self, run):
-        path = run.path[len(run.path) * 2 // 3 :]
+        path = run.path[self.wait + (len(run.path) - self.wait) * 2 // 3 :]
         return run.cause == DONE and shaking(path, self.period) < QUIET
 
     def safe(self, stiffness):
@@ -175,6 +202,8 @@ class _Rig:
                 why = "it shakes beyond"
             if min(run.worst for run in runs) < -SLACK:
                 why = "the wall gives energy beyond"
+            if any(run.cause != DONE for run in runs):
+                why = "a run ends beyond"
             if why:
                 break
             last = float(wanted)

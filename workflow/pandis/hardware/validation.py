@@ -72,9 +72,7 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         verdict["devices"] = press_devices(field, surface, found, options)
         verdict["advice"] = paragraph(verdict, verdict["devices"], options)
         if options["attached"]:
-            own, verdict["attached"] = run_attached(
-                field, options["size"], options["stiffness"], options | options["attached"]
-            )
+            own, verdict["attached"] = _attached(field, surface, found, verdict, options)
             ticks |= {f"device_{key}": values for key, values in own.items()}
         arrays |= {f"{key}_{name}": values for key, values in ticks.items()}
         fields[name] = verdict
@@ -94,6 +92,16 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         "reproducible": False,
     }
     return arrays, attributes, json.dumps({"mesh": mesh} | attributes, indent=2) + "\n"
+
+
+def _attached(field, surface, walls, verdict, options):
+    """Run a field on the attached device, with no more than is safe on a simulated one."""
+    own = options | options["attached"]
+    pressed = verdict["devices"].get(own["model"])
+    if pressed is None:
+        chosen = options | {"devices": [own["model"]]}
+        pressed = press_devices(field, surface, walls, chosen)[own["model"]]
+    return run_attached(field, options["size"], options["stiffness"], own, pressed, walls)
 
 
 def _statement(fields):

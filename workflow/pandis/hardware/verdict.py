@@ -63,10 +63,16 @@ def device_sentence(found):
     says = "; ".join(faults) or (
         f"at most {found['strongest_n']:.2g} of its {device.force:g} N, {still} and {energy}"
     )
-    safe = found["safe_n_m"]
+    safe, light = found["safe_n_m"], min(found["hands"], key=float)
     use = safe and not found["pressed_missing"]
-    advice = f"use at most {safe:.0f} N/m: {found['limited_by']}" if use else "do not use it"
-    return f"On a simulated {device.title} at {found['stiffness']:g} N/m: {says}; {advice}."
+    advice = "do not use it"
+    if use:
+        advice = (
+            f"with such a hand use at most {safe:.0f} N/m ({found['limited_by']}), with a light "
+            f"one of {light} Ns/m at most {found['hands'][light]:.0f} N/m"
+        )
+    hand = f"in a hand of {found['hand']:g} Ns/m"
+    return f"On a simulated {device.title} {hand} at {found['stiffness']:g} N/m: {says}; {advice}."
 
 
 def machine_sentence(verdict, options):

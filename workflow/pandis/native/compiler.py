@@ -57,7 +57,9 @@ def load(source):
             f"no C compiler found for {source.name}: install one (Debian: apt-get install gcc; "
             "conda: conda install gcc) or name it in the environment variable CC"
         )
-    return ctypes.CDLL(str(build([compiler, *FLAGS], source, ["-lm", "-ldl"], f"{source.stem}.so")))
+    return ctypes.CDLL(
+        str(build([compiler, *FLAGS], source, ["-lm", "-ldl", "-lpthread"], f"{source.stem}.so"))
+    )
 
 
 def build(command, source, libraries, name):

@@ -10,7 +10,12 @@ import numpy as np
 from pandis.native.compiler import load
 
 #: Why a run ended: numbers of ``guard.h``.
-DONE, LIBRARY, DEVICE, ERROR, SPEED, NUMBER, OVERRUN, WATCHDOG, GAP, INTERRUPTED = range(10)
+(
+    DONE, LIBRARY, DEVICE, ERROR, SPEED, NUMBER, OVERRUN, WATCHDOG, GAP, INTERRUPTED, CALIBRATION,
+    SWITCH, HOT, UNSTABLE,
+) = range(14)  # fmt: skip
+#: What must be held or closed for a force to be given.
+NEEDS_BUTTON, NEEDS_SWITCH = 1, 2
 #: Ticks of zero force before a failed run lets go of the device.
 RELEASE = 5
 CAUSES = {
@@ -24,6 +29,10 @@ CAUSES = {
     WATCHDOG: "the device's scheduler made no call, or one did not come back",
     GAP: "two calls of the device's scheduler were too far apart, or one took too long",
     INTERRUPTED: "the program was interrupted",
+    CALIBRATION: "the device is not calibrated, or no longer",
+    SWITCH: "the safety switch was opened",
+    HOT: "a motor is too hot: let it cool, and lower the stiffness",
+    UNSTABLE: "the wall gave energy or shook, and damping did not mend it: lower the stiffness",
 }
 #: HDAPI's error codes, and what to do about them.
 ERRORS = {
@@ -48,14 +57,33 @@ ERRORS = {
 class Limits(ctypes.Structure):
     """What no force may go beyond; see ``guard.h``.
 
-    ``force`` and ``step`` (change between ticks), N; ``speed`` of the probe, m/s; ``ramp``, ticks
-    until the whole force is given; ``damping`` (Ns/m) and ``friction`` (N) of the device itself;
-    ``stiffness`` of the wall, N/m: what energy it can store.
+    ``force`` and ``continuous`` (largest, and for long; 0: not known), ``step`` (largest addition
+    between ticks) and ``impulse`` (largest change between ticks), N; ``speed`` of the probe, m/s;
+    ``ramp``, ticks until the whole force is given; ``damping`` (Ns/m) and ``friction`` (N) of the
+    device itself; ``stiffness`` of the wall, N/m: what energy it can store; ``most_damping``
+    (Ns/m) that may be added; ``needs``: NEEDS_BUTTON, NEEDS_SWITCH, what must be held or closed.
     """
 
-    _fields_ = tuple(
-        (name, ctypes.c_double)
-        for name in ("force", "step", "speed", "ramp", "damping", "friction", "stiffness")
+    _fields_ = (
+        *(
+            (name, ctypes.c_double)
+            for name in (
+                "force", "continuous", "step", "impulse", "speed", "ramp", "damping", "friction",
+                "stiffness", "most_damping",
+            )
+        ),
+        ("needs", ctypes.c_int),
+    )  # fmt: skip
+
+
+class Said(ctypes.Structure):
+    """What a device says of itself, in metres and newtons; 0 where it says nothing."""
+
+    _fields_ = (
+        ("model", ctypes.c_char * 64),
+        *((n, ctypes.c_double) for n in ("force", "continuous", "speed", "impulse", "rate")),
+        ("low", ctypes.c_double * 3),
+        ("high", ctypes.c_double * 3),
     )
 
 
@@ -105,11 +133,10 @@ class _Outcome(ctypes.Structure):
         ("hangs", ctypes.c_int),
         ("ticks", ctypes.c_longlong),
         ("worst", ctypes.c_double),
-        *((name, ctypes.c_double) for name in ("strongest", "steepest", "fastest")),
-        *((name, ctypes.c_longlong) for name in ("cut", "slowed")),
-        ("nominal_force", ctypes.c_double),
-        ("rate", ctypes.c_double),
-        ("model", ctypes.c_char * 64),
+        *((name, ctypes.c_double) for name in ("strongest", "steepest", "fastest", "added")),
+        *((n, ctypes.c_longlong) for n in ("cut", "slowed", "damped", "armed_at", "signs")),
+        ("spec", Said),
+        ("limits", Limits),
         ("why", ctypes.c_char * 256),
     )
 
@@ -130,14 +157,18 @@ class Session(NamedTuple):
     worst : float
         J. The least balance of what the wall took and the device lost in a contact (see
         ``energy.h``): below zero, the wall gave more energy than it had stored and the device lost.
-    strongest, steepest, fastest : float
-        Largest force (N), change between ticks (N) and speed (m/s).
-    cut, slowed : int
-        Ticks in which the force, or its change, was beyond the limit.
-    model : str
-        What the device calls itself.
-    nominal_force, rate : float
-        N and ticks per second, by the device.
+    strongest, steepest, fastest, added : float
+        Largest force (N), change between ticks (N), speed (m/s) and addition between ticks (N).
+    cut, slowed, damped : int
+        Ticks in which the force, or its change, was beyond the limit, and those with damping.
+    armed_at : int
+        The first tick whose force was given, -1 if none was.
+    signs : int
+        How often energy was missing or the probe shook.
+    said : Said
+        What the device says of itself.
+    limits : Limits
+        What was kept.
     stand_in, simulated : bool
         The library is a stand-in for a device's; there was no library at all.
     why : str
@@ -156,15 +187,23 @@ class Session(NamedTuple):
     strongest: float
     steepest: float
     fastest: float
+    added: float
     cut: int
     slowed: int
-    model: str
-    nominal_force: float
-    rate: float
+    damped: int
+    armed_at: int
+    signs: int
+    said: Said
+    limits: Limits
     stand_in: bool
     simulated: bool
     why: str
     path: np.ndarray | None = None
+
+    @property
+    def model(self):
+        """What the device calls itself."""
+        return self.said.model.decode(errors="replace")
 
     @property
     def sentence(self):
@@ -185,7 +224,7 @@ def library():
     lib = load(Path(__file__).with_name("client.c"))
     pointer, text = ctypes.c_void_p, ctypes.c_char_p
     lib.client_device.argtypes = [text, text, pointer, pointer]
-    lib.client_simulated.argtypes = [pointer] * 7
+    lib.client_simulated.argtypes = [*[pointer] * 5, ctypes.c_int, *[pointer] * 2]
     return lib
 
 
@@ -249,8 +288,8 @@ def run_device(path, name, order):
     return _run(order, lambda *ends: library().client_device(path.encode(), name.encode(), *ends))
 
 
-def run_simulated(device, start, rest, press, order):
-    """Run an order on a simulated device, in the time of ticks.
+def run_simulated(device, start, rest, press, order, clock=False):
+    """Run an order on a simulated device, in the time of ticks, or by a clock.
 
     Parameters
     ----------
@@ -260,6 +299,8 @@ def run_simulated(device, start, rest, press, order):
     rest, press : ndarray, shape (ticks, 3)
         Where the hand would rest (m), and how it presses (N).
     order : Order
+    clock : bool
+        Pull it at the order's rate, as a device without a scheduler of its own is.
 
     Returns
     -------
@@ -274,7 +315,7 @@ def run_simulated(device, start, rest, press, order):
     path = np.zeros((order.ticks, 3))
     places = [column.ctypes.data for column in (*columns, path)]
     given = ctypes.byref(device)
-    session = _run(order, lambda *ends: library().client_simulated(given, *places, *ends))
+    session = _run(order, lambda *ends: library().client_simulated(given, *places, clock, *ends))
     return session._replace(path=path[: len(session.position)])
 
 
@@ -297,7 +338,7 @@ def _run(order, function):
     count = found.ticks
     return Session(
         position[:count], force[:count], taken[:count], since[:count], found.cause, found.code,
-        found.worst, found.strongest, found.steepest, found.fastest, found.cut, found.slowed,
-        found.model.decode(errors="replace"), found.nominal_force, found.rate,
+        found.worst, found.strongest, found.steepest, found.fastest, found.added, found.cut,
+        found.slowed, found.damped, found.armed_at, found.signs, found.spec, found.limits,
         bool(found.stand_in), bool(found.simulated), found.why.decode(errors="replace"),
     )  # fmt: skip

@@ -8,6 +8,7 @@
 typedef struct {
     double balance;   /* what the wall has taken and the device lost, less what is too long ago to count, J */
     double strongest; /* force of this contact, N */
+    double beyond;    /* what it has taken while the force was cut, beyond F^2 / 2k, J */
     double worst;     /* the least balance of all contacts: below zero the wall has given more than was lost */
 } energy;
 
@@ -16,16 +17,18 @@ static double length_of(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1]
 /* Book a tick: the force on the device during it, the work that the force did, what the device lost.
  *
  * What the wall took is exact for a force that is held (Hannaford and Ryu 2002). Losses do not pile up:
- * of the balance no more is kept than the wall may have stored, F^2 / 2k, so that a long way along it
- * excuses no shaking afterwards; and nothing is kept from one contact to the next. */
-static void energy_book(energy *e, double force, double work, double lost, double stiffness) {
+ * of the balance no more is kept than the wall may have stored, F^2 / 2k and what it took at the largest
+ * force, so that a long way along it excuses no shaking afterwards; and nothing is kept from one contact
+ * to the next. `cut`: the force was the largest that may be given. */
+static void energy_book(energy *e, double force, double work, double lost, double stiffness, int cut) {
     if (!(force > 0)) {
-        e->balance = e->strongest = 0;
+        e->balance = e->strongest = e->beyond = 0;
         return;
     }
     e->strongest = fmax(e->strongest, force);
+    if (cut) e->beyond = fmax(0, e->beyond - work);
     /* the force is that of the depth where the tick begins: so much the wall can have stored there */
-    if (stiffness > 0) e->balance = fmin(e->balance, e->strongest * e->strongest / (2 * stiffness));
+    if (stiffness > 0) e->balance = fmin(e->balance, e->strongest * e->strongest / (2 * stiffness) + e->beyond);
     e->balance += lost - work;
     if (e->balance < e->worst) e->worst = e->balance;
 }

@@ -1,7 +1,6 @@
-/* A simulated device with the hand that holds it, behind HDAPI's functions: their order, their errors.
- *
- * Time is that of ticks: `simulated_advance` calls what is scheduled once and moves the device by one
- * tick under the force that was sent, so that a run is the same on every machine.
+/* A simulated device with the hand that holds it: a pull device whose time is that of ticks, so that a
+ * run is the same on every machine. What a driver would refuse is an error, with HDAPI's number, and is
+ * not given to the motors.
  *
  * Device and hand are one mass: m x'' = F + press + k (rest - x) + b_hand rest' - (b + b_hand) x', with
  * Coulomb friction against the motion; at rest the friction holds whatever is no stronger than it. The
@@ -34,12 +33,10 @@ static struct {
     long long ticks, tick;      /* after so many the hand holds still */
     double *path; /* per tick, unless NULL: where it really is at the end (m) */
     double position[3], speed[3];
-    double late[SIMULATED_DELAY + 1][3], acting[3], sent[3], pending[3];
+    double late[SIMULATED_DELAY + 1][3], acting[3], sent[3];
     double xx, xv, vx, vv, xu, vu; /* motion of a substep */
     energy energy;           /* by where it really is, and what it really loses */
-    int initialised, framed, frames, output, scheduled, running;
-    hd_callback callback;
-    void *data;
+    int output;
     unsigned int error[SIMULATED_ERRORS];
     int errors;
 } simulated;
@@ -73,121 +70,46 @@ static void simulated_prepare(const simulated_spec *spec, const double *start, c
     simulated_motion();
 }
 
-static unsigned int simulated_init(const char *name) {
-    (void)name;
-    if (simulated.initialised) {
-        simulated_report(HD_INVALID_OPERATION);
-        return HD_INVALID_HANDLE;
+/* What it says that it is. */
+static void simulated_tell(device_spec *spec) {
+    const simulated_spec *s = &simulated.spec;
+    memset(spec, 0, sizeof *spec);
+    snprintf(spec->model, sizeof spec->model, "simulated");
+    spec->force = s->force, spec->speed = s->speed, spec->impulse = s->impulse, spec->rate = 1 / s->period;
+}
+
+/* Where its encoders say that it is. */
+static void simulated_place(double *position) {
+    double step = simulated.spec.encoder;
+    for (int k = 0; k < 3; k++) {
+        double place = simulated.position[k];
+        position[k] = step > 0 ? rint(place / step) * step : place;
     }
-    simulated.initialised = 1;
-    return 0;
 }
 
-static int simulated_is(unsigned int device) {
-    if (simulated.initialised && device == 0) return 1;
-    simulated_report(HD_BAD_HANDLE);
-    return 0;
-}
-
-static void simulated_disable_device(unsigned int device) {
-    if (simulated_is(device)) simulated.initialised = simulated.output = 0;
-}
-
-static void simulated_enable(unsigned int what) {
-    if (what == HD_FORCE_OUTPUT && simulated_is(0)) simulated.output = 1;
-}
-
-static void simulated_disable(unsigned int what) {
-    if (what == HD_FORCE_OUTPUT && simulated_is(0)) simulated.output = 0;
-}
-
-static void simulated_begin(unsigned int device) {
-    if (!simulated_is(device)) return;
-    if (simulated.framed) simulated_report(HD_ILLEGAL_BEGIN);
-    else if (simulated.frames++) simulated_report(HD_FRAME_ERROR); /* one frame a tick */
-    simulated.framed = 1;
-    memset(simulated.pending, 0, sizeof simulated.pending);
-}
-
-/* The force is sent; what a driver would refuse is reported, and not given to the motors. */
-static void simulated_end(unsigned int device) {
+/* A force is sent; what a driver would refuse is reported, and not given to the motors. */
+static void simulated_accept(const double *force) {
+    const simulated_spec *s = &simulated.spec;
     double change[3];
-    if (!simulated_is(device)) return;
-    if (!simulated.framed) {
-        simulated_report(HD_ILLEGAL_END);
-        return;
-    }
-    simulated.framed = 0;
-    double *force = simulated.pending;
     for (int k = 0; k < 3; k++) change[k] = force[k] - simulated.sent[k];
     unsigned int code = HD_SUCCESS;
-    if (!(length_of(force) <= simulated.spec.force * (1 + 1e-9))) code = HD_EXCEEDED_MAX_FORCE;
-    else if (!(length_of(change) <= simulated.spec.impulse * simulated.spec.period * 1e3 * (1 + 1e-9)))
-        code = HD_EXCEEDED_MAX_FORCE_IMPULSE;
-    else if (length_of(simulated.speed) > simulated.spec.speed) code = HD_EXCEEDED_MAX_VELOCITY;
+    if (!(length_of(force) <= s->force * (1 + 1e-9))) code = HD_EXCEEDED_MAX_FORCE;
+    else if (length_of(force) > 0 && !(length_of(change) <= s->impulse * s->period * 1e3 * (1 + 1e-9)))
+        code = HD_EXCEEDED_MAX_FORCE_IMPULSE; /* letting go is always allowed */
+    else if (length_of(simulated.speed) > s->speed) code = HD_EXCEEDED_MAX_VELOCITY;
     if (code) simulated_report(code);
     for (int k = 0; k < 3; k++) simulated.sent[k] = code || !simulated.output ? 0 : force[k];
 }
 
-static void simulated_get(unsigned int what, double *values) {
-    const simulated_spec *s = &simulated.spec;
-    if (what == HD_NOMINAL_MAX_FORCE) {
-        *values = s->force;
-        return;
-    }
-    if (what == HD_SOFTWARE_VELOCITY_LIMIT) {
-        *values = 1e3 * s->speed;
-        return;
-    }
-    if (what == HD_SOFTWARE_FORCE_IMPULSE_LIMIT) {
-        *values = s->impulse;
-        return;
-    }
-    if (what == HD_UPDATE_RATE) {
-        *values = 1 / s->period;
-        return;
-    }
-    for (int k = 0; k < 3; k++) {
-        double place = simulated.position[k];
-        if (what == HD_CURRENT_POSITION) values[k] = 1e3 * (s->encoder > 0 ? rint(place / s->encoder) * s->encoder : place);
-        if (what == HD_CURRENT_VELOCITY) values[k] = 1e3 * simulated.speed[k];
-        if (what == HD_CURRENT_FORCE) values[k] = simulated.sent[k];
-    }
-}
-
-static void simulated_set(unsigned int what, const double *values) {
-    if (what != HD_CURRENT_FORCE) return;
-    if (!simulated.framed) simulated_report(HD_INVALID_OPERATION);
-    else memcpy(simulated.pending, values, sizeof simulated.pending);
-}
-
-static const char *simulated_string(unsigned int what) {
-    return what == HD_DEVICE_MODEL_TYPE ? "simulated" : "";
-}
-
-static hd_error simulated_error(void) {
-    hd_error found = {HD_SUCCESS, 0, 0};
+static unsigned int simulated_take_error(void) {
+    unsigned int code = HD_SUCCESS;
     if (simulated.errors) {
-        found.code = simulated.error[0];
+        code = simulated.error[0];
         memmove(simulated.error, simulated.error + 1, sizeof simulated.error - sizeof *simulated.error);
         simulated.errors--;
     }
-    return found;
+    return code;
 }
-
-static unsigned long simulated_schedule(hd_callback callback, void *data, unsigned short priority) {
-    (void)priority;
-    simulated.callback = callback, simulated.data = data, simulated.scheduled = 1;
-    return 1;
-}
-
-static void simulated_unschedule(unsigned long handle) {
-    if (handle != 1 || !simulated.scheduled) simulated_report(HD_INVALID_OPERATION); /* it has ended by itself */
-    simulated.scheduled = 0;
-}
-
-static void simulated_start(void) { simulated.running = 1; }
-static void simulated_stop(void) { simulated.running = 0; }
 
 /* Move by a step under a push besides spring and damping; returns how far. */
 static double simulated_step(const double *rest, const double *push) {
@@ -237,13 +159,12 @@ static void simulated_move(void) {
         lost += s->damping * length * length / h + s->friction * length;
     }
     for (int k = 0; k < 3; k++) work += simulated.acting[k] * (simulated.position[k] - before[k]);
-    energy_book(&simulated.energy, length_of(simulated.acting), work, lost, s->wall);
+    energy_book(&simulated.energy, length_of(simulated.acting), work, lost, s->wall,
+                length_of(simulated.acting) > s->force * (1 - 1e-6));
 }
 
+/* The force that was sent acts for a tick, as late as it comes. */
 static void simulated_advance(void) {
-    if (!simulated.running) return;
-    simulated.frames = 0;
-    if (simulated.scheduled && simulated.callback(simulated.data) == HD_CALLBACK_DONE) simulated.scheduled = 0;
     int last = simulated.spec.delay;
     memcpy(simulated.late[last], simulated.sent, sizeof simulated.sent);
     memcpy(simulated.acting, simulated.late[0], sizeof simulated.acting);
@@ -254,10 +175,69 @@ static void simulated_advance(void) {
     simulated.tick++;
 }
 
-static const hd_api simulated_api = {
-    simulated_init,     simulated_disable_device, simulated_enable, simulated_disable,  simulated_begin,
-    simulated_end,      simulated_get,            simulated_set,    simulated_string,   simulated_error,
-    simulated_schedule, simulated_unschedule,     simulated_start,  simulated_stop,     simulated_advance,
-};
+/* ---------------------------------------------------------------- as a device */
+
+static unsigned int simulated_open(device *self, const char *name, device_spec *spec) {
+    (void)self, (void)name;
+    simulated_tell(spec);
+    return 0;
+}
+
+static int simulated_calibrated(device *self) {
+    (void)self;
+    return DEVICE_CALIBRATED;
+}
+
+static void simulated_read(device *self, device_state *state) {
+    (void)self;
+    memset(state, 0, sizeof *state);
+    simulated_place(state->position);
+    memcpy(state->velocity, simulated.speed, sizeof simulated.speed);
+    state->rotation[0] = state->rotation[4] = state->rotation[8] = 1;
+    state->time = (double)simulated.tick * simulated.spec.period;
+    state->buttons = 1, state->safe = 1; /* the hand holds what there is to hold */
+}
+
+static void simulated_write(device *self, const double *force, const double *torque) {
+    (void)self, (void)torque;
+    simulated_accept(force);
+}
+
+/* Driven by a clock, it moves as soon as it has its force. */
+static void simulated_write_and_move(device *self, const double *force, const double *torque) {
+    simulated_write(self, force, torque);
+    simulated_advance();
+}
+
+static unsigned int simulated_error(device *self) {
+    (void)self;
+    return simulated_take_error();
+}
+
+static void simulated_output(device *self, int on) {
+    (void)self;
+    simulated.output = on;
+}
+
+static void simulated_stop(device *self) { (void)self; }
+
+static int simulated_next(device *self) {
+    (void)self;
+    simulated_advance();
+    return 1;
+}
+
+static void simulated_close(device *self) {
+    (void)self;
+    simulated.output = 0;
+}
+
+/* The device, for a client's run. */
+static void simulated_device(device *made) {
+    static const device verbs = {simulated_open,   simulated_calibrated, simulated_read, simulated_write,
+                                 simulated_error,  simulated_output,     NULL,           simulated_stop,
+                                 simulated_next,   simulated_close,      NULL};
+    *made = verbs;
+}
 
 #endif

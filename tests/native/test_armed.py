@@ -1,0 +1,226 @@
+"""Armed runs: every fault ends at zero, and no record shows more than was allowed.
+
+What is checked is each tick's record of what the device was given, by the test's own arithmetic.
+"""
+
+import numpy as np
+import pytest
+from test_devices import HELD, LIMITS, RADIUS, STIFFNESS, TOUCH, added, order, run, stand_in  # noqa: F401
+
+from pandis.native import device as hdapi
+from pandis.stress.coupled import shaking
+
+#: As an attached run has them, with a button to hold; the ramp is short, for a run is.
+ARMED = {"ramp": 20, "step": 0.33, "needs": hdapi.NEEDS_BUTTON, "continuous": 0.88}
+BOTH = hdapi.NEEDS_BUTTON | hdapi.NEEDS_SWITCH
+
+
+def allowed(session, stiffness=STIFFNESS, limits=None):
+    """Check that on no tick a force, its change or its stiffness was more than allowed."""
+    own = LIMITS | ARMED | (limits or {})
+    force, size = session.force, np.linalg.norm(session.force, axis=1)
+    assert np.isfinite(force).all()
+    assert (size <= own["force"] * (1 + 1e-9)).all()
+    assert (added(force) <= own["step"] * (1 + 1e-9)).all()
+    last = np.vstack([np.zeros(3), force[:-1]])
+    change = np.linalg.norm(force - last, axis=1)
+    assert (change[size > 0] <= own["impulse"] * (1 + 1e-9)).all()
+    known = np.isfinite(session.position).all(axis=1)
+    depth = np.maximum(RADIUS - np.linalg.norm(session.position, axis=1), 0)
+    way = np.linalg.norm(np.diff(session.position, axis=0, prepend=session.position[:1]), axis=1)
+    damping = own["most_damping"] * way / np.maximum(session.since, 1e-4)
+    bound = stiffness * depth + damping + 1e-9
+    # what a slew limit keeps back may come later: no more than the deepest so far allows
+    assert (size[known] <= np.maximum.accumulate(np.where(known, bound, 0))[known]).all()
+    if session.armed_at >= 0:
+        assert not force[: session.armed_at].any()
+        assert depth[session.armed_at] == 0
+
+
+FAULTS = {
+    **{f"error 60 {code:x}": hdapi.ERROR for code in sorted(hdapi.ERRORS)},
+    "error 60 777": hdapi.ERROR,
+    "nan 60": hdapi.NUMBER,
+    "jump 60": hdapi.SPEED,
+    "uncalibrated 60": hdapi.CALIBRATION,
+    "open 60": hdapi.SWITCH,
+    "hot 60": hdapi.HOT,
+    "burning 60": hdapi.HOT,
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_fault_is_zero_from_its_tick_on(fault, run):  # noqa: F811
+    limits = {"ramp": 20, "needs": BOTH} if fault.startswith("open") else ARMED
+    session, seen = run(fault, limits=limits)
+    assert session.cause == FAULTS[fault], session.sentence
+    late = 40 if fault.startswith("uncalibrated") else 0  # looked at every 100 ticks
+    at = 60 if not late else 100
+    assert session.force[59].any()
+    assert not session.force[at:].any()
+    assert not any(seen.last)
+    allowed(session, limits=limits)
+
+
+NEVER = {
+    "uncalibrated -1": (hdapi.CALIBRATION, "inkwell"),
+    "update": (hdapi.CALIBRATION, "calibrate it"),
+    "init": (hdapi.DEVICE, ""),
+    "start": (hdapi.DEVICE, ""),
+    "weak": (hdapi.DEVICE, "another model"),
+    "fast": (hdapi.DEVICE, "another rate"),
+    "released -1": (hdapi.DONE, ""),
+    "open -1": (hdapi.DONE, ""),
+    "hot -1": (hdapi.HOT, "let it cool"),
+    "nan -1": (hdapi.NUMBER, ""),
+}
+
+
+@pytest.mark.parametrize("fault", NEVER)
+def test_what_is_not_ready_gets_no_force(fault, run):  # noqa: F811
+    session, seen = run(fault, expected=3.3, limits=ARMED | {"needs": BOTH})
+    cause, said = NEVER[fault]
+    assert session.cause == cause, session.sentence
+    assert said in session.sentence
+    assert not session.force.any()
+    assert seen.largest == 0
+    assert session.armed_at == -1
+
+
+def test_a_run_that_begins_inside_gets_no_force_until_it_was_outside(run):  # noqa: F811
+    session, seen = run(place=RADIUS - 0.002, limits=ARMED)
+    assert session.cause == hdapi.DONE
+    assert (np.linalg.norm(session.position, axis=1) < RADIUS).all()
+    assert seen.largest == 0
+    # pulled out, and only then in again
+    kind = f"300 6 {RADIUS + 0.003}"
+    session, _ = run(place=RADIUS - 0.002, kind=kind, limits=ARMED, ticks=200)
+    outside = np.flatnonzero(np.linalg.norm(session.position, axis=1) >= RADIUS)
+    assert session.armed_at == outside[0]
+    allowed(session)
+
+
+def test_letting_go_of_the_button_ends_the_force_at_once(run):  # noqa: F811
+    session, seen = run("released 60", limits=ARMED)
+    assert session.cause == hdapi.DONE  # somebody let go: no fault
+    assert session.force[59].any()
+    assert not session.force[60:].any()
+    assert not any(seen.last)
+    allowed(session)
+
+
+def test_motors_are_not_loaded_for_longer_than_they_stand(run):  # noqa: F811
+    """Held against a wall: the mean square of the force ends at the continuous one's."""
+    kind = f"2000 20 {RADIUS - 0.01}"
+    session, _ = run("tired", kind=kind, limits=ARMED | {"most_damping": 0.0}, ticks=4000)
+    assert session.limits.continuous == pytest.approx(0.2)
+    sizes = np.linalg.norm(session.force, axis=1)
+    assert sizes.max() > 0.5
+    assert sizes[-1] <= 0.2 * 1.05
+    load = np.zeros(len(sizes))
+    for tick in range(1, len(sizes)):
+        load[tick] = load[tick - 1] + session.since[tick] / 10 * (
+            sizes[tick - 1] ** 2 - load[tick - 1]
+        )
+    assert load.max() <= 0.2**2 * 1.01
+
+
+def test_the_object_lies_in_the_middle_of_the_devices_own_workspace(run):  # noqa: F811
+    session, _ = run("aside", place=RADIUS + 0.0305, kind=f"300 6 {RADIUS + 0.026}", limits=ARMED)
+    assert session.cause == hdapi.DONE
+    x = session.position[:, 0]
+    touching = np.linalg.norm(session.force, axis=1) > 0
+    assert touching.any()
+    assert (x[touching] < RADIUS + 0.03).all()
+
+
+def test_a_pull_device_is_driven_by_the_clock(files):
+    """A device without a scheduler: the same guard, the same forces."""
+    spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 300.0, "hand_damping": 6.0}))
+    side = np.array([1.0, 0, 0])
+    wanted = order(files, 200, limits=ARMED)
+    places = (RADIUS + 5e-4) * side, (RADIUS - 0.004) * side, 0 * side
+    pulled = hdapi.run_simulated(spec, *places, wanted, clock=True)
+    assert pulled.cause == hdapi.DONE, pulled.sentence
+    assert len(pulled.force) == 200
+    assert pulled.strongest > 0.1
+    allowed(pulled)
+    assert np.median(pulled.since[1:]) == pytest.approx(1e-3, rel=0.5)
+
+
+def booked(session, stiffness):
+    """The balance of a wall and a device, by the records alone: what energy.h books."""
+    balance, strongest, beyond, found = 0.0, 0.0, 0.0, [0.0]
+    way = np.diff(session.position, axis=0)
+    for step, force, dt in zip(way, session.force[:-1], session.since[1:], strict=True):
+        size, length = np.linalg.norm(force), np.linalg.norm(step)
+        if size == 0:
+            balance = strongest = beyond = 0.0
+        else:
+            strongest = max(strongest, size)
+            work = force @ step
+            if size > 3.3 * (1 - 1e-6):
+                beyond = max(0, beyond - work)
+            balance = min(balance, strongest**2 / (2 * stiffness) + beyond)
+            balance += TOUCH["damping"] * length**2 / dt + 0.02 * length - work
+        found.append(balance)
+    return np.array(found)
+
+
+def swings(position, since):
+    """Return where (n,) the probe has gone to and fro by 0.1 mm within a thirtieth of a second."""
+    now, found = np.cumsum(since), np.zeros(len(position), bool)
+    for axis in range(3):
+        turns, extreme, up = [], position[0, axis], False
+        for tick, place in enumerate(position[:, axis]):
+            extreme = max(extreme, place) if up else min(extreme, place)
+            if abs(place - extreme) > 1e-4:
+                turns, extreme, up = [*turns, now[tick]], place, not up
+                if len(turns) > 2 and turns[-1] - turns[-3] < 1 / 30:
+                    found[tick] = True
+    return found
+
+
+@pytest.mark.parametrize("damping", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("times", [2, 4, 8])
+def test_an_unstable_wall_is_damped_or_ended(times, damping, files):
+    """A livelier stand-in: little friction, forces three ticks late.
+
+    Within 50 ms of the first sign it is damped, or the run ends; the hand gets 1 mJ at most.
+    """
+    lively = TOUCH | {"friction": 0.02, "delay": 3, "hand_damping": damping, "encoder": 20e-6}
+    side = np.array([1.0, 0, 0])
+
+    def go(stiffness):
+        limits = {"friction": 0.02, "stiffness": stiffness, "needs": 0, "ramp": 0}
+        spec = hdapi.Simulated(**(lively | {"wall": stiffness}))
+        wanted = order(files, 1500, stiffness, LIMITS | ARMED | limits)
+        places = (RADIUS + 2e-4) * side, RADIUS * side, -0.5 * side
+        return hdapi.run_simulated(spec, *places, wanted)
+
+    ladder = 20 * 2 ** (np.arange(18) / 2)
+    calm = [k for k in ladder if (r := go(k)).cause == hdapi.DONE and not r.signs
+            and shaking(r.path[1000:]) < 1e-4]  # fmt: skip
+    safe = calm[-1]
+    session = go(times * safe)
+    limits = {"friction": 0.02, "needs": 0, "ramp": 0}
+    allowed_free = limits | {"stiffness": times * safe}
+    allowed(session, times * safe, allowed_free)
+    balance = booked(session, times * safe)
+    wrong = (balance < -2e-5) | swings(session.position, session.since)
+    if session.cause == hdapi.DONE:
+        now = np.cumsum(session.since)
+        begun = None
+        for tick in np.flatnonzero(wrong):
+            if begun is None or not wrong[max(0, tick - 33) : tick].any():
+                begun = now[tick]
+            assert now[tick] - begun <= 0.085  # 50 ms, and a swing to see that it is over
+    else:
+        assert session.cause == hdapi.UNSTABLE
+        first = np.flatnonzero(wrong)
+        assert len(first)
+        assert not session.force[-1].any()
+    work = (session.force[:-1] * np.diff(session.position, axis=0)).sum(axis=1)
+    gone = np.minimum.accumulate(balance).min()
+    print(times, damping, safe, session.cause, len(session.force), gone, session.signs, work.sum())
+    assert gone > -1e-3

@@ -1,0 +1,290 @@
+/* Forces on a haptic device: on OpenHaptics, loaded when a run begins, or on the simulated device.
+ *
+ * The force of a scene of pandis.h, in metres and newtons of the device's workspace, passes the guard
+ * (guard.h) and is sent at every tick. On any error the force is zero from that tick on, and the run ends;
+ * so it does when ticks come too late, when somebody interrupts the program, and after the last tick. Unless
+ * the run is armed no force is ever sent: positions are read, and that is all.
+ */
+#define _GNU_SOURCE
+#define PANDIS_IMPLEMENTATION
+#include "../pandis.h"
+#include "guard.h"
+#include "hd.h"
+#include "simulated.h"
+
+#include <dlfcn.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <time.h>
+
+/* Ticks of zero force before a run lets go of the device; how often the watchdog looks (ns). */
+#define RELEASE 5
+#define LOOK 1000000
+
+typedef struct {
+    pandis_scene *scene;
+    guard_limits limits;
+    double period, deadline; /* s; a tick that computes longer is an overrun ... */
+    int overruns;            /* ... and so many in a row end the run */
+    double gap;              /* s; calls further apart, or a call that takes longer, end it */
+    double patience;         /* s without a call, after which the watchdog ends it */
+    double expected;         /* N: a device whose own limit is lower by a tenth is another; 0: any */
+    int armed;
+    long long ticks;
+    double *positions, *forces, *taken, *since; /* per tick: m, N, s of computing, s since the last call */
+} client_order;
+
+typedef struct {
+    int cause;
+    unsigned int code; /* of the device, where that is the cause */
+    int stand_in, simulated, hangs;
+    long long ticks; /* so many were run */
+    double worst;    /* J, see guard.h; of the simulated device by where it really was */
+    double strongest, steepest, fastest, added;
+    long long cut, slowed, damped;
+    long long armed_at, signs; /* see guard.h */
+    device_spec spec;          /* what the device said of itself */
+    guard_limits limits;       /* what was kept */
+    char why[256];
+} client_outcome;
+
+/* Not on the stack, and with an order of its own: a callback that hangs may outlive its run. What the
+ * order points to must live on then, and no other run may begin. */
+static struct {
+    device device;
+    device_spec spec;
+    client_order order;
+    guard guard;
+    double middle[3]; /* of the device's workspace: there the scene's origin lies */
+    unsigned int code;
+    int overruns, released;
+    double last;
+    /* between the scheduler's thread and the one that waits */
+    long long beat;
+    int inside, finished, cancelled;
+} client;
+
+static volatile sig_atomic_t client_signal;
+
+static void client_note_signal(int number) { client_signal = number; }
+
+static double client_now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* In the time of ticks nothing is late. */
+static int client_real(void) { return client.device.next == NULL; }
+
+/* Take the device's errors; the first one ends the run. */
+static void client_errors(void) {
+    for (int k = 0; k < 16; k++) {
+        unsigned int code = client.device.error(&client.device);
+        if (!code) return;
+        if (!client.guard.cause) client.code = code;
+        guard_end(&client.guard, CAUSE_ERROR);
+    }
+}
+
+/* The force that the scene has at a position of the device. */
+static void client_ask(const double *position, double *force) {
+    double place[3];
+    for (int k = 0; k < 3; k++) place[k] = position[k] - client.middle[k];
+    pandis_scene_force(client.order.scene, place, force);
+}
+
+/* What is done at every tick, by whoever drives the time. Returns 0 after the last one. */
+static int client_tick(void *data) {
+    const client_order *order = &client.order;
+    guard *g = &client.guard;
+    double begin = client_now(), force[3] = {0};
+    device_state state;
+    long long tick = client.beat;
+    (void)data;
+    __atomic_store_n(&client.inside, 1, __ATOMIC_SEQ_CST);
+    double since = tick && client_real() ? begin - client.last : order->period;
+    client.device.read(&client.device, &state);
+    client_errors();
+    int look = order->armed && (!g->armed || tick % GUARD_CHECK == 0);
+    guard_watch(g, &state, !look || client.device.calibrated(&client.device) == DEVICE_CALIBRATED);
+    int cancelled = __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST);
+    if (cancelled) guard_end(g, cancelled);
+    if (client_real() && since > order->gap) guard_end(g, CAUSE_GAP);
+    if (!g->cause && tick < order->ticks) client_ask(state.position, force);
+    double taken = client_now() - begin;
+    client.overruns = client_real() && taken > order->deadline ? client.overruns + 1 : 0;
+    if (client_real() && client.overruns >= order->overruns) guard_end(g, CAUSE_OVERRUN);
+    if (client_real() && taken > order->gap) guard_end(g, CAUSE_GAP);
+    guard_pass(g, &state, since, order->armed, force);
+    client.device.write(&client.device, force, NULL);
+    client_errors();
+    if (tick < order->ticks) {
+        memcpy(order->positions + 3 * tick, state.position, sizeof state.position);
+        memcpy(order->forces + 3 * tick, force, sizeof force);
+        order->taken[tick] = taken, order->since[tick] = since;
+    }
+    client.last = begin;
+    __atomic_store_n(&client.beat, tick + 1, __ATOMIC_SEQ_CST);
+    /* the motors hold the last force: it is zero, whatever ends the run */
+    if (g->cause || (tick >= order->ticks && !(length_of(force) > 0))) client.released++;
+    int finished = client.released >= RELEASE;
+    __atomic_store_n(&client.inside, 0, __ATOMIC_SEQ_CST);
+    if (finished) __atomic_store_n(&client.finished, 1, __ATOMIC_SEQ_CST);
+    return !finished;
+}
+
+/* Drive a pull device by a clock of our own. */
+static void *client_pull(void *none) {
+    struct timespec due;
+    clock_gettime(CLOCK_MONOTONIC, &due);
+    while (client_tick(NULL)) {
+        due.tv_nsec += (long)(1e9 * client.order.period + 0.5);
+        if (due.tv_nsec >= 1000000000) due.tv_nsec -= 1000000000, due.tv_sec++;
+        clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
+    }
+    return none;
+}
+
+/* Wait until the run is over; end it when no call comes, one does not come back, or a signal does. */
+static void client_wait(void) {
+    const struct timespec look = {0, LOOK};
+    long long seen = -1;
+    double since = client_now();
+    while (!__atomic_load_n(&client.finished, __ATOMIC_SEQ_CST)) {
+        if (!client_real()) {
+            if (client_tick(NULL)) client.device.next(&client.device);
+            continue;
+        }
+        nanosleep(&look, NULL);
+        if (client_signal) __atomic_store_n(&client.cancelled, CAUSE_INTERRUPTED, __ATOMIC_SEQ_CST);
+        long long beat = __atomic_load_n(&client.beat, __ATOMIC_SEQ_CST);
+        if (beat != seen) seen = beat, since = client_now();
+        if (client_now() - since < client.order.patience) continue;
+        __atomic_store_n(&client.cancelled, CAUSE_WATCHDOG, __ATOMIC_SEQ_CST);
+        return;
+    }
+}
+
+static int client_fail(client_outcome *outcome, int cause, const char *why) {
+    outcome->cause = cause;
+    snprintf(outcome->why, sizeof outcome->why, "%s", why);
+    return cause;
+}
+
+/* Keep within what the device allows; 0 if it is not the one that was expected, or not ready. */
+static int client_meet(client_outcome *outcome) {
+    const device_spec *spec = &client.spec;
+    const client_order *order = &client.order;
+    guard_limits *limits = &client.guard.limits;
+    outcome->spec = *spec;
+    if (spec->force > 0) limits->force = fmin(limits->force, spec->force);
+    if (spec->continuous > 0)
+        limits->continuous = limits->continuous > 0 ? fmin(limits->continuous, spec->continuous) : spec->continuous;
+    if (spec->speed > 0) limits->speed = fmin(limits->speed, spec->speed);
+    if (spec->impulse > 0) limits->impulse = fmin(limits->impulse, spec->impulse * order->period * 1e3);
+    limits->step = fmin(limits->step, limits->impulse);
+    for (int k = 0; k < 3; k++)
+        client.middle[k] = spec->high[k] > spec->low[k] ? (spec->low[k] + spec->high[k]) / 2 : 0;
+    if (order->expected > 0 && spec->force > 0 && spec->force < 0.9 * order->expected)
+        client_fail(outcome, CAUSE_DEVICE, "its largest force is that of another model: set hardware.attached.model");
+    else if (spec->rate > 0 && fabs(spec->rate * order->period - 1) > 0.1)
+        client_fail(outcome, CAUSE_DEVICE, "it runs at another rate than was asked for");
+    else if (order->armed && client.device.calibrated(&client.device) != DEVICE_CALIBRATED)
+        client_fail(outcome, CAUSE_CALIBRATION, "calibrate it with its maker's program, or put the stylus into its inkwell");
+    outcome->limits = *limits;
+    return !outcome->cause;
+}
+
+/* Run an order on a device, and let go of it whatever happens. */
+static int client_run(const device *made, const char *name, const client_order *order, client_outcome *outcome) {
+    pthread_t pulling;
+    int pulled = 0;
+    client.device = *made, client.order = *order;
+    guard_start(&client.guard, &order->limits, order->period);
+    device *d = &client.device;
+    unsigned int code = d->open(d, name, &client.spec);
+    if (code) {
+        outcome->code = code;
+        return client_fail(outcome, CAUSE_DEVICE, "the device cannot be initialised");
+    }
+    if (!client_meet(outcome)) {
+        d->close(d);
+        return outcome->cause;
+    }
+    d->output(d, order->armed);
+    if (d->start) code = d->start(d, client_tick, NULL);
+    else if (!d->next) pulled = !pthread_create(&pulling, NULL, client_pull, NULL), code = !pulled;
+    if (!code) client_wait();
+    else client.code = code, __atomic_store_n(&client.cancelled, CAUSE_DEVICE, __ATOMIC_SEQ_CST);
+    d->output(d, 0); /* first of all: whatever hangs, the motors are off */
+    outcome->hangs = __atomic_load_n(&client.inside, __ATOMIC_SEQ_CST) &&
+                     __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG;
+    if (!outcome->hangs) { /* else stopping would wait for ever */
+        if (pulled) pthread_join(pulling, NULL);
+        d->stop(d);
+    }
+    d->close(d);
+    long long beat = __atomic_load_n(&client.beat, __ATOMIC_SEQ_CST);
+    const guard *g = &client.guard;
+    outcome->cause = g->cause ? g->cause : __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST);
+    outcome->code = client.code, outcome->ticks = beat < order->ticks ? beat : order->ticks;
+    outcome->worst = client_real() ? g->energy.worst : simulated.energy.worst;
+    outcome->strongest = g->strongest, outcome->steepest = g->steepest, outcome->added = g->added;
+    outcome->fastest = g->fastest, outcome->cut = g->cut, outcome->slowed = g->slowed, outcome->damped = g->damped;
+    outcome->armed_at = g->armed_at, outcome->signs = g->signs;
+    return outcome->cause;
+}
+
+/* Whether a callback of an earlier run is still at it. */
+static int client_busy(client_outcome *outcome) {
+    memset(outcome, 0, sizeof *outcome);
+    outcome->armed_at = -1;
+    if (!__atomic_load_n(&client.inside, __ATOMIC_SEQ_CST)) {
+        memset(&client, 0, sizeof client);
+        return 0;
+    }
+    client_fail(outcome, CAUSE_WATCHDOG, "the last run's callback has never come back: start anew");
+    return 1;
+}
+
+/* Run an order on OpenHaptics, or on what stands in for it: what such a library calls itself must say so.
+ * While it runs SIGINT and SIGTERM end it with zero force, and are then given to whom they were meant for. */
+int client_device(const char *library, const char *name, const client_order *order, client_outcome *outcome) {
+    hd_api found;
+    device made;
+    struct sigaction note, before[2];
+    if (client_busy(outcome)) return outcome->cause;
+    memset(&found, 0, sizeof found), memset(&note, 0, sizeof note);
+    void *held = dlopen(library, RTLD_NOW | RTLD_LOCAL);
+    if (!held) return client_fail(outcome, CAUSE_LIBRARY, dlerror());
+    for (size_t k = 0; k < sizeof hd_names / sizeof *hd_names; k++) {
+        void *function = dlsym(held, hd_names[k]);
+        if (!function) return client_fail(outcome, CAUSE_LIBRARY, dlerror());
+        memcpy((char *)&found + k * sizeof function, &function, sizeof function); /* as POSIX has it */
+    }
+    hd_device(&found, &made);
+    outcome->stand_in = dlsym(held, "pandis_stand_in") != NULL;
+    client_signal = 0, note.sa_handler = client_note_signal;
+    sigaction(SIGINT, &note, before), sigaction(SIGTERM, &note, before + 1);
+    int cause = client_run(&made, name, order, outcome);
+    sigaction(SIGINT, before, NULL), sigaction(SIGTERM, before + 1, NULL);
+    if (client_signal) raise(client_signal);
+    return cause;
+}
+
+/* Run an order on the simulated device: `start` (3,), and per tick of the order where the hand would
+ * rest (m) and how it presses (N). `path`: where the device really was after each tick (m). With
+ * `clock` it is pulled by the client's clock, as a device without a scheduler is. */
+int client_simulated(const simulated_spec *spec, const double *start, const double *rest, const double *press,
+                     double *path, int clock, const client_order *order, client_outcome *outcome) {
+    device made;
+    if (client_busy(outcome)) return outcome->cause;
+    outcome->simulated = 1;
+    simulated_prepare(spec, start, rest, press, order->ticks);
+    simulated.path = path;
+    simulated_device(&made);
+    if (clock) made.write = simulated_write_and_move, made.next = NULL;
+    return client_run(&made, NULL, order, outcome);
+}

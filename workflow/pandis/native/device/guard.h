@@ -1,0 +1,234 @@
+/* What stands between a field and a motor: who may arm it, limits, an observer of energy that acts.
+ *
+ * In this order, at every tick:
+ *
+ * 1. A fault: the force is zero in the tick in which it is detected, and stays so.
+ * 2. Whoever is not armed gets no force: a run begins outside of the object, with the device calibrated,
+ *    its safety switch closed, and its button held where it has one. Letting go of the button disarms at
+ *    once.
+ * 3. The whole force comes in over a ramp, and is cut at the largest: the device's peak, or what its
+ *    motors stand for long once they have given that much on average.
+ * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than the device
+ *    stands, and never so that it pulls towards the wall. If that has not mended it after 50 ms, if it
+ *    happens a third time within a second, or if a quarter of a millijoule is gone, the run ends.
+ * 5. Slew: limited is what is added in a tick. Any share of the last force may go at once, up to the
+ *    device's own limit of change.
+ */
+#ifndef GUARD_H
+#define GUARD_H
+
+#include "device.h"
+#include "energy.h"
+#include "shaking.h"
+
+#include <string.h>
+
+/* Why a run ended. */
+enum {
+    CAUSE_DONE = 0,
+    CAUSE_LIBRARY = 1,      /* the library cannot be loaded, or lacks a function */
+    CAUSE_DEVICE = 2,       /* no such device, another one, or it does not start */
+    CAUSE_ERROR = 3,        /* the device has reported an error: its code */
+    CAUSE_SPEED = 4,        /* the probe went faster than the limit */
+    CAUSE_NUMBER = 5,       /* a position or a force was no number */
+    CAUSE_OVERRUN = 6,      /* callbacks computed longer than the deadline, several in a row */
+    CAUSE_WATCHDOG = 7,     /* the callback was not called, or did not come back */
+    CAUSE_GAP = 8,          /* two calls were too far apart, or one took as long */
+    CAUSE_INTERRUPTED = 9,  /* somebody has stopped the program */
+    CAUSE_CALIBRATION = 10, /* the device is not calibrated, or no longer */
+    CAUSE_SWITCH = 11,      /* its safety switch was opened */
+    CAUSE_HOT = 12,         /* a motor is too hot */
+    CAUSE_UNSTABLE = 13     /* the wall gave energy or shook, and damping did not mend it */
+};
+
+/* What must be held or closed for a force to be given. */
+enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
+
+#define GUARD_SLACK 2e-5     /* J that may be missing: an encoder's step hides it */
+#define GUARD_SPENT 2.5e-4   /* J: so much gone ends the run at once, and no tick may give more */
+#define GUARD_PATIENCE 0.05  /* s until what is wrong must be mended */
+#define GUARD_AGAIN 1.0      /* s in which it may happen twice */
+#define GUARD_HOT 0.9        /* of a motor's largest temperature */
+#define GUARD_WARM 10.0      /* s over which the motors' load is averaged */
+#define GUARD_CHECK 100      /* ticks between two looks at the calibration */
+
+typedef struct {
+    double force, continuous; /* largest, and for long, N; continuous 0: not known */
+    double step;              /* largest addition between ticks, N */
+    double impulse;           /* largest change between ticks, N */
+    double speed;             /* of the probe, m/s; faster, and the run ends */
+    double ramp;              /* ticks until the whole force is given */
+    double damping, friction; /* of the device: what takes energy away, Ns/m and N */
+    double stiffness;         /* of the wall, N/m: what it can store */
+    double most_damping;      /* that may be added, Ns/m */
+    int needs;                /* NEEDS_... */
+} guard_limits;
+
+typedef struct {
+    guard_limits limits;
+    double period; /* s */
+    double position[3], sent[3], velocity[3];
+    double ticks, given; /* all of them; those since it was armed */
+    double now, trouble; /* s since the start; when something went wrong, or -1 */
+    double times[2];     /* when it last did, and the time before */
+    double load;         /* mean square of the force over GUARD_WARM s */
+    energy energy;
+    shaking shaking;
+    double strongest, steepest, fastest, added;
+    long long cut, slowed, damped; /* ticks: more than the largest force, slewed, damped */
+    long long armed_at, signs;     /* the tick from which on forces are given, or -1; how often something went wrong */
+    int armed, cause, at_most; /* at_most: the last force was cut */
+    double share;              /* of the whole force, by the ramp */
+} guard;
+
+static void guard_start(guard *g, const guard_limits *limits, double period) {
+    memset(g, 0, sizeof *g);
+    g->limits = *limits, g->period = period;
+    g->trouble = g->times[0] = g->times[1] = -1e9;
+    g->armed_at = -1;
+    shaking_start(&g->shaking);
+}
+
+static void guard_end(guard *g, int cause) {
+    if (!g->cause) g->cause = cause;
+}
+
+/* What the device itself has against a force, before any field is asked. */
+static void guard_watch(guard *g, const device_state *state, int calibrated) {
+    if (!(length_of(state->position) <= 1e3)) guard_end(g, CAUSE_NUMBER);
+    if (!calibrated) guard_end(g, CAUSE_CALIBRATION);
+    if ((g->limits.needs & NEEDS_SWITCH) && !state->safe && g->armed) guard_end(g, CAUSE_SWITCH);
+    if (!(state->temperature < GUARD_HOT)) guard_end(g, CAUSE_HOT);
+}
+
+/* Observe the way since the last tick, under the force that was sent for it, and whether it shakes. */
+static void guard_observe(guard *g, const double *position, double dt) {
+    double way[3], work = 0, length;
+    for (int k = 0; k < 3; k++) {
+        way[k] = position[k] - g->position[k];
+        work += g->sent[k] * way[k], g->velocity[k] = way[k] / dt;
+    }
+    length = length_of(way);
+    double lost = g->limits.damping * length * length / dt + g->limits.friction * length;
+    energy_book(&g->energy, length_of(g->sent), work, lost, g->limits.stiffness, g->at_most);
+    g->now += dt;
+    int touching = length_of(g->sent) > 0;
+    shaking_see(&g->shaking, position, g->now, touching);
+    double share = dt / GUARD_WARM, size = length_of(g->sent);
+    g->load += (share < 1 ? share : 1) * (size * size - g->load);
+    if (g->fastest < length / dt) g->fastest = length / dt;
+    if (length / dt > g->limits.speed) guard_end(g, CAUSE_SPEED);
+}
+
+/* Something is wrong as long as energy is missing in this contact, or the probe shakes. */
+static int guard_troubled(guard *g) {
+    int wrong = g->energy.balance < -GUARD_SLACK || shaking_now(&g->shaking, g->now);
+    if (g->energy.balance < -GUARD_SPENT) guard_end(g, CAUSE_UNSTABLE);
+    if (!wrong) {
+        g->trouble = -1e9;
+    } else if (g->trouble < 0) {
+        if (g->now - g->times[1] < GUARD_AGAIN) guard_end(g, CAUSE_UNSTABLE);
+        g->trouble = g->now, g->times[1] = g->times[0], g->times[0] = g->now, g->signs++;
+    } else if (g->now - g->trouble >= GUARD_PATIENCE - g->period) {
+        guard_end(g, CAUSE_UNSTABLE); /* in the last tick of its time */
+    }
+    return wrong;
+}
+
+/* Damp a force that pushes along its own direction, as much as the balance lacks. */
+static void guard_damp(guard *g, double *force, double dt, int troubled) {
+    double size = length_of(force), fast = length_of(g->velocity), lacking = -g->energy.balance;
+    if (!(size > 0 && fast > 0) || !(troubled || lacking > 0)) return;
+    double damping = troubled ? g->limits.most_damping : fmin(lacking / (fast * fast * dt), g->limits.most_damping);
+    double push = 0, normal[3], damped[3];
+    for (int k = 0; k < 3; k++) {
+        normal[k] = force[k] / size, damped[k] = force[k] - damping * g->velocity[k];
+        push += damped[k] * normal[k];
+    }
+    for (int k = 0; k < 3; k++) force[k] = damped[k] - (push < 0 ? push * normal[k] : 0);
+    g->damped++;
+}
+
+/* Give no more energy in the next tick than the balance has, and what may be spent. */
+static void guard_save(guard *g, double *force, double dt) {
+    double work = 0, room = fmax(0, g->energy.balance + GUARD_SPENT);
+    for (int k = 0; k < 3; k++) work += force[k] * g->velocity[k] * dt;
+    if (!(work > room)) return;
+    for (int k = 0; k < 3; k++) force[k] *= room / work;
+    g->damped++;
+}
+
+/* Cut a force at the largest that may be given now. */
+static void guard_cut(guard *g, double *force) {
+    double most = g->limits.force, size = length_of(force), steady = g->limits.continuous;
+    g->at_most = 0;
+    if (steady > 0 && steady < most) { /* the nearer the motors are to what they stand, the less */
+        double room = (steady * steady - g->load) / (0.2 * steady * steady);
+        most = steady + (most - steady) * fmin(1, fmax(0, room));
+    }
+    if (!(size > most)) return;
+    for (int k = 0; k < 3; k++) force[k] *= most / size;
+    g->cut++, g->at_most = 1;
+}
+
+/* Limit what is added to a share of the last force, and the whole change. */
+static void guard_slew(guard *g, double *force) {
+    double last = length_of(g->sent), along = 0, added[3], change[3], share = 0;
+    for (int k = 0; k < 3; k++) along += force[k] * g->sent[k];
+    if (last > 0) share = fmin(1, fmax(0, along / (last * last)));
+    for (int k = 0; k < 3; k++) added[k] = force[k] - share * g->sent[k];
+    double more = length_of(added);
+    if (more > g->limits.step) {
+        for (int k = 0; k < 3; k++) force[k] = share * g->sent[k] + added[k] * (g->limits.step / more);
+        more = g->limits.step, g->slowed++;
+    }
+    for (int k = 0; k < 3; k++) change[k] = force[k] - g->sent[k];
+    double step = length_of(change);
+    if (step > g->limits.impulse) {
+        for (int k = 0; k < 3; k++) force[k] = g->sent[k] + change[k] * (g->limits.impulse / step);
+        step = g->limits.impulse, g->slowed++;
+    }
+    g->added = fmax(g->added, more), g->steepest = fmax(g->steepest, step);
+}
+
+/* Whether a force may be given: from a tick on that was outside of the object, all held and closed. */
+static int guard_armed(guard *g, const device_state *state, const double *force, int armed) {
+    int held = !(g->limits.needs & NEEDS_BUTTON) || state->buttons;
+    int closed = !(g->limits.needs & NEEDS_SWITCH) || state->safe;
+    if (!armed || !held || !closed) g->armed = 0;
+    else if (!g->armed && !(length_of(force) > 0)) {
+        g->armed = 1, g->given = 0;
+        if (g->armed_at < 0) g->armed_at = (long long)g->ticks;
+    }
+    return g->armed;
+}
+
+/* Turn a force that is wanted into one that may be sent; zero once there is a cause. `since`: s since the
+ * last tick. */
+static void guard_pass(guard *g, const device_state *state, double since, int armed, double *force) {
+    double dt = since > 0.1 * g->period ? since : g->period;
+    if (!(length_of(force) <= 1e100)) guard_end(g, CAUSE_NUMBER);
+    if (!g->cause && g->ticks > 0) guard_observe(g, state->position, dt);
+    int troubled = !g->cause && guard_troubled(g);
+    if (g->cause || !guard_armed(g, state, force, armed)) {
+        force[0] = force[1] = force[2] = 0;
+    } else {
+        double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1, size = length_of(force);
+        /* a wall that grows stiffer stores more at the same depth: that is no fault of its own */
+        if (length_of(g->sent) > 0 && g->limits.stiffness > 0)
+            g->energy.balance += (share - g->share) * size * size / (2 * g->limits.stiffness);
+        g->share = share;
+        for (int k = 0; k < 3; k++) force[k] *= share;
+        guard_damp(g, force, dt, troubled);
+        guard_save(g, force, dt);
+        guard_cut(g, force);
+        guard_slew(g, force);
+        g->strongest = fmax(g->strongest, length_of(force));
+        g->given++;
+    }
+    memcpy(g->position, state->position, sizeof g->position);
+    memcpy(g->sent, force, sizeof g->sent);
+    g->ticks++;
+}
+
+#endif

@@ -1,0 +1,47 @@
+/* Shaking: a motion to and fro by more than a tenth of a millimetre, faster than 30 times a second.
+ *
+ * Along each axis turns are counted: places where the motion has gone back by SHAKING_SIZE. Three turns
+ * span a whole swing; if they are less than a thirtieth of a second apart, the probe shakes. A knock
+ * against a wall turns once, and a slow hand not three times as fast.
+ */
+#ifndef SHAKING_H
+#define SHAKING_H
+
+#include <string.h>
+
+#define SHAKING_SIZE 1e-4         /* m */
+#define SHAKING_SPAN (1.0 / 30.0) /* s */
+
+typedef struct {
+    double low[3], high[3]; /* since the last turn */
+    int up[3];              /* whether it went up last */
+    double turn[3][2];      /* when it turned last, and the time before */
+    double last;            /* when it last shook */
+    int begun;
+} shaking;
+
+static void shaking_start(shaking *s) {
+    memset(s, 0, sizeof *s);
+    for (int k = 0; k < 3; k++) s->turn[k][0] = s->turn[k][1] = -1e9;
+    s->last = -1e9;
+}
+
+/* See a position; only what happens while touching counts. */
+static void shaking_see(shaking *s, const double *position, double now, int touching) {
+    for (int k = 0; k < 3; k++) {
+        double x = position[k];
+        if (!s->begun) s->low[k] = s->high[k] = x;
+        if (x < s->low[k]) s->low[k] = x;
+        if (x > s->high[k]) s->high[k] = x;
+        int turned = s->up[k] ? x < s->high[k] - SHAKING_SIZE : x > s->low[k] + SHAKING_SIZE;
+        if (!turned) continue;
+        s->up[k] = !s->up[k], s->low[k] = s->high[k] = x;
+        if (touching && now - s->turn[k][1] < SHAKING_SPAN) s->last = now;
+        s->turn[k][1] = s->turn[k][0], s->turn[k][0] = now;
+    }
+    s->begun = 1;
+}
+
+static int shaking_now(const shaking *s, double now) { return now - s->last < SHAKING_SPAN; }
+
+#endif
