@@ -64,6 +64,12 @@ def test_contract_of_the_artifacts(finished):
     assert set(evaluation.attributes["controls"]) == {"control-zero", "control-gap"}
     hardware = json.loads((home / "hardware.json").read_text())
     assert "No haptic device was attached" in hardware["statement"]
+    assert "hardware.ask_again" in hardware["statement"]
+    timing = read_artifact(home / "timing.zarr.zip").attributes["fields"]
+    for field in fields:
+        assert 0 < timing[field]["native_p50_us"] <= timing[field]["native_max_us"]
+        assert 0 < timing[field]["anywhere_p50_us"] <= timing[field]["anywhere_max_us"]
+        assert 0 < timing[field]["native_cold_p50_us"] <= timing[field]["native_cold_max_us"]
     assert set(hardware["fields"]) == fields
     ticks = read_artifact(home / "hardware.zarr.zip", "hardware")
     assert len(ticks.arrays["compute_trilinear-24"]) == 500

@@ -455,6 +455,11 @@ class HardwareOptions(Options):
     loaded_seconds: float = Field(
         0.5, ge=0, le=600, description="length of a second run, beside a busy loop on every core"
     )
+    ask_again: bool = Field(
+        True,
+        description="while the loop waits for a tick, ask the field once more where the probe was "
+        "last, so that its bytes are still in the caches; a device's own scheduler cannot",
+    )
     devices: list[Literal["touch", "touch-x", "omega-3", "falcon"]] = Field(
         ["touch"],
         description="devices that are simulated, with the hand of `stress`, to find the largest "

@@ -1,5 +1,6 @@
 """The verdict on every exported field."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -28,6 +29,13 @@ WHAT_RAN = (
     "trajectory, on the machine named here; their forces were compared with the exact ones below "
     "surface points of every thickness. Devices that are named are simulated."
 )
+
+#: What the loop does while it waits.
+AGAIN = (
+    "While it waited for a tick the loop asked the field once more where the probe was last, so "
+    "that its bytes were still in the caches (hardware.ask_again): a device's own scheduler cannot."
+)
+ONCE = "Between two ticks the loop asked nothing (hardware.ask_again is false)."
 
 
 def validate_exports(exports, walls, trajectory, evaluation, mesh, options, progress):
@@ -62,6 +70,7 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
     surface = contact(trajectory.arrays, walls.pressed, options["size"])
     report = progress("fields", len(exports), "fields")
     idle = run_ticks(None, points, _ticks(options), options["rate"])
+    asked = AGAIN if options["ask_again"] else ONCE
     arrays["lateness"] = idle.lateness
     for index, path in enumerate(exports):
         name = path.stem
@@ -71,6 +80,7 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         ticks, verdict = validate(field, frame, points, reference, found, options)
         verdict["devices"] = press_devices(field, surface, found, options)
         verdict["advice"] = paragraph(verdict, verdict["devices"], options)
+        verdict["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
         if options["attached"]:
             own, verdict["attached"] = _attached(field, surface, found, verdict, options)
             ticks |= {f"device_{key}": values for key, values in own.items()}
@@ -78,13 +88,14 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         fields[name] = verdict
         report.update(index + 1)
     attributes = {
-        "statement": _statement(fields),
+        "statement": f"{_statement(fields)} {asked}",
         "devices": {name: DEVICES[name]._asdict() for name in options["devices"]},
         "machine": describe() | {"governor": governor()},
         "locked": idle.locked,
         "realtime": idle.realtime,
         "rate": options["rate"],
         "deadline": options["deadline"],
+        "size": options["size"],
         "newtons": frame.newtons(options["size"], options["stiffness"]),
         "clock_alone_us": _microseconds(idle.lateness),
         "clock_alone_late_share": _late(idle.lateness, options),
@@ -159,7 +170,7 @@ def validate(field, frame, points, reference, walls, options):
     arrays, verdict : dict
         Per tick: ``compute`` and ``lateness`` (s), ``force`` (unit frame, k = 1).
     """
-    run = run_ticks(field, points, _ticks(options), options["rate"])
+    run = run_ticks(field, points, _ticks(options), options["rate"], options["ask_again"])
     force = run.force * frame.scale  # distances came in mesh units
     wanted = reference[np.arange(len(force)) % len(points)]
     difference = np.linalg.norm(force - wanted, axis=1).max()
@@ -192,7 +203,7 @@ def _loaded(field, points, options):
     """Run a field beside other work on every core."""
     count = max(1, round(options["loaded_seconds"] * options["rate"]))
     with busy_cores():
-        run = run_ticks(field, points, count, options["rate"])
+        run = run_ticks(field, points, count, options["rate"], options["ask_again"])
     return {
         "ticks": count,
         "compute_us": _microseconds(run.compute),

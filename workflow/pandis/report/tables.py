@@ -34,6 +34,10 @@ COLUMNS = {
     "deep_mean": "Deep probes, mean",
     "native_p50_us": "One query in C, p50 (µs)",
     "native_p999_us": "p99.9",
+    "anywhere_p50_us": "In C anywhere in the box, p50 (µs)",
+    "anywhere_max_us": "worst place",
+    "native_cold_p50_us": "In C with empty caches, p50 (µs)",
+    "native_cold_max_us": "worst",
     "one_p50_us": "From Python, p50 (µs)",
     "one_p99_us": "p99",
     "one_p999_us": "p99.9",
@@ -47,6 +51,12 @@ COLUMNS = {
     "misses": "Misses",
     "verdict": "Verdict",
 }
+
+#: Times that not every field has.
+_IN_C = (
+    "native_p50_us", "native_p999_us", "anywhere_p50_us", "anywhere_max_us",
+    "native_cold_p50_us", "native_cold_max_us", "libtorch_p50_us",
+)  # fmt: skip
 
 
 def summarise(evaluations, timings, stresses, hardware):
@@ -92,8 +102,7 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
         if times := timing["fields"].get(field):
             keys = ("one_p50_us", "one_p99_us", "one_p999_us", "batch_us")
             row |= {key: times.get(key, "") for key in keys}
-            extra = ("native_p50_us", "native_p999_us", "libtorch_p50_us")
-            row |= {key: times.get(key, "") for key in extra}
+            row |= {key: times.get(key, "") for key in _IN_C}
         if found := stress["fields"].get(field):
             row["jump_max_newtons"] = found["jumps"]["mm01_max"]
             row["jump_rms_newtons"] = found["jumps"]["mm01_rms"]

@@ -20,6 +20,8 @@ NETWORK, GRID, SPLINE, MESH, SHAPE = 1, 2, 3, 4, 5
 RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Closed forms, in the order of their numbers.
 SHAPES = ("sphere", "torus", "box", "capsule")
+#: Bytes written between queries with cold caches: more than the caches of a core hold.
+CACHES = 1 << 26
 _MAGIC, _ORDER, _VERSION = b"PANDIS\r\n", 0x0A0B0C0D, 1
 _HEADER, _SECTION, _ALIGN = 256, 24, 64
 _WHOLES, _REALS = 14, 16
@@ -46,7 +48,7 @@ def library():
     lib.pandis_query_many.argtypes = [pointer, pointer, size, pointer, pointer, pointer]
     lib.runtime_forces.argtypes = [pointer, pointer, size, f64, pointer, pointer]
     lib.runtime_frame.argtypes = [pointer, pointer]
-    lib.runtime_time.argtypes = [pointer, pointer, size, size, pointer]
+    lib.runtime_time.argtypes = [pointer, pointer, size, size, pointer, pointer, size]
     return lib
 
 
@@ -121,15 +123,19 @@ class NativeField:
         )
         return forces
 
-    def time(self, points, queries):
-        """Return the seconds (queries,) of single queries at points (n, 3) in turn."""
+    def time(self, points, queries, cold=False):
+        """Return the seconds (queries,) of single queries at points (n, 3) in turn.
+
+        ``cold``: before each of them other work empties the caches.
+        """
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         if not len(points) or queries < 1:
             raise ValueError("at least one point and one query are needed")
-        taken = np.empty(queries)
+        taken, other = np.empty(queries), np.zeros(CACHES if cold else 0, np.uint8)
         self._library.runtime_time(
-            self._field, points.ctypes.data, len(points), queries, taken.ctypes.data
-        )
+            self._field, points.ctypes.data, len(points), queries, taken.ctypes.data,
+            other.ctypes.data, len(other),
+        )  # fmt: skip
         return taken
 
 

@@ -25,11 +25,14 @@ void runtime_forces(const pandis_field *field, const double *points, size_t coun
         flags[i] = (unsigned char)pandis_force(field, points + 3 * i, stiffness, forces + 3 * i);
 }
 
-/* Seconds of each of `queries` single queries, at the points in turn. */
-void runtime_time(const pandis_field *field, const double *points, size_t count, size_t queries, double *taken) {
+/* Seconds of each of `queries` single queries, at the points in turn. With some bytes of other work in
+ * between, that empty the caches, the queries find nothing in them. */
+void runtime_time(const pandis_field *field, const double *points, size_t count, size_t queries, double *taken,
+                  unsigned char *other, size_t bytes) {
     pandis_answer answer;
     volatile double sink = 0;
     for (size_t i = 0; i < queries; i++) {
+        for (size_t k = 0; k < bytes; k += 16) other[k]++;
         double start = seconds();
         pandis_query(field, points + 3 * (i % count), &answer);
         taken[i] = seconds() - start;

@@ -41,11 +41,12 @@ def library():
     """Return the compiled library with its functions' types declared."""
     lib = load(Path(__file__).with_name("servo.c"))
     pointer, i64 = ctypes.c_void_p, ctypes.c_int64
-    lib.servo_run.argtypes = [pointer, pointer, i64, ctypes.c_double, i64, i64, i64, *[pointer] * 3]
+    path, ticks = [pointer, pointer, i64, ctypes.c_double], [i64, i64, i64, ctypes.c_int]
+    lib.servo_run.argtypes = [*path, *ticks, *[pointer] * 3]
     return lib
 
 
-def run_ticks(field, points, count, rate):
+def run_ticks(field, points, count, rate, again=True):
     """Ask a field for the force once per tick of a fixed-rate clock.
 
     Parameters
@@ -58,6 +59,9 @@ def run_ticks(field, points, count, rate):
         Ticks.
     rate : float
         Ticks per second.
+    again : bool
+        While it waits for a tick, ask the field once more where the probe was last: who has slept
+        finds the field's bytes gone from the caches.
 
     Returns
     -------
@@ -71,6 +75,6 @@ def run_ticks(field, points, count, rate):
     period = round(1e9 / rate)
     allowed = library().servo_run(
         field.address if field else None, points.ctypes.data, len(points), 1.0, count, period,
-        min(round(SPIN * 1e9), period // 2), *columns,
+        min(round(SPIN * 1e9), period // 2), again, *columns,
     )  # fmt: skip
     return Run(compute, lateness, force, bool(allowed & _LOCKED), bool(allowed & _REALTIME))

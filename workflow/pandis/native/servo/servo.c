@@ -2,7 +2,8 @@
  *
  * Deadlines are absolute, so that a late tick delays no other. Within the loop nothing is allocated
  * and nothing asked of the system but the clock and to sleep until shortly before a tick is due; the
- * rest of the time is spent asking the field where the probe was last, and watching the clock.
+ * rest of the time is spent watching the clock and, if that is wanted, asking the field once more where
+ * the probe was last.
  */
 #define _GNU_SOURCE
 #define PANDIS_IMPLEMENTATION
@@ -36,7 +37,7 @@ static void sleep_until(int64_t wake) {
  * taken, late: seconds per tick; forces: three per tick. Returns which of LOCKED and REALTIME the
  * system allowed. */
 int servo_run(const pandis_field *field, const double *points, int64_t count, double stiffness, int64_t ticks,
-              int64_t period, int64_t spin, double *taken, double *late, double *forces) {
+              int64_t period, int64_t spin, int again, double *taken, double *late, double *forces) {
     int allowed = 0, before = sched_getscheduler(0);
     struct sched_param usual, urgent = {.sched_priority = PRIORITY};
     sched_getparam(0, &usual);
@@ -52,7 +53,7 @@ int servo_run(const pandis_field *field, const double *points, int64_t count, do
         int64_t due = start + tick * period, last = tick ? tick - 1 : 0;
         sleep_until(due - spin);
         /* asked once more where the probe was: who has slept finds the field's bytes gone from the caches */
-        if (field && now() < due - spin / 4) pandis_force(field, points + 3 * (last % count), stiffness, warm);
+        if (field && again && now() < due - spin / 4) pandis_force(field, points + 3 * (last % count), stiffness, warm);
         while (now() < due) continue;
         int64_t begin = now();
         if (field) pandis_force(field, points + 3 * (tick % count), stiffness, forces + 3 * tick);

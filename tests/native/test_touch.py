@@ -1,0 +1,63 @@
+"""pandis-touch: a field on a device without the workflow, armed only with what is known of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pandis.hardware import touch
+from pandis.native.runtime import NativeField
+
+
+@pytest.fixture
+def exported(files, tmp_path):
+    """An exported sphere beside a report that has found 200 N/m safe for a light hand."""
+    folder = tmp_path / "export"
+    folder.mkdir()
+    path = folder / "exact.pandis"
+    path.write_bytes(files["sphere"].read_bytes())
+    pressed = {"hands": {"0.3": 200.0}}
+    walls = {"holds": True, "pressed_missing": 0}
+    field = {"sha256": touch.digest(path), "devices": {"touch": pressed}, "walls": walls}
+    report = {"size": 0.1, "fields": {"exact": field}}
+    (tmp_path / "hardware.json").write_text(json.dumps(report))
+    return path
+
+
+def test_a_simulated_device_feels_the_sphere(exported, capsys):
+    assert touch.main([str(exported), "--simulated", "--seconds", "1.5"]) == 0
+    said = capsys.readouterr().out
+    assert "A simulated device ran, and no other" in said
+    assert "at 140 N/m" in said  # 0.7 of what is safe for a light hand
+
+
+def test_the_simulated_device_is_led_into_the_object(exported):
+    session = touch.touch_simulated(NativeField(exported), "touch", 0.1, 140.0, 1.5)
+    assert session.strongest > 0.5
+    assert np.linalg.norm(session.position, axis=1).min() < 0.045
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"), "about another file"),
+        (lambda path: (path.parent.parent / "hardware.json").unlink(), "is not there"),
+    ],
+)
+def test_what_is_known_of_another_file_arms_nothing(damage, said, exported):
+    assert touch.known(exported, "touch", 0.1)[0]["hands"] == {"0.3": 200.0}
+    damage(exported)
+    pressed, walls, why = touch.known(exported, "touch", 0.1)
+    assert (pressed, walls) == (None, None)
+    assert said in why
+
+
+def test_another_size_or_device_is_not_what_was_found_safe(exported):
+    assert "longest side of 0.1 m" in touch.known(exported, "touch", 0.2)[2]
+    assert "knows no falcon" in touch.known(exported, "falcon", 0.1)[2]
+
+
+def test_a_damaged_field_is_one_sentence(exported, capsys):
+    exported.write_bytes(b"nothing")
+    assert touch.main([str(exported), "--simulated"]) == 1
+    assert capsys.readouterr().err.startswith("error: ")

@@ -1,0 +1,141 @@
+"""Feel an exported field on a device, without the workflow: ``pandis-touch FIELD.pandis``.
+
+Usage::
+
+    PYTHONPATH=workflow python -m pandis.hardware.touch results/bunny/export/spline-auto.pandis
+
+Without a device (``--simulated``) a simulated one is held by a hand that goes through the object
+and back, by the clock. Forces are sent only with ``--arm`` and PANDIS_ARM=1, and only with a
+stiffness that ``hardware.json``, beside the exports, has found safe for this very file.
+"""
+
+import argparse
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from pandis.config import HardwareOptions
+from pandis.errors import PandisError
+from pandis.frame import UNIT_SIDE
+from pandis.hardware.attached import run_attached, stiffness_for
+from pandis.hardware.devices import DEVICES
+from pandis.native.device import Order, run_simulated
+from pandis.native.runtime import NativeField
+from pandis.native.scene import NativeScene, Placed
+
+#: The hand that holds the simulated device: N/m and Ns/m.
+HAND = (300.0, 6.0)
+
+
+def digest(path):
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def known(path, model, size):
+    """Return what a validation has found for a file on a device, and where it was missing why.
+
+    Parameters
+    ----------
+    path : Path
+        ``{field}.pandis``, in a folder ``export`` beside ``hardware.json``.
+    model : str
+        A key of `pandis.hardware.devices.DEVICES`.
+    size : float
+        Metres of the longest side.
+
+    Returns
+    -------
+    pressed, walls : dict or None
+        As for `pandis.hardware.attached.stiffness_for`.
+    why : str
+        Empty, or why nothing is known.
+    """
+    verdict = path.resolve().parent.parent / "hardware.json"
+    if not verdict.is_file():
+        return None, None, f"{verdict} is not there: run the workflow's hardware stage"
+    report = json.loads(verdict.read_text())
+    found = report["fields"].get(path.stem)
+    if found is None or found["sha256"] != digest(path):
+        return None, None, f"{verdict} is about another file: run the workflow's hardware stage"
+    if abs(report["size"] / size - 1) > 1e-6:
+        return None, None, f"{verdict} is about a longest side of {report['size']:g} m: use --size"
+    pressed = found["devices"].get(model)
+    if pressed is None:
+        return None, None, f"{verdict} knows no {model}: add it to hardware.devices"
+    return pressed, found["walls"], ""
+
+
+def touch_simulated(field, model, size, stiffness, seconds):
+    """Lead a simulated device through the middle of an object and back, by the clock.
+
+    Returns
+    -------
+    pandis.native.device.Session
+    """
+    spec = DEVICES[model]
+    period = 1 / spec.rate
+    ticks = max(1, round(seconds / period))
+    height = 0.6 * size * np.cos(np.linspace(0, 2 * np.pi, ticks))
+    rest = np.column_stack([np.zeros(ticks), height, np.zeros(ticks)])
+    device = spec.simulated(*HAND, 0, period, stiffness)
+    scene = NativeScene([Placed.at(field, size, stiffness)])
+    # nothing is late on a device that does not exist
+    late = {"deadline": 1.0, "gap": 1.0, "patience": 5.0}
+    order = Order(scene, ticks, spec.limits(period, stiffness), period, armed=True, **late)
+    return run_simulated(device, rest[0], rest, np.zeros(3), order, clock=True)
+
+
+def told(session, stiffness):
+    """Return what became of a run, in a sentence."""
+    return (
+        f"{session.sentence}: {len(session.force):,} ticks at {stiffness:.0f} N/m, at most "
+        f"{session.strongest:.2f} N, {session.cut} ticks cut, {session.slowed} slowed, "
+        f"{session.damped} damped, {session.signs} signs of an unstable wall"
+    )
+
+
+def main(words=None):
+    """Run the program; returns its exit status."""
+    about = __doc__.split("\n", 1)[0]
+    parser = argparse.ArgumentParser("pandis-touch", description=about)
+    parser.add_argument("field", type=Path, help="FIELD.pandis, as exported")
+    parser.add_argument("--model", choices=DEVICES, default="touch")
+    parser.add_argument("--library", default="libHD.so", help="OpenHaptics' library")
+    parser.add_argument("--name", default="", help="of the device; empty: the default one")
+    parser.add_argument("--simulated", action="store_true", help="no device: a simulated one")
+    parser.add_argument("--size", type=float, default=0.1, help="longest side, m")
+    parser.add_argument("--stiffness", type=float, default=400.0, help="asked for, N/m")
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--arm", action="store_true", help="send forces, with PANDIS_ARM=1")
+    given = parser.parse_args(words)
+    try:
+        field = NativeField(given.field)
+    except PandisError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    pressed, walls, why = known(given.field, given.model, given.size)
+    print(f"{given.field}: longest side {UNIT_SIDE / field.frame.scale:g} in the mesh's units")
+    if why:
+        print(f"no safe stiffness is known: {why}")
+    if given.simulated:
+        most = min(given.stiffness, DEVICES[given.model].stiffness)
+        stiffness = most if why else stiffness_for(most, DEVICES[given.model], pressed, walls)[0]
+        session = touch_simulated(field, given.model, given.size, stiffness, given.seconds)
+        print(f"A simulated device ran, and no other. It {told(session, stiffness)}.")
+        return 0
+    options = HardwareOptions(attached={"library": given.library, "name": given.name}).model_dump()
+    options |= options["attached"] | {
+        "model": given.model, "arm": given.arm, "seconds": given.seconds,
+    }  # fmt: skip
+    _, found = run_attached(field, given.size, given.stiffness, options, pressed, walls)
+    print(found["statement"])
+    print(f"It ended so: {found['ended']}; at most {found['strongest_n']:.2f} N.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
