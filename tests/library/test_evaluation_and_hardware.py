@@ -289,14 +289,15 @@ def test_summary_has_every_column_and_the_configs_order():
     }
     timing = {"fields": {"a": times}}
     jumps = {"mm01_max": 0.5, "mm01_rms": 0.1}
-    stress = {"fields": {"a": {"jumps": jumps}}, "failed": {"a": []}}
+    ghosts = {"ghosts": 0.01, "largest_n": 0.2}
+    stress = {"fields": {"a": {"jumps": jumps, "contacts": ghosts}}, "failed": {"a": []}}
     stress["controls"] = {"control-zero": ["missing"]}
     hardware = {"fields": {"a": {"compute_us": {"p99.9": 4.0}, "misses": 0, "verdict": "pass"}}}
     rows = summary_rows("m", evaluation, timing, stress, hardware, {"b": 1.5})
     assert [row["field"] for row in rows] == ["b", "a", "a" + UNNORMALISED]
     lines = to_csv(rows).splitlines()
     assert lines[0] == ",".join(COLUMNS)
-    assert lines[2].endswith("0.5,0.1,0,yes,4,0,pass")
+    assert lines[2].endswith("0.5,0.1,1,0.2,0,yes,4,0,pass")
     assert rows[0]["trajectory_millinewtons"] == pytest.approx(1000)
     assert rows[0]["trajectory_percent"] == pytest.approx(25)
     assert rows[0]["contact_millinewtons"] == rows[0]["contact_mean"] * 1000 == 250

@@ -45,6 +45,8 @@ COLUMNS = {
     "batch_us": "In a batch (µs)",
     "jump_max_newtons": "Largest jump per 0.1 mm (N)",
     "jump_rms_newtons": "RMS",
+    "ghost_percent": "Pushes in free space by 0.05 N or more (%)",
+    "ghost_newtons": "Largest force there (N)",
     "stress": "Stress: failed",
     "front": "Unbeaten",
     "hardware_p999_us": "At 1 kHz, p99.9 (µs)",
@@ -106,6 +108,8 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
         if found := stress["fields"].get(field):
             row["jump_max_newtons"] = found["jumps"]["mm01_max"]
             row["jump_rms_newtons"] = found["jumps"]["mm01_rms"]
+            row["ghost_percent"] = 100 * found["contacts"]["ghosts"]
+            row["ghost_newtons"] = found["contacts"]["largest_n"]
             row["stress"] = len(stress["failed"][field])
         if verdict := hardware["fields"].get(field):
             row |= {
