@@ -3,6 +3,7 @@
 import subprocess
 
 import igl
+import mpmath
 import numpy as np
 import pytest
 
@@ -318,6 +319,54 @@ def test_many_triangles_at_one_place_and_slivers():
     distance, _ = naive(vertices, faces[:1], points)
     assert np.abs(np.abs(labels.distance) - distance).max() < 1e-12
     assert set(labels.face) <= {0, 3000, 3001}  # of equals the first
+
+
+def to_sixty_digits(point, corners):
+    """The distance of a point to a triangle, in arithmetic of 60 digits."""
+    with mpmath.workdps(60):
+        p, a, b, c = ([mpmath.mpf(float(x)) for x in row] for row in (point, *corners))
+
+        def minus(u, v):
+            return [x - y for x, y in zip(u, v, strict=True)]
+
+        def dot(u, v):
+            return mpmath.fsum(x * y for x, y in zip(u, v, strict=True))
+
+        def along(start, end):
+            side, away = minus(end, start), minus(p, start)
+            t = min(max(dot(side, away) / dot(side, side), 0), 1)
+            return minus(away, [t * x for x in side])
+
+        u, v, w = minus(b, a), minus(c, a), minus(p, a)
+        uu, uv, vv, uw, vw = dot(u, u), dot(u, v), dot(v, v), dot(u, w), dot(v, w)
+        det = uu * vv - uv * uv
+        s, t = (vv * uw - uv * vw) / det, (uu * vw - uv * uw) / det
+        feet = [along(a, b), along(b, c), along(c, a)]
+        if s >= 0 and t >= 0 and s + t <= 1:
+            feet.append([z - s * x - t * y for x, y, z in zip(u, v, w, strict=True)])
+        return float(min(mpmath.sqrt(dot(foot, foot)) for foot in feet))
+
+
+@pytest.mark.parametrize("aspect", [1e3, 1e6, 1e9, 1e12])
+def test_needles_are_exact(aspect):
+    """A tetrahedron so many times as long as thick, turned out of the axes."""
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1 / aspect, 0], [1, 0.3 / aspect, 1 / aspect]])
+    vertices, faces = (
+        (corners - 0.5) @ turn.T,
+        np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]),
+    )
+    rng = np.random.default_rng(3)
+    near = vertices[0] + rng.random((20, 1)) * (vertices[1] - vertices[0])
+    points = np.concatenate(
+        [rng.uniform(-0.6, 0.6, (20, 3)), near + rng.normal(size=(20, 3)) / aspect]
+    )
+    found = np.abs(MeshDistance(vertices, faces).distance_and_normal(points, check=False)[0])
+    wanted = [min(to_sixty_digits(p, vertices[f]) for f in faces) for p in points]
+    off = np.abs(found - wanted)
+    assert off[:20].max() <= 3e-14
+    # as near as the needle is thick, its edges may be taken for its faces
+    assert off[20:].max() <= 2e-8
 
 
 def test_faces_must_name_vertices():

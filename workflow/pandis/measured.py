@@ -37,6 +37,28 @@ def bunny_table():
     return _noted(table, notes)
 
 
+#: Times in C of a summary: along the path, anywhere in the box, along the path with empty caches.
+_TIMES = (
+    "native_p50_us", "native_p999_us", "anywhere_p50_us", "anywhere_max_us",
+    "native_cold_p50_us", "native_cold_max_us",
+)  # fmt: skip
+
+
+def time_table():
+    """Return the times in C of the default run's fields for ``bunny``, warm and cold."""
+    notes, rows = _figures("default")
+    table = [
+        "| field | along the path, median (µs) | p99.9 | anywhere, median | worst place "
+        "| empty caches, median | worst |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        if row["mesh"] == "bunny" and row["bytes"]:
+            times = (f"{float(row[key]):.3g}" for key in _TIMES)
+            table.append(f"| `{row['field']}` | {' | '.join(times)} |")
+    return _noted(table, notes)
+
+
 def _figures(name):
     """Return the notes and the rows of a file of measured figures."""
     lines = (FOLDER / f"{name}.csv").read_text(encoding="utf-8").splitlines()

@@ -112,6 +112,7 @@ def generated():
             fields=measured.field_table(),
             full=measured.full_table(),
             native=measured.native_table(),
+            times=measured.time_table(),
             front=measured.front_table(),
             scenes=measured.scene_table(),
             servo=measured.servo_table(),
