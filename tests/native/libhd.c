@@ -21,6 +21,7 @@
  *     burning N       from tick N on a motor's temperature is no number
  *     aside           its workspace lies 3 cm to the right
  *     tired           it stands 0.2 N for long
+ *     skip N          at tick N the call comes ten ticks late, and the probe has moved on
  *     late N          from tick N on a force acts eight ticks later: walls come alive
  */
 #define _GNU_SOURCE
@@ -226,6 +227,12 @@ static void *loop(void *none) {
         if (faulty("apart")) {
             const struct timespec pause = {0, 60000000};
             nanosleep(&pause, NULL);
+        }
+        if (faulty("skip") && simulated.tick == fault_tick) {
+            const struct timespec pause = {0, 10000000};
+            nanosleep(&pause, NULL);
+            for (int k = 0; k < 10; k++) simulated_advance();
+            clock_gettime(CLOCK_MONOTONIC, &due);
         }
         if (faulty("late") && simulated.spec.delay < 8) simulated.spec.delay = 8;
         standin_seen.calls += scheduled;

@@ -134,6 +134,15 @@ def test_the_object_lies_in_the_middle_of_the_devices_own_workspace(run):  # noq
     assert (x[touching] < RADIUS + 0.03).all()
 
 
+def test_a_late_call_makes_no_fast_probe(run):  # noqa: F811
+    """Ten ticks late, a probe of 0.2 m/s has gone 2 mm: by the nominal period that is 2 m/s."""
+    kind = f"20 6 {RADIUS - 0.05}"
+    session, _ = run("skip 60", place=RADIUS + 0.05, kind=kind, limits=ARMED | {"speed": 1.0})
+    gone = np.linalg.norm(np.diff(session.position, axis=0), axis=1)
+    assert gone[59:62].max() > 1e-3  # more than the limit, in one nominal period
+    assert session.cause == hdapi.DONE, session.sentence
+
+
 def test_a_pull_device_is_driven_by_the_clock(files):
     """A device without a scheduler: the same guard, the same forces."""
     spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 300.0, "hand_damping": 6.0}))
@@ -224,3 +233,23 @@ def test_an_unstable_wall_is_damped_or_ended(times, damping, files):
     gone = np.minimum.accumulate(balance).min()
     print(times, damping, safe, session.cause, len(session.force), gone, session.signs, work.sum())
     assert gone > -1e-3
+
+
+def test_what_damping_does_not_mend_ends_after_fifty_milliseconds(files):
+    """A hand that trembles against the wall 60 times a second, without the wall's giving energy."""
+    ticks = 600
+    rest = np.zeros((ticks, 3))
+    tremble = 4e-4 * np.sin(2 * np.pi * 60 * 1e-3 * np.arange(ticks))
+    rest[:, 0] = RADIUS - 3e-3 + np.where(np.arange(ticks) > 200, tremble, 0)
+    spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 4000.0, "hand_damping": 20.0}))
+    wanted = order(files, ticks, limits=LIMITS | ARMED | {"needs": 0})
+    start = np.array([RADIUS + 5e-4, 0, 0])
+    session = hdapi.run_simulated(spec, start, rest, np.zeros(3), wanted)
+    assert session.cause == hdapi.UNSTABLE
+    assert session.signs == 1
+    first = np.flatnonzero(swings(session.position, session.since))[0]
+    last = np.flatnonzero(np.linalg.norm(session.force, axis=1))[-1]
+    assert first > 200
+    assert 40 <= last - first <= 50
+    assert booked(session, STIFFNESS).min() > -1e-3
+    allowed(session, limits={"needs": 0})
