@@ -16,7 +16,7 @@ test: lint
 	$(BIN)/pytest -n $(JOBS) --dist worksteal --durations 15
 
 test-full: lint
-	$(BIN)/pytest -m ""
+	$(BIN)/pytest -m "" -n $(JOBS) --dist worksteal --durations 15
 
 lint: .venv/installed
 	$(BIN)/ruff check .

@@ -9,7 +9,7 @@ from pandis import __version__
 from pandis.budget import Limits, told, told_figures
 from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.evaluation.beyond import POINTS
-from pandis.evaluation.front import PRICES, recommend
+from pandis.evaluation.front import PRICES, may_be_used, recommend
 from pandis.evaluation.paths import verdict
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
@@ -165,20 +165,29 @@ def _first(rows, networks):
 
 
 def _sentence(rows, networks, closed_form):
-    """Say in one sentence who wins, whoever it is."""
-    error = {row["field"]: row["trajectory_mean"] for row in rows if row["bytes"] != ""}
-    approximate = {k: v for k, v in error.items() if v > 0}
+    """Say who wins where a probe can press, whoever it is, and how the networks compare."""
+    known = [row for row in rows if row["bytes"] != ""]
+    approximate = [row for row in known if row["trajectory_mean"] > 0]
     if not approximate:
         return "Only exact fields were built."
-    best = min(approximate, key=approximate.get)
-    text = f"Of the approximate fields, {best} has the least mean force error on the trajectory "
-    text += f"({approximate[best]:.2e})."
-    base = approximate.get("trilinear-64")
+    able = [row for row in approximate if may_be_used(row)]
+    if able:
+        best = min(able, key=lambda row: row["contact_mean"])
+        text = (
+            "Of the approximate fields that failed no question of the stress suite and lack no "
+            f"surface, {best['field']} errs least where a probe can press: "
+            f"{best['contact_millinewtons']:.3g} mN on average, {best['contact_percent']:.2g} % of "
+            "the mean force."
+        )
+    else:
+        text = "Every approximate field failed a question of the stress suite, or lacks surface."
+    error = {row["field"]: row["trajectory_mean"] for row in approximate}
+    base = error.get("trilinear-64")
     for name in networks:
-        if base and name in approximate:
+        if base and name in error:
             text += (
-                f" {name} has {approximate[name] / base:.2f} times the error of the paper's "
-                "trilinear-64."
+                f" On the trajectory {name} has {error[name] / base:.2f} times the error of the "
+                "paper's trilinear-64."
             )
     exact = next((r for r in rows if r["field"] == "exact" and r["native_p50_us"] != ""), None)
     if exact:
