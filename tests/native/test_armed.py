@@ -28,7 +28,7 @@ def allowed(session, stiffness=STIFFNESS, limits=None):
     known = np.isfinite(session.position).all(axis=1)
     depth = np.maximum(RADIUS - np.linalg.norm(session.position, axis=1), 0)
     way = np.linalg.norm(np.diff(session.position, axis=0, prepend=session.position[:1]), axis=1)
-    damping = own["most_damping"] * way / np.maximum(session.since, 1e-4)
+    damping = own["most_damping"] * way / np.maximum(session.since, 1e-3)
     bound = stiffness * depth + damping + 1e-9
     # what a slew limit keeps back may come later: no more than the deepest so far allows
     assert (size[known] <= np.maximum.accumulate(np.where(known, bound, 0))[known]).all()

@@ -77,6 +77,23 @@ def test_a_stepped_field_gives_energy_and_is_told_so(files, surface):
     assert found["safe_n_m"] < pressed("exact", files, surface)["safe_n_m"]
 
 
+def test_a_field_that_pushes_in_free_space_is_pressed_from_above_its_ghosts(files, surface):
+    """No device is armed within a force: pressed from 0.2 mm, it got none, and was called calm."""
+    found = pressed("trilinear", files, surface)
+    assert found["unarmed"] == 0
+    assert found["strongest_n"] > 0.3
+
+
+def test_a_press_that_gets_no_force_is_not_calm(files, surface, monkeypatch):
+    monkeypatch.setattr("pandis.hardware.pressing._HEIGHTS", np.full(7, -3e-4))
+    found = pressed("exact", files, surface)
+    assert found["unarmed"] == len(surface.feet)
+    assert found["quiet"] == 0
+    assert found["safe_n_m"] == 0
+    assert judge(found) == "fail"
+    assert "presses got no force" in device_sentence(found)
+
+
 def test_a_hard_push_is_beyond_the_devices_limit(files, surface):
     found = pressed("exact", files, surface, press=6.0)
     assert found["cut"] > 0
@@ -254,9 +271,9 @@ def test_a_whole_validation_arms_with_no_more_than_its_own_figure(libraries, fil
     options = HardwareOptions(devices=[], seconds=0.05, attached={"library": str(libraries[0])})
     options = options.model_dump() | {"hand": HAND, "size": SIZE, "stiffness": 400.0}
     verdict = {"devices": {}}
-    _, found = _attached(NativeField(files["sphere"]), surface, WHOLE, verdict, options)
+    _, found = _attached(NativeField(files["exact"]), surface, WHOLE, verdict, options)
     own = press_devices(
-        NativeField(files["sphere"]), surface, WHOLE, options | {"devices": ["touch"]}
+        NativeField(files["exact"]), surface, WHOLE, options | {"devices": ["touch"]}
     )["touch"]
     assert found["stiffness"] == pytest.approx(min(400.0, 0.7 * own["hands"]["0.3"]))
 

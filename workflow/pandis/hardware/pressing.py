@@ -15,8 +15,12 @@ from pandis.native.device import DONE, Order, run_simulated
 from pandis.native.scene import NativeScene, Placed
 from pandis.stress.coupled import CALM, LADDER, QUIET, START, shaking
 
-#: Ticks of a press; ticks of the slide.
-TICKS, SLIDE = 900, 2000
+#: Milliseconds of a press, and of the slide.
+TICKS, SLIDE = 1200, 2000
+#: Above the surface (m): where a press begins, the first at which the field has no force.
+_HEIGHTS = START * 2.0 ** np.arange(7)
+#: A press of less than so many times the friction may never reach the wall.
+_STUCK = 1.5
 #: A press that comes all at once swings to twice its force: half of what the wall holds is enough.
 _GENTLE = 0.5
 #: So much energy (J) may be missing: an encoder's step at the force that is pressed with hides it.
@@ -98,11 +102,13 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     dict
         ``stiffness``, ``strongest_n``, ``steepest_n_per_ms``, ``cut`` (ticks at the force limit),
         ``energy_j`` (the least balance of the wall and the device, see ``energy.h``), ``quiet``
-        (share of the points that do not shake), ``reach_m`` (how far from the workspace's middle
+        (share of the presses that reach a wall and do not shake there, of those that friction
+        lets reach one), ``unarmed`` (presses that began in a force of the field, however high
+        above the surface, and so got none), ``reach_m`` (how far from the workspace's middle
         the probe came), ``ended`` (why, if a run ended early),
         ``within_limits``, ``passive``; ``hand``: the damping of the one that all of this is
         about; ``safe_n_m``: the largest safe stiffness for it, and ``limited_by``; ``hands``: the
-        same for each of `HANDS`, by its damping; ``released_n_m``: with a weight in place of a
+        same for it and each of `HANDS`, by its damping; ``released_n_m``: with a weight in place of a
         hand.
     """
     rig = _Rig(field, spec, surface, size, hand, rate)
@@ -118,18 +124,20 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     others = {
         damping: _Rig(field, spec, surface, size, hand._replace(damping=damping), rate)
         for damping in HANDS
-    }
+        if damping != hand.damping
+    } | {hand.damping: rig}
     free = _Rig(field, spec, surface, size, hand._replace(stiffness=0.0, damping=0.0), rate)
     return {
         "hand": hand.damping,
-        "hands": {f"{d:g}": other.safe(stiffness)[0] for d, other in others.items()},
+        "hands": {f"{d:g}": others[d].safe(stiffness)[0] for d in sorted(others)},
         "released_n_m": free.safe(stiffness)[0],
         "stiffness": stiffness,
         "strongest_n": max(run.strongest for run in every),
         "steepest_n_per_ms": max(run.steepest for run in every) * 1e-3 * rate,
         "cut": int(cut),
         "energy_j": float(energy),
-        "quiet": float(np.mean([rig.is_quiet(run) for run in runs])),
+        "quiet": rig.quiet(stiffness),
+        "unarmed": sum(run.armed_at < 0 for run in runs),
         "reach_m": reach,
         "ended": ended,
         "within_limits": not cut and not ended and reach <= spec.workspace,
@@ -143,16 +151,32 @@ class _Rig:
     def __init__(self, field, spec, surface, size, hand, rate):
         self.field, self.spec, self.hand, self.period = field, spec, hand, 1 / rate
         self.size, self.surface, self._pressed = size, surface, {}
-        self.picked = list(zip(surface.feet, surface.outward, surface.radius, strict=True))
+        starts = self._free(surface.feet, surface.outward)
+        self.picked = list(zip(surface.feet, surface.outward, surface.radius, starts, strict=True))
         # the hand waits above the surface until the whole force is given
         self.wait = round(RAMP * rate)
         self.ticks = self.wait + round(TICKS * 1e-3 * rate)
 
+    def _free(self, feet, outward):
+        """Return the lowest places (n, 3) above surface points at which the field has no force.
+
+        No device is armed within a force, and a grid of forces pushes in free space, too.
+        """
+        heights = _HEIGHTS[:, None, None]
+        places = feet + heights * outward
+        scene = NativeScene([Placed.at(self.field, self.size, 1.0)])
+        pushed = scene.ask_all(places.reshape(-1, 3)).reshape(places.shape).any(axis=2)
+        return places[np.argmin(pushed, axis=0), np.arange(len(feet))]
+
+    def strength(self, stiffness, radius):
+        """Return with how many newtons the hand presses where the solid is so thick."""
+        return min(self.hand.press, _GENTLE * stiffness * radius)
+
     def order(self, stiffness, ticks):
         scene = NativeScene([Placed.at(self.field, self.size, stiffness)])
-        return Order(
-            scene, ticks, self.spec.limits(self.period, stiffness), self.period, armed=True
-        )
+        limits = self.spec.limits(self.period, stiffness)
+        limits.most_damping = 0.0  # safe is what needs no damping: that is for what nobody foresaw
+        return Order(scene, ticks, limits, self.period, armed=True)
 
     def simulated(self, wall):
         hand = self.hand
@@ -162,9 +186,8 @@ class _Rig:
         if stiffness not in self._pressed:  # the ladder has a rung at the stiffness asked for
             wanted, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
             self._pressed[stiffness] = []
-            for point, normal, radius in self.picked:
-                press = min(self.hand.press, _GENTLE * stiffness * radius)
-                start = point + START * normal
+            for point, normal, radius, start in self.picked:
+                press = self.strength(stiffness, radius)
                 rest, push = (
                     np.tile(point, (self.ticks, 1)),
                     np.tile(-press * normal, (self.ticks, 1)),
@@ -183,7 +206,7 @@ class _Rig:
             np.stack([np.interp(at, steps, values[:, k]) for k in range(3)], axis=1)
             for values in (self.surface.points, -self.hand.press * self.surface.normals)
         )
-        start = self.surface.points[0] + START * self.surface.normals[0]
+        start = self._free(self.surface.points[:1], self.surface.normals[:1])[0]
         rest = np.concatenate([np.tile(start, (self.wait, 1)), rest])
         push = np.concatenate([np.zeros((self.wait, 3)), push])
         device, wanted = self.simulated(stiffness), self.order(stiffness, len(rest))
@@ -193,13 +216,27 @@ class _Rig:
         path = run.path[self.wait + (len(run.path) - self.wait) * 2 // 3 :]
         return run.cause == DONE and shaking(path, self.period) < QUIET
 
+    def quiet(self, stiffness):
+        """Return the share of the presses that reach a wall and keep still there.
+
+        A press that friction may hold back, and that has reached none, tells nothing; if it is so
+        with all of them, nothing shakes.
+        """
+        told = []
+        for run, (_, _, radius, _) in zip(self.presses(stiffness), self.picked, strict=True):
+            touched = bool(run.force.any())
+            held = self.strength(stiffness, radius) <= _STUCK * self.spec.friction
+            if touched or not held or run.armed_at < 0:
+                told.append(touched and self.is_quiet(run))
+        return float(np.mean(told)) if told else 1.0
+
     def safe(self, stiffness):
         """Return the largest stiffness that is quiet and passive, and what keeps it from more."""
         last, why = 0.0, ""
         for wanted in LADDER * stiffness:
             runs = self.presses(wanted)
-            if np.mean([self.is_quiet(run) for run in runs]) < CALM:
-                why = "it shakes beyond"
+            if self.quiet(wanted) < CALM:
+                why = "it shakes, or holds nothing, beyond"
             if min(run.worst for run in runs) < -SLACK:
                 why = "the wall gives energy beyond"
             if any(run.cause != DONE for run in runs):

@@ -8,7 +8,7 @@ from pandis.stress.coupled import CALM
 def judge(found):
     """Return ``pass`` or ``fail`` for what `pandis.hardware.pressing.press` has found."""
     good = found["within_limits"] and found["passive"] and found["quiet"] >= CALM
-    good = good and not found["pressed_missing"]
+    good = good and not found["pressed_missing"] and not found["unarmed"]
     return "pass" if good and found["safe_n_m"] >= found["stiffness"] else "fail"
 
 
@@ -44,9 +44,14 @@ def device_sentence(found):
             f"the object reaches {reach:.0f} mm from the middle of a workspace of {radius:.0f} mm: "
             "make device.size smaller"
         )
+    if found["unarmed"]:
+        faults.append(
+            f"{found['unarmed']} presses got no force, for the field pushes in free space, too, "
+            "and a device is armed outside of every force"
+        )
     still = "it keeps still"
     if found["quiet"] < 1:
-        share = f"it shakes on {100 * (1 - found['quiet']):.0f} % of the points"
+        share = f"it shakes or is not held on {100 * (1 - found['quiet']):.0f} % of the points"
         still = f"{share} ({100 * (1 - CALM):.0f} % may)"
     energy = "gives no energy"
     if found["energy_j"] < 0:

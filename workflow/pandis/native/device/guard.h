@@ -206,7 +206,7 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
 /* Turn a force that is wanted into one that may be sent; zero once there is a cause. `since`: s since the
  * last tick. */
 static void guard_pass(guard *g, const device_state *state, double since, int armed, double *force) {
-    double dt = since > 0.1 * g->period ? since : g->period;
+    double dt = since > g->period ? since : g->period; /* calls that catch up are no fast probe */
     if (!(length_of(force) <= 1e100)) guard_end(g, CAUSE_NUMBER);
     if (!g->cause && g->ticks > 0) guard_observe(g, state->position, dt);
     int troubled = !g->cause && guard_troubled(g);
