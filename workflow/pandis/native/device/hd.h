@@ -55,6 +55,7 @@ enum {
 #define HD_INVALID_HANDLE 0xFFFFFFFFu
 #define HD_PRIORITY 65535 /* the highest: nothing else is to come first */
 #define HD_MOTORS 8
+#define HD_BOOLEAN 8 /* bytes of room for what is one in some versions of the library, and four in others */
 
 typedef struct {
     unsigned int code;
@@ -122,7 +123,7 @@ static int hd_ask(unsigned int what, double *values, int count) {
 
 static unsigned int hd_open(device *self, const char *name, device_spec *spec) {
     double number, box[6];
-    unsigned char safety = 0;
+    unsigned char safety[HD_BOOLEAN] = {0};
     (void)self;
     hd_drain();
     hd.device = hd.api.init_device(name && *name ? name : NULL);
@@ -142,7 +143,7 @@ static unsigned int hd_open(device *self, const char *name, device_spec *spec) {
         for (int k = 0; k < 3; k++) spec->low[k] = 1e-3 * box[k], spec->high[k] = 1e-3 * box[k + 3];
     double heat[HD_MOTORS];
     hd.heat = hd_ask(HD_MOTOR_TEMPERATURE, heat, HD_MOTORS);
-    hd.api.get_booleans(HD_CURRENT_SAFETY_SWITCH, &safety);
+    hd.api.get_booleans(HD_CURRENT_SAFETY_SWITCH, safety);
     hd.safety = hd_drain() == HD_SUCCESS;
     return 0;
 }
@@ -157,8 +158,8 @@ static int hd_calibrated(device *self) {
 /* Begin a frame, which the force that is written ends. */
 static void hd_read(device *self, device_state *state) {
     double heat[HD_MOTORS] = {0}, place[16] = {0};
-    int buttons = 0;
-    unsigned char safety = 0;
+    int buttons[2] = {0};
+    unsigned char safety[HD_BOOLEAN] = {0};
     (void)self;
     memset(state, 0, sizeof *state);
     for (int k = 0; k < 3; k++) state->position[k] = (double)NAN;
@@ -166,16 +167,17 @@ static void hd_read(device *self, device_state *state) {
     hd.api.get_doubles(HD_CURRENT_POSITION, state->position);
     hd.api.get_doubles(HD_CURRENT_VELOCITY, state->velocity);
     hd.api.get_doubles(HD_CURRENT_TRANSFORM, place); /* column by column */
-    hd.api.get_integers(HD_CURRENT_BUTTONS, &buttons);
+    hd.api.get_integers(HD_CURRENT_BUTTONS, buttons);
     if (hd.heat) hd.api.get_doubles(HD_MOTOR_TEMPERATURE, heat);
-    if (hd.safety) hd.api.get_booleans(HD_CURRENT_SAFETY_SWITCH, &safety);
+    if (hd.safety) hd.api.get_booleans(HD_CURRENT_SAFETY_SWITCH, safety);
     for (int k = 0; k < 3; k++) {
         state->position[k] *= 1e-3, state->velocity[k] *= 1e-3;
         for (int i = 0; i < 3; i++) state->rotation[3 * i + k] = place[4 * k + i];
     }
     for (int k = 0; k < HD_MOTORS; k++)
         if (isnan(heat[k]) || heat[k] > state->temperature) state->temperature = heat[k]; /* NaN stays */
-    state->buttons = (unsigned int)buttons, state->safe = safety;
+    state->buttons = (unsigned int)buttons[0];
+    state->safe = safety[0] || safety[1] || safety[2] || safety[3];
     state->time = (double)NAN;
 }
 
