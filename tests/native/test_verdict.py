@@ -46,7 +46,7 @@ def pressed(name, files, surface, device="touch", stiffness=400.0, **hand):
     field = NativeField(files[name])
     spec = DEVICES[device]
     found = press(field, spec, surface, SIZE, stiffness, Hand(**(HAND | hand)), 1000.0)
-    return found | {"device": device, "pressed_missing": 0}
+    return found | {"device": device, "pressed_missing": 0, "holds": True}
 
 
 def test_an_exact_surface_is_safe_on_every_device(files, surface):
@@ -117,15 +117,19 @@ def test_the_verdict_is_the_same_again(files, surface):
 def test_every_device_is_named(files, surface):
     options = HardwareOptions(devices=["touch", "falcon"]).model_dump()
     options |= {"hand": HAND, "size": SIZE, "stiffness": 400.0}
-    walls = {"pressed_missing": 0}
+    walls = {"pressed_missing": 0, "holds": True}
     found = press_devices(NativeField(files["torus"]), surface, walls, options)
     assert list(found) == ["touch", "falcon"]
     assert found["touch"]["verdict"] == "pass"
-    walls = {"pressed_missing": 2}
+    walls = {"pressed_missing": 2, "holds": True}
     failed = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
     assert failed["verdict"] == "fail"
     assert "at 2 of the points that it presses on the force is missing" in failed["sentence"]
     assert "do not use it" in failed["sentence"]
+    walls = {"pressed_missing": 0, "holds": False}
+    lacking = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
+    assert lacking["verdict"] == "fail"
+    assert "lacks a part of the surface; do not use it" in lacking["sentence"]
     assert found["falcon"]["sentence"].startswith(
         "On a simulated Falcon in a hand of 3 Ns/m at 400 N/m"
     )

@@ -108,8 +108,8 @@ def press(field, spec, surface, size, stiffness, hand, rate):
         the probe came), ``ended`` (why, if a run ended early),
         ``within_limits``, ``passive``; ``hand``: the damping of the one that all of this is
         about; ``safe_n_m``: the largest safe stiffness for it, and ``limited_by``; ``hands``: the
-        same for it and each of `HANDS`, by its damping; ``released_n_m``: with a weight in place of a
-        hand.
+        same for it and each of `HANDS`, by its damping; ``released_n_m``: with a weight in place
+        of a hand.
     """
     rig = _Rig(field, spec, surface, size, hand, rate)
     stiffness = min(stiffness, spec.stiffness)

@@ -144,6 +144,7 @@ def press_devices(field, surface, walls, options):
             field, DEVICES[name], surface, options["size"], stiffness, hand, options["rate"]
         )
         own |= {"device": name, "pressed_missing": walls["pressed_missing"]}
+        own["holds"] = walls["holds"]
         own["verdict"], own["sentence"] = judge(own), device_sentence(own)
         found[name] = own
     return found

@@ -8,7 +8,7 @@ from pandis.stress.coupled import CALM
 def judge(found):
     """Return ``pass`` or ``fail`` for what `pandis.hardware.pressing.press` has found."""
     good = found["within_limits"] and found["passive"] and found["quiet"] >= CALM
-    good = good and not found["pressed_missing"] and not found["unarmed"]
+    good = good and not found["pressed_missing"] and not found["unarmed"] and found["holds"]
     return "pass" if good and found["safe_n_m"] >= found["stiffness"] else "fail"
 
 
@@ -61,6 +61,8 @@ def device_sentence(found):
         faults.append(
             f"at {found['pressed_missing']} of the points that it presses on the force is missing"
         )
+    if not found["holds"]:
+        faults.append("the field lacks a part of the surface")
     if found["quiet"] < CALM:
         faults.append(still)
     if not found["passive"]:
@@ -69,7 +71,7 @@ def device_sentence(found):
         f"at most {found['strongest_n']:.2g} of its {device.force:g} N, {still} and {energy}"
     )
     safe, light = found["safe_n_m"], min(found["hands"], key=float)
-    use = safe and not found["pressed_missing"]
+    use = safe and not found["pressed_missing"] and found["holds"]
     advice = "do not use it"
     if use:
         advice = (
