@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <thread>
@@ -30,7 +31,7 @@ bool level_place(const pandis_field *field, double deep, double place[3]) {
                        low[2] + (line / 40 + 0.5) / 40 * (high[2] - low[2])};
         const double step = (high[1] - low[1]) / 400;
         pandis_answer at, below;
-        for (at.distance = 1; p[1] > low[1] && !(at.distance < -step); p[1] -= step) pandis_query(field, p, &at);
+        for (pandis_query(field, p, &at); p[1] > low[1] && !(at.distance < -step); pandis_query(field, p, &at)) p[1] -= step;
         const double under[3] = {p[0], p[1] - deep, p[2]};
         pandis_query(field, under, &below);
         if (!(below.distance < -deep / 2 && below.normal[1] > 0) || !(std::min(at.normal[1], below.normal[1]) > best)) continue;

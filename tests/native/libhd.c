@@ -4,6 +4,7 @@
  *     init            there is no device
  *     start           the scheduler does not start
  *     error N CODE    the device reports CODE at tick N
+ *     ending N CODE   the device reports CODE at the end of tick N's frame, and calls no more
  *     unplugged N     from tick N on no more calls are made, and nothing is reported
  *     slow N          the clock stands still for 30 ms within the callback at tick N
  *     hang N          the callback does not come back from tick N for a second and a half
@@ -108,7 +109,9 @@ void hdEnable(unsigned int what) {
 
 void hdDisable(unsigned int what) {
     standin_seen.disabled += what == HD_FORCE_OUTPUT;
-    if (what == HD_FORCE_OUTPUT && is_ours(0)) simulated.output = 0;
+    if (what != HD_FORCE_OUTPUT || !is_ours(0)) return;
+    simulated.output = 0; /* the motors are off */
+    for (int k = 0; k < 3; k++) simulated.sent[k] = standin_seen.last[k] = 0;
 }
 
 void hdBeginFrame(unsigned int device) {
@@ -126,6 +129,7 @@ void hdEndFrame(unsigned int device) {
     if (!is_ours(device)) return;
     if (!framed) simulated_report(HD_ILLEGAL_END);
     else simulated_accept(pending);
+    if (faulty("ending") && simulated.tick == fault_tick) simulated_report(fault_code);
     framed = 0;
     double size = length_of(simulated.sent);
     if (size > standin_seen.largest) standin_seen.largest = size;
@@ -223,7 +227,7 @@ static void *loop(void *none) {
         due.tv_nsec += 1000000;
         if (due.tv_nsec >= 1000000000) due.tv_nsec -= 1000000000, due.tv_sec++;
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
-        if (faulty("unplugged")) continue;
+        if (faulty("unplugged") || (faulty("ending") && simulated.tick > fault_tick)) continue;
         if (faulty("apart")) {
             const struct timespec pause = {0, 60000000};
             nanosleep(&pause, NULL);

@@ -62,6 +62,31 @@ def test_every_fault_is_zero_from_its_tick_on(fault, run):  # noqa: F811
     allowed(session, limits=limits)
 
 
+def test_an_error_of_the_write_itself_turns_the_motors_off_at_once(run):  # noqa: F811
+    """Nobody may call again: no later tick could send a zero."""
+    session, seen = run("ending 60 302", limits=ARMED, patience=0.2)
+    assert session.cause == hdapi.ERROR
+    assert session.force[59].any()
+    assert not session.force[60:].any()
+    assert len(session.force) == 61
+    assert seen.disabled >= 2  # in that tick, and when the run ended
+
+
+def test_a_touch_and_go_while_the_force_comes_in_is_no_fault(files):
+    """Half of a ramp: what the wall stores there is that of half its stiffness."""
+    ticks = 700
+    rest = np.zeros((ticks, 3))
+    rest[:, 0] = RADIUS + np.interp(
+        np.arange(ticks), [150, 250, 280, 380], [1e-3, -5e-3, -5e-3, 1e-3]
+    )
+    spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 1500.0, "hand_damping": 15.0}))
+    wanted = order(files, ticks, limits=LIMITS | ARMED | {"needs": 0, "ramp": 500})
+    start = np.array([RADIUS + 1e-3, 0, 0])
+    session = hdapi.run_simulated(spec, start, rest, np.zeros(3), wanted)
+    assert session.strongest > 0.5
+    assert (session.cause, session.signs) == (hdapi.DONE, 0), session.sentence
+
+
 NEVER = {
     "uncalibrated -1": (hdapi.CALIBRATION, "inkwell"),
     "update": (hdapi.CALIBRATION, "calibrate it"),

@@ -415,7 +415,7 @@ def test_paths_are_utf8_on_windows_too(files, tmp_path):
     assert "no error" in done.stdout
 
 
-@pytest.mark.parametrize("name", ["box", "trilinear", "spline", "network"])
+@pytest.mark.parametrize("name", ["box", "sphere", "trilinear", "spline", "network"])
 def test_what_a_program_may_ask_of_a_field(name, files, fields, tmp_path):
     source, program = HERE / "asks.c", tmp_path / "asks"
     command = [COMPILERS[0], "-std=c99", "-O1", "-I", NATIVE, source, "-lm", "-o", program]
@@ -425,7 +425,7 @@ def test_what_a_program_may_ask_of_a_field(name, files, fields, tmp_path):
     ).stdout.splitlines()
     assert lines[0] == "9"  # bytes that do not begin at a multiple of 8
     kind, size, longest, *bounds = lines[1].split()
-    assert int(kind) == {"box": 5, "trilinear": 2, "spline": 3, "network": 1}[name]
+    assert int(kind) == {"box": 5, "sphere": 5, "trilinear": 2, "spline": 3, "network": 1}[name]
     assert int(size) == files[name].stat().st_size
     frame = fields[name][0].frame
     assert float(longest) == pytest.approx(1.8 / frame.scale)
@@ -439,7 +439,7 @@ def test_what_a_program_may_ask_of_a_field(name, files, fields, tmp_path):
     assert flags[:3].tolist() == [[2, 1]] * 3
     assert flags[3, 0] != 2
     slope = float(lines[4])
-    wanted = {"box": 1.0, "trilinear": 0.0, "spline": 1.0}.get(name)
+    wanted = {"box": 1.0, "sphere": 1.0, "trilinear": 0.0, "spline": 1.0}.get(name)
     assert wanted is None or slope == pytest.approx(wanted, abs=0.1)
     assert lines[5] == pandis.__version__
 

@@ -18,8 +18,9 @@ def exported(files, tmp_path):
     path.write_bytes(files["sphere"].read_bytes())
     pressed = {"hands": {"0.3": 200.0}}
     walls = {"holds": True, "pressed_missing": 0}
-    field = {"sha256": touch.digest(path), "devices": {"touch": pressed}, "walls": walls}
-    report = {"size": 0.1, "fields": {"exact": field}}
+    sound = {"agrees": True, "in_time": True}
+    field = sound | {"sha256": touch.digest(path), "devices": {"touch": pressed}, "walls": walls}
+    report = {"size": 0.1, "rate": 1000.0, "fields": {"exact": field}}
     (tmp_path / "hardware.json").write_text(json.dumps(report))
     return path
 
@@ -54,6 +55,15 @@ def test_what_is_known_of_another_file_arms_nothing(damage, said, exported):
 
 def test_another_size_or_device_is_not_what_was_found_safe(exported):
     assert "longest side of 0.1 m" in touch.known(exported, "touch", 0.2)[2]
+    report = json.loads((exported.parent.parent / "hardware.json").read_text())
+    for changes in ({"agrees": False, "sentence": "Fail"}, {"in_time": False, "sentence": "Fail"}):
+        field = {"exact": report["fields"]["exact"] | changes}
+        told = json.dumps(report | {"fields": field})
+        (exported.parent.parent / "hardware.json").write_text(told)
+        assert touch.known(exported, "touch", 0.1)[2].endswith("says: Fail")
+    (exported.parent.parent / "hardware.json").write_text(json.dumps(report | {"rate": 10_000.0}))
+    assert "about 10000 Hz" in touch.known(exported, "touch", 0.1)[2]
+    (exported.parent.parent / "hardware.json").write_text(json.dumps(report))
     assert "knows no falcon" in touch.known(exported, "falcon", 0.1)[2]
 
 

@@ -239,6 +239,7 @@ def test_an_armed_device_gets_what_is_safe_for_a_light_hand():
     weak = {"hands": {"0.3": 200.0, "3": 1e3}}
     assert stiffness_for(400.0, touch, weak, WHOLE) == (pytest.approx(140.0), "")
     assert stiffness_for(100.0, touch, weak, WHOLE) == (100.0, "")
+    assert "has not the forces" in stiffness_for(400.0, touch, SAFE, WHOLE, sound=False)[1]
     for known, why in {
         (None, None): "no safe stiffness is known",
         (0, 1): "lacks a part of the surface",
@@ -274,7 +275,7 @@ def test_a_whole_validation_arms_with_no_more_than_its_own_figure(libraries, fil
     """The simulated device of the attached model is pressed though nobody asked for it."""
     options = HardwareOptions(devices=[], seconds=0.05, attached={"library": str(libraries[0])})
     options = options.model_dump() | {"hand": HAND, "size": SIZE, "stiffness": 400.0}
-    verdict = {"devices": {}}
+    verdict = {"devices": {}, "agrees": True, "in_time": True}
     _, found = _attached(NativeField(files["exact"]), surface, WHOLE, verdict, options)
     own = press_devices(
         NativeField(files["exact"]), surface, WHOLE, options | {"devices": ["touch"]}

@@ -89,7 +89,7 @@ class SplineField(Field):
         if not len(some):
             return
         missing, down = missing[some], gradient[some]
-        lift = np.minimum(_LIFT * self._base.step, -value[some])
+        lift = np.minimum(_LIFT / self._base.per_step, -value[some])
         lift *= missing * missing * (3 - 2 * missing)
         up = points[some] + lift[:, None] * down
         found, normal = np.zeros(len(some)), np.zeros((len(some), 3))

@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from pandis.hardware.devices import DEVICES
-from pandis.native.device import CALIBRATION, DEVICE, DONE, LIBRARY, Order, run_device
+from pandis.native.device import DONE, Order, run_device
 from pandis.native.scene import NativeScene, Placed
 
 STAND_IN = "A stand-in for OpenHaptics ran, and no device: nothing of it is a hardware result."
@@ -29,7 +29,7 @@ CONSENT = "PANDIS_ARM"
 SHARE, HAND = 0.7, "0.3"
 
 
-def stiffness_for(asked, spec, pressed, walls):
+def stiffness_for(asked, spec, pressed, walls, sound=True):
     """Return the stiffness that a device may be armed with, and why it may not be armed at all.
 
     Parameters
@@ -41,6 +41,8 @@ def stiffness_for(asked, spec, pressed, walls):
         What `pandis.hardware.pressing.press` found for this field, mesh and device.
     walls : dict or None
         From `pandis.hardware.walls.compare`.
+    sound : bool
+        The file has its field's forces, and computes them in time.
 
     Returns
     -------
@@ -53,6 +55,8 @@ def stiffness_for(asked, spec, pressed, walls):
     most = min(asked, spec.stiffness)
     if pressed is None or walls is None:
         return most, "no safe stiffness is known for this field on this device"
+    if not sound:
+        return most, "the file has not the forces of its field, or takes too long to compute them"
     if not walls["holds"] or walls["pressed_missing"]:
         return most, "the field lacks a part of the surface"
     safe = SHARE * pressed["hands"][HAND]
@@ -61,7 +65,7 @@ def stiffness_for(asked, spec, pressed, walls):
     return min(most, safe), ""
 
 
-def run_attached(field, size, asked, options, pressed=None, walls=None):
+def run_attached(field, size, asked, options, pressed=None, walls=None, sound=True):
     """Run one field on the attached device.
 
     Parameters
@@ -71,8 +75,8 @@ def run_attached(field, size, asked, options, pressed=None, walls=None):
         Metres of the longest side; N/m: see `stiffness_for`.
     options : dict
         See `pandis.config.AttachedOptions`, and ``seconds`` and ``deadline``.
-    pressed, walls : dict, optional
-        See `stiffness_for`; without them no force is sent.
+    pressed, walls, sound
+        See `stiffness_for`; without the first two no force is sent.
 
     Returns
     -------
@@ -85,7 +89,7 @@ def run_attached(field, size, asked, options, pressed=None, walls=None):
     spec = DEVICES[options["model"]]
     # the device's scheduler has a rate of its own
     period = 1 / spec.rate
-    given, refused = stiffness_for(asked, spec, pressed, walls)
+    given, refused = stiffness_for(asked, spec, pressed, walls, sound)
     consent = options["arm"] and os.environ.get(CONSENT) == "1"
     armed = consent and not refused
     order = Order(
@@ -135,7 +139,7 @@ def run_attached(field, size, asked, options, pressed=None, walls=None):
 
 
 def _statement(session, armed, consent, touched):
-    if session.cause in (LIBRARY, DEVICE, CALIBRATION) or not len(session.force):
+    if not len(session.force):
         return NONE
     if session.stand_in:
         return STAND_IN

@@ -63,6 +63,10 @@ def known(path, model, size):
         return None, None, f"{verdict} is about another file: run the workflow's hardware stage"
     if abs(report["size"] / size - 1) > 1e-6:
         return None, None, f"{verdict} is about a longest side of {report['size']:g} m: use --size"
+    if report["rate"] != DEVICES[model].rate:
+        return None, None, f"{verdict} is about {report['rate']:g} Hz, this device about another"
+    if not (found["agrees"] and found["in_time"]):
+        return None, None, f"{verdict} says: {found['sentence']}"
     pressed = found["devices"].get(model)
     if pressed is None:
         return None, None, f"{verdict} knows no {model}: add it to hardware.devices"

@@ -108,11 +108,13 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
 def _attached(field, surface, walls, verdict, options):
     """Run a field on the attached device, with no more than is safe on a simulated one."""
     own = options | options["attached"]
+    rate = DEVICES[own["model"]].rate
     pressed = verdict["devices"].get(own["model"])
-    if pressed is None:
-        chosen = options | {"devices": [own["model"]]}
+    if pressed is None or options["rate"] != rate:  # what is safe at one rate is not at another
+        chosen = options | {"devices": [own["model"]], "rate": rate}
         pressed = press_devices(field, surface, walls, chosen)[own["model"]]
-    return run_attached(field, options["size"], options["stiffness"], own, pressed, walls)
+    sound = verdict["agrees"] and verdict["in_time"]
+    return run_attached(field, options["size"], options["stiffness"], own, pressed, walls, sound)
 
 
 def _statement(fields):

@@ -30,17 +30,18 @@
  * (without the last two compilers use no vectors for much of it). With -ffp-contract=off every compiler
  * and every vector width gives the same bits. With -ffast-math or x87 arithmetic it does not compile,
  * for it would answer wrongly; parts of -ffast-math that no macro shows are found by a test of the
- * arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network 80 KB: define
- * PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (1024 and 16) as less, and it needs four bytes times
+ * arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network 80 KB: define a
+ * smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16), and it needs four bytes times
  * (depth + 2) times width. Define PANDIS_API as `static inline` to keep the names to one source file,
  * PANDIS_NO_FILE to leave out what opens files.
  *
  * In a loop that must keep its time: open fields before the loop (a file is read and checked, which
- * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE), on Windows
- * VirtualLock), ask every field a few points once so that its pages and the caches are filled, and give
- * the thread a real-time priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system
- * call; its time is bounded but for meshes, whose worst place (the middle of a finely tessellated ball)
- * takes a thousand times as long as a usual one.
+ * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on Windows raise
+ * the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to pandis_open), ask every
+ * field a few points once so that its pages and the caches are filled, and give the thread a real-time
+ * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
+ * depends on the place, except for meshes: at the worst place (the middle of a finely tessellated ball) a
+ * query takes a thousand times as long as usual.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. It needs nothing else of it.
@@ -105,9 +106,9 @@ enum {
 
 enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5 };
 
-/* An answer. The slope is the length that the field's gradient had before it was scaled to a normal:
- * 1 for meshes and closed forms, about 1 elsewhere, clearly less where two walls are about equally
- * near (the medial axis), so that the normal is about to turn; 0 for grids of forces, which have none. */
+/* An answer. The slope is the length of the vector that was scaled to the normal: 1 for meshes and closed
+ * forms; elsewhere about 1, and clearly less near the medial axis, where two walls are about equally near
+ * and the normal is about to turn; 0 for grids of forces, which have none. */
 typedef struct {
     double distance, normal[3], slope;
     int flag;
@@ -213,7 +214,8 @@ PANDIS_API void pandis_close(pandis_field *field);
 PANDIS_API int pandis_kind(const pandis_field *field);
 PANDIS_API size_t pandis_bytes(const pandis_field *field);
 
-/* The box around the surface, in mesh units. */
+/* A box around the surface, in mesh units (all that the field covers, if its file does not say where the
+ * surface lies). */
 PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]);
 
 /* The length of the longest side of the mesh that the field was made from, in its units. */
@@ -227,7 +229,7 @@ PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
 /* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
- * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative or no finite number. */
+ * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative, NaN or more than 1e100. */
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
 
 /* Answer `count` points, three doubles each; normals (three doubles each) and flags may be NULL. */
@@ -401,12 +403,14 @@ static inline void pandis__sine_cosine(float x, float *sine, float *cosine) {
 static int pandis__arithmetic(void) {
     /* sines and cosines of 3 and of -100, from a loop as a network's layers have it */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
-    volatile float read[3] = {3.0f, -100.0f, 0.0f};
+    volatile float read[2] = {3.0f, -100.0f};
+    volatile uint32_t none = 0x7fc00000u; /* NaN, which no division makes: nothing is trapped */
+    uint32_t bits = none;
     volatile double large = 9007199254740992.0, one = 1;
     float x[16], sine[16], cosine[16];
     int good = 1;
     for (int k = 0; k < 16; k++) x[k] = read[k & 1];
-    x[15] = read[2] / read[2];
+    memcpy(x + 15, &bits, sizeof bits);
     for (int k = 0; k < 16; k++) pandis__sine_cosine(x[k], sine + k, cosine + k);
     for (int k = 0; k < 15; k++) {
         good &= fabsf(sine[k] - wanted[2 * (k & 1)]) < 1e-6f;
@@ -1085,7 +1089,8 @@ PANDIS_API int pandis_kind(const pandis_field *field) { return field->kind; }
 PANDIS_API size_t pandis_bytes(const pandis_field *field) { return field->size; }
 
 PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]) {
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++) low[k] = high[k] = 0;
+    for (int k = 0; field->kind && k < 3; k++) {
         low[k] = field->centre[k] + field->low[k] / field->scale;
         high[k] = field->centre[k] + field->high[k] / field->scale;
     }
@@ -1093,7 +1098,9 @@ PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double h
 
 #define PANDIS__LONGEST 1.8 /* of the unit frame: a mesh is scaled so that its longest side is this */
 
-PANDIS_API double pandis_longest_side(const pandis_field *field) { return PANDIS__LONGEST / field->scale; }
+PANDIS_API double pandis_longest_side(const pandis_field *field) {
+    return field->kind ? PANDIS__LONGEST / field->scale : 0;
+}
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
     double u[3], d = 0, n[3] = {0};
@@ -1122,7 +1129,7 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
         answer->slope = (double)NAN;
     } else {
         int forces = field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR;
-        answer->slope = forces ? 0 : sqrt(pandis__dot(n, n));
+        answer->slope = forces ? 0 : field->kind == PANDIS_SHAPE ? 1 : sqrt(pandis__dot(n, n));
         if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
         answer->distance = d / field->scale;
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
@@ -1342,8 +1349,8 @@ static const void *pandis__section(const pandis_field *f, const char *name, uint
 }
 
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size) {
-    const unsigned char *entry = field->data ? field->data + PANDIS__HEADER : NULL;
-    uint32_t sections = field->data ? pandis__u32(field->data + 36) : 0;
+    const unsigned char *entry = field->kind ? field->data + PANDIS__HEADER : NULL;
+    uint32_t sections = field->kind ? pandis__u32(field->data + 36) : 0;
     *size = 0;
     for (uint32_t i = 0; i < sections; i++, entry += PANDIS__SECTION) {
         if (memcmp(entry, "PROV", 4)) continue;
@@ -1541,7 +1548,7 @@ static int pandis__measure(pandis_field *f) {
     return 1;
 }
 
-PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
+static int pandis__open(pandis_field *field, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;
     const uint32_t order = PANDIS__ORDER;
     memset(field, 0, sizeof *field);
@@ -1582,6 +1589,12 @@ PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
     return 0;
 }
 
+PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
+    int error = pandis__open(field, data, size);
+    if (error) memset(field, 0, sizeof *field); /* what is not open is empty */
+    return error;
+}
+
 #ifndef PANDIS_NO_FILE
 #ifdef PANDIS__READ
 /* Windows takes UTF-16 for what is UTF-8 elsewhere. */
@@ -1591,13 +1604,15 @@ static FILE *pandis__open_path(const char *path) {
     wchar_t wide[1024];
     size_t n = 0;
     while (*p) {
-        int more = *p >= 0xf0 ? 3 : *p >= 0xe0 ? 2 : *p >= 0xc0 ? 1 : 0;
+        static const uint32_t least[4] = {0, 0x80, 0x800, 0x10000};
+        int more = *p >= 0xf0 ? 3 : *p >= 0xe0 ? 2 : *p >= 0xc0 ? 1 : 0, length = more;
         uint32_t code = more ? *p & (0x3fu >> more) : *p;
-        if ((*p >= 0x80 && *p < 0xc0) || n + 3 > sizeof wide / sizeof *wide) return NULL;
+        if ((*p >= 0x80 && *p < 0xc0) || *p >= 0xf8 || n + 3 > sizeof wide / sizeof *wide) return NULL;
         for (p++; more; more--, p++) {
             if ((*p & 0xc0) != 0x80) return NULL;
             code = code << 6 | (*p & 0x3fu);
         }
+        if (code < least[length] || code > 0x10ffffu || (code >= 0xd800u && code < 0xe000u)) return NULL;
         if (code >= 0x10000u) wide[n++] = (wchar_t)(0xd7c0u + (code >> 10)), code = 0xdc00u + (code & 0x3ffu);
         wide[n++] = (wchar_t)code;
     }
@@ -1669,8 +1684,8 @@ PANDIS_API const char *pandis_error(int error) {
         case PANDIS_ERROR_CONTENT: return "what the file says does not fit together";
         case PANDIS_ERROR_ALIGNMENT: return "the bytes must begin at an address that is a multiple of 8";
         case PANDIS_ERROR_ARITHMETIC:
-            return "pandis.h was compiled with flags that break its arithmetic: leave out -funsafe-math-optimizations "
-                   "and -fassociative-math";
+            return "pandis.h was compiled with flags, or called in a rounding mode, that break its arithmetic: leave out "
+                   "-ffast-math and its parts";
         case PANDIS_ERROR_LARGE:
             return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";

@@ -46,7 +46,7 @@ COLUMNS = {
     "jump_max_newtons": "Largest jump per 0.1 mm (N)",
     "jump_rms_newtons": "RMS",
     "ghost_percent": "Pushes in free space by 0.05 N or more (%)",
-    "ghost_newtons": "Largest force there (N)",
+    "ghost_newtons": "Largest force in free space (N)",
     "stress": "Stress: failed",
     "front": "Unbeaten",
     "hardware_p999_us": "At 1 kHz, p99.9 (µs)",

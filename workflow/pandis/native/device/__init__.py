@@ -84,6 +84,7 @@ class Said(ctypes.Structure):
         *((n, ctypes.c_double) for n in ("force", "continuous", "speed", "impulse", "rate")),
         ("low", ctypes.c_double * 3),
         ("high", ctypes.c_double * 3),
+        ("has_switch", ctypes.c_int),
     )
 
 

@@ -66,6 +66,7 @@ static struct {
 } client;
 
 static volatile sig_atomic_t client_signal;
+static int client_hung; /* a callback has not come back: its device may still be under it */
 
 static void client_note_signal(int number) { client_signal = number; }
 
@@ -92,7 +93,7 @@ static void client_errors(void) {
 static void client_ask(const double *position, double *force) {
     double place[3];
     for (int k = 0; k < 3; k++) place[k] = position[k] - client.middle[k];
-    pandis_scene_force(client.order.scene, place, force);
+    if (pandis_scene_force(client.order.scene, place, force) == PANDIS_INVALID) guard_end(&client.guard, CAUSE_NUMBER);
 }
 
 /* What is done at every tick, by whoever drives the time. Returns 0 after the last one. */
@@ -104,6 +105,10 @@ static int client_tick(void *data) {
     long long tick = client.beat;
     (void)data;
     __atomic_store_n(&client.inside, 1, __ATOMIC_SEQ_CST);
+    if (__atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG) { /* the device is let go of */
+        __atomic_store_n(&client.inside, 0, __ATOMIC_SEQ_CST);
+        return 0;
+    }
     double since = tick && client_real() ? begin - client.last : order->period;
     client.device.read(&client.device, &state);
     client_errors();
@@ -121,6 +126,11 @@ static int client_tick(void *data) {
     guard_pass(g, &state, since, order->armed && (tick < order->ticks || g->armed), force);
     client.device.write(&client.device, force, NULL);
     client_errors();
+    if (g->cause && length_of(force) > 0) { /* an error of this very write: there may be no other tick */
+        client.device.output(&client.device, 0);
+        force[0] = force[1] = force[2] = 0;
+        memcpy(g->sent, force, sizeof force);
+    }
     if (tick < order->ticks) {
         memcpy(order->positions + 3 * tick, state.position, sizeof state.position);
         memcpy(order->forces + 3 * tick, force, sizeof force);
@@ -143,6 +153,9 @@ static void *client_pull(void *none) {
     while (client_tick(NULL)) {
         due.tv_nsec += (long)(1e9 * client.order.period + 0.5);
         if (due.tv_nsec >= 1000000000) due.tv_nsec -= 1000000000, due.tv_sec++;
+        struct timespec now;
+        clock_gettime(CLOCK_MONOTONIC, &now); /* who is late does not catch up */
+        if (now.tv_sec > due.tv_sec || (now.tv_sec == due.tv_sec && now.tv_nsec > due.tv_nsec)) due = now;
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
     }
     return none;
@@ -188,7 +201,8 @@ static int client_meet(client_outcome *outcome) {
     limits->step = fmin(limits->step, limits->impulse);
     for (int k = 0; k < 3; k++)
         client.middle[k] = spec->high[k] > spec->low[k] ? (spec->low[k] + spec->high[k]) / 2 : 0;
-    if (order->expected > 0 && spec->force > 0 && spec->force < 0.9 * order->expected)
+    if (spec->has_switch) limits->needs |= NEEDS_SWITCH;
+    if (order->expected > 0 && (order->armed || spec->force > 0) && !(fabs(spec->force / order->expected - 1) <= 0.1))
         client_fail(outcome, CAUSE_DEVICE, "its largest force is that of another model: set hardware.attached.model");
     else if (spec->rate > 0 && fabs(spec->rate * order->period - 1) > 0.1)
         client_fail(outcome, CAUSE_DEVICE, "it runs at another rate than was asked for");
@@ -222,6 +236,7 @@ static int client_run(const device *made, const char *name, const client_order *
     d->output(d, 0); /* first of all: whatever hangs, the motors are off */
     outcome->hangs = __atomic_load_n(&client.inside, __ATOMIC_SEQ_CST) &&
                      __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG;
+    if (outcome->hangs) client_hung = 1;
     if (!outcome->hangs) { /* else stopping would wait for ever */
         if (pulled) pthread_join(pulling, NULL);
         d->stop(d);
@@ -242,7 +257,7 @@ static int client_run(const device *made, const char *name, const client_order *
 static int client_busy(client_outcome *outcome) {
     memset(outcome, 0, sizeof *outcome);
     outcome->armed_at = -1;
-    if (!__atomic_load_n(&client.inside, __ATOMIC_SEQ_CST)) {
+    if (!client_hung && !__atomic_load_n(&client.inside, __ATOMIC_SEQ_CST)) {
         memset(&client, 0, sizeof client);
         return 0;
     }
@@ -251,11 +266,14 @@ static int client_busy(client_outcome *outcome) {
 }
 
 /* Run an order on OpenHaptics, or on what stands in for it: what such a library calls itself must say so.
- * While it runs SIGINT and SIGTERM end it with zero force, and are then given to whom they were meant for. */
+ * While it runs signals that would end or stop the program end it with zero force, and are then given to whom
+ * they were meant for. */
 int client_device(const char *library, const char *name, const client_order *order, client_outcome *outcome) {
     hd_api found;
     device made;
-    struct sigaction note, before[2];
+    static const int signals[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP};
+    enum { SIGNALS = sizeof signals / sizeof *signals };
+    struct sigaction note, before[SIGNALS];
     if (client_busy(outcome)) return outcome->cause;
     memset(&found, 0, sizeof found), memset(&note, 0, sizeof note);
     void *held = dlopen(library, RTLD_NOW | RTLD_LOCAL);
@@ -268,9 +286,9 @@ int client_device(const char *library, const char *name, const client_order *ord
     hd_device(&found, &made);
     outcome->stand_in = dlsym(held, "pandis_stand_in") != NULL;
     client_signal = 0, note.sa_handler = client_note_signal;
-    sigaction(SIGINT, &note, before), sigaction(SIGTERM, &note, before + 1);
+    for (int k = 0; k < SIGNALS; k++) sigaction(signals[k], &note, before + k);
     int cause = client_run(&made, name, order, outcome);
-    sigaction(SIGINT, before, NULL), sigaction(SIGTERM, before + 1, NULL);
+    for (int k = 0; k < SIGNALS; k++) sigaction(signals[k], before + k, NULL);
     if (client_signal) raise(client_signal);
     return cause;
 }

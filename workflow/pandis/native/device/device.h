@@ -19,6 +19,7 @@ typedef struct {
     double impulse;           /* largest change of the force, N per ms */
     double rate;              /* ticks per second */
     double low[3], high[3];   /* of the workspace that can be used, m */
+    int has_switch;           /* a safety switch, which was closed when it was opened */
 } device_spec;
 
 typedef struct {

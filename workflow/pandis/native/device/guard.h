@@ -6,12 +6,13 @@
  * 2. Whoever is not armed gets no force: a run begins outside of the object, with the device calibrated,
  *    its safety switch closed, and its button held where it has one. Letting go of the button disarms at
  *    once.
- * 3. The whole force comes in over a ramp, and is cut at the largest: the device's peak, or what its
- *    motors stand for long once they have given that much on average.
+ * 3. The whole force comes in over a ramp.
  * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than the device
  *    stands, and never so that it pulls towards the wall. If that has not mended it after 50 ms, if it
  *    happens a third time within a second, or if a quarter of a millijoule is gone, the run ends.
- * 5. Slew: limited is what is added in a tick. Any share of the last force may go at once, up to the
+ * 5. The force is cut at the largest: the device's peak, or what its motors stand for long once they have
+ *    given that much on average.
+ * 6. Slew: limited is what is added in a tick. Any share of the last force may go at once, up to the
  *    device's own limit of change.
  */
 #ifndef GUARD_H
@@ -110,7 +111,7 @@ static void guard_observe(guard *g, const double *position, double dt) {
     }
     length = length_of(way);
     double lost = g->limits.damping * length * length / dt + g->limits.friction * length;
-    energy_book(&g->energy, length_of(g->sent), work, lost, g->limits.stiffness, g->at_most);
+    energy_book(&g->energy, length_of(g->sent), work, lost, g->limits.stiffness * g->share, g->at_most);
     g->now += dt;
     int touching = length_of(g->sent) > 0;
     shaking_see(&g->shaking, position, g->now, touching);
@@ -172,15 +173,16 @@ static void guard_cut(guard *g, double *force) {
 }
 
 /* Limit what is added to a share of the last force, and the whole change. */
-static void guard_slew(guard *g, double *force) {
+static void guard_slew(guard *g, double *force, double part) {
+    const double most = g->limits.step * part; /* calls that catch up add no more than the time that has gone */
     double last = length_of(g->sent), along = 0, added[3], change[3], share = 0;
     for (int k = 0; k < 3; k++) along += force[k] * g->sent[k];
     if (last > 0) share = fmin(1, fmax(0, along / (last * last)));
     for (int k = 0; k < 3; k++) added[k] = force[k] - share * g->sent[k];
     double more = length_of(added);
-    if (more > g->limits.step) {
-        for (int k = 0; k < 3; k++) force[k] = share * g->sent[k] + added[k] * (g->limits.step / more);
-        more = g->limits.step, g->slowed++;
+    if (more > most) {
+        for (int k = 0; k < 3; k++) force[k] = share * g->sent[k] + added[k] * (most / more);
+        more = most, g->slowed++;
     }
     for (int k = 0; k < 3; k++) change[k] = force[k] - g->sent[k];
     double step = length_of(change);
@@ -207,13 +209,15 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
  * last tick. */
 static void guard_pass(guard *g, const device_state *state, double since, int armed, double *force) {
     double dt = since > g->period ? since : g->period; /* calls that catch up are no fast probe */
+    double part = fmin(1, fmax(0, since / g->period));
     if (!(length_of(force) <= 1e100)) guard_end(g, CAUSE_NUMBER);
     if (!g->cause && g->ticks > 0) guard_observe(g, state->position, dt);
     int troubled = !g->cause && guard_troubled(g);
     if (g->cause || !guard_armed(g, state, force, armed)) {
         force[0] = force[1] = force[2] = 0;
     } else {
-        double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1, size = length_of(force);
+        double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
+        double size = share > 0 ? fmin(length_of(force), g->limits.force / share) : 0;
         /* a wall that grows stiffer stores more at the same depth: that is no fault of its own */
         if (length_of(g->sent) > 0 && g->limits.stiffness > 0)
             g->energy.balance += (share - g->share) * size * size / (2 * g->limits.stiffness);
@@ -222,9 +226,9 @@ static void guard_pass(guard *g, const device_state *state, double since, int ar
         guard_damp(g, force, dt, troubled);
         guard_save(g, force, dt);
         guard_cut(g, force);
-        guard_slew(g, force);
+        guard_slew(g, force, part);
         g->strongest = fmax(g->strongest, length_of(force));
-        g->given++;
+        g->given += part;
     }
     memcpy(g->position, state->position, sizeof g->position);
     memcpy(g->sent, force, sizeof g->sent);

@@ -145,6 +145,8 @@ static unsigned int hd_open(device *self, const char *name, device_spec *spec) {
     hd.heat = hd_ask(HD_MOTOR_TEMPERATURE, heat, HD_MOTORS);
     hd.api.get_booleans(HD_CURRENT_SAFETY_SWITCH, safety);
     hd.safety = hd_drain() == HD_SUCCESS;
+    /* what reads as open at the start may be a device without one */
+    spec->has_switch = hd.safety && (safety[0] || safety[1] || safety[2] || safety[3]);
     return 0;
 }
 
