@@ -30,8 +30,7 @@ def allowed(session, stiffness=STIFFNESS, limits=None):
     way = np.linalg.norm(np.diff(session.position, axis=0, prepend=session.position[:1]), axis=1)
     damping = own["most_damping"] * way / np.maximum(session.since, 1e-3)
     bound = stiffness * depth + damping + 1e-9
-    # what a slew limit keeps back may come later: no more than the deepest so far allows
-    assert (size[known] <= np.maximum.accumulate(np.where(known, bound, 0))[known]).all()
+    assert (size[known] <= bound[known]).all()
     if session.armed_at >= 0:
         assert not force[: session.armed_at].any()
         assert depth[session.armed_at] == 0
@@ -79,8 +78,10 @@ def test_a_touch_and_go_while_the_force_comes_in_is_no_fault(files):
     rest[:, 0] = RADIUS + np.interp(
         np.arange(ticks), [150, 250, 280, 380], [1e-3, -5e-3, -5e-3, 1e-3]
     )
-    spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 1500.0, "hand_damping": 15.0}))
-    wanted = order(files, ticks, limits=LIMITS | ARMED | {"needs": 0, "ramp": 500})
+    spec = hdapi.Simulated(
+        **(TOUCH | {"hand_stiffness": 1500.0, "hand_damping": 15.0, "friction": 0.0})
+    )
+    wanted = order(files, ticks, limits=LIMITS | ARMED | {"needs": 0, "ramp": 500, "friction": 0.0})
     start = np.array([RADIUS + 1e-3, 0, 0])
     session = hdapi.run_simulated(spec, start, rest, np.zeros(3), wanted)
     assert session.strongest > 0.5
@@ -179,7 +180,6 @@ def test_a_pull_device_is_driven_by_the_clock(files):
     assert len(pulled.force) == 200
     assert pulled.strongest > 0.1
     allowed(pulled)
-    assert np.median(pulled.since[1:]) == pytest.approx(1e-3, rel=0.5)
 
 
 def booked(session, stiffness):

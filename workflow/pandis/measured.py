@@ -18,22 +18,21 @@ def _noted(lines, notes):
 
 def bunny_table():
     """Return the README's table: the default run's figures for ``bunny``."""
-    notes, rows = _figures("default")
+    notes, rows = _bunny()
     table = [
         "| field | bytes | contact error | of the mean force | surface missing | questions failed "
         "| on the path | shallow | deep | one query, median |",
         "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     for row in rows:
-        if row["mesh"] == "bunny" and row["bytes"]:
-            errors = (row[f"{name}_mean"] for name in ("trajectory", "shallow", "deep"))
-            cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
-            time = f"{float(row['native_p50_us']):.2g} µs"
-            contact = f"{float(row['contact_millinewtons']):,.3g} mN"
-            contact += f" | {float(row['contact_percent']):.2g} %"
-            contact += f" | {float(row['missing_percent']):.2g} % | {row['stress']}"
-            start = f"| `{row['field']}` | {int(row['bytes']):,} | {contact}"
-            table.append(f"{start} | {cells} | {time} |")
+        errors = (row[f"{name}_mean"] for name in ("trajectory", "shallow", "deep"))
+        cells = " | ".join(f"{1e3 * float(error):.2f}e-3" for error in errors)
+        time = f"{float(row['native_p50_us']):.2g} µs"
+        contact = f"{float(row['contact_millinewtons']):,.3g} mN"
+        contact += f" | {float(row['contact_percent']):.2g} %"
+        contact += f" | {float(row['missing_percent']):.2g} % | {row['stress']}"
+        start = f"| `{row['field']}` | {int(row['bytes']):,} | {contact}"
+        table.append(f"{start} | {cells} | {time} |")
     return _noted(table, notes)
 
 
@@ -46,17 +45,22 @@ _TIMES = (
 
 def time_table():
     """Return the times in C of the default run's fields for ``bunny``, warm and cold."""
-    notes, rows = _figures("default")
+    notes, rows = _bunny()
     table = [
         "| field | along the path, median (µs) | p99.9 | anywhere, median | worst place "
         "| empty caches, median | worst |",
         "|---|--:|--:|--:|--:|--:|--:|",
     ]
     for row in rows:
-        if row["mesh"] == "bunny" and row["bytes"]:
-            times = (f"{float(row[key]):.3g}" for key in _TIMES)
-            table.append(f"| `{row['field']}` | {' | '.join(times)} |")
+        times = (f"{float(row[key]):.3g}" for key in _TIMES)
+        table.append(f"| `{row['field']}` | {' | '.join(times)} |")
     return _noted(table, notes)
+
+
+def _bunny():
+    """Return the notes of the default run, and the rows of the fields of its bunny."""
+    notes, rows = _figures("default")
+    return notes, [row for row in rows if row["mesh"] == "bunny" and row["bytes"]]
 
 
 def _figures(name):

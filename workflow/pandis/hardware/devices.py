@@ -72,8 +72,10 @@ class Specification(NamedTuple):
             self.speed, hand_stiffness, hand_damping, period, wall, delay,
         )  # fmt: skip
 
-    def limits(self, period, stiffness, gentle=True):
+    def limits(self, period, stiffness):
         """Return the limits that no force to this device may go beyond.
+
+        The force comes in over `RAMP`, and grows by no more than `IMPULSE`.
 
         Parameters
         ----------
@@ -81,13 +83,11 @@ class Specification(NamedTuple):
             Of a tick, s.
         stiffness : float
             Of the wall, N/m.
-        gentle : bool
-            As in an attached run: the force comes in over `RAMP`, by no more than `IMPULSE`.
         """
         change = self.impulse * period * 1e3
-        step = min(change, IMPULSE * self.force * period * 1e3) if gentle else change
+        step = min(change, IMPULSE * self.force * period * 1e3)
         return Limits(
-            self.force, self.continuous, step, change, self.speed, RAMP / period if gentle else 0,
+            self.force, self.continuous, step, change, self.speed, RAMP / period,
             self.damping, self.friction, stiffness, self.most_damping,
             NEEDS_BUTTON if self.button else 0,
         )  # fmt: skip

@@ -36,7 +36,7 @@ def digest(path):
 
 
 def known(path, model, size):
-    """Return what a validation has found for a file on a device, and where it was missing why.
+    """Return what a validation has found for a file on a device, or why it tells nothing.
 
     Parameters
     ----------

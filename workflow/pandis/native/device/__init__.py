@@ -248,8 +248,8 @@ class Order(NamedTuple):
     patience : float
         After so many seconds without a call the watchdog ends the run.
     expected : float
-        Largest force (N) of the device that is expected; one whose own is less by a tenth is
-        another, and is refused. 0: any.
+        Largest force (N) of the device that is expected; one whose own is off by more than a
+        tenth is another, and is refused. 0: any.
     armed : bool
         Whether forces are sent.
 

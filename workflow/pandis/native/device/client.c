@@ -29,7 +29,7 @@ typedef struct {
     int overruns;            /* ... and so many in a row end the run */
     double gap;              /* s; calls further apart, or a call that takes longer, end it */
     double patience;         /* s without a call, after which the watchdog ends it */
-    double expected;         /* N: a device whose own limit is lower by a tenth is another; 0: any */
+    double expected;         /* N: a device whose own limit is off by more than a tenth is another; 0: any */
     int armed;
     long long ticks;
     double *positions, *forces, *taken, *since; /* per tick: m, N, s of computing, s since the last call */

@@ -70,7 +70,7 @@ typedef struct {
     double period; /* s */
     double position[3], sent[3], velocity[3];
     double ticks, given; /* all of them; those since it was armed */
-    double now, trouble; /* s since the start; when something went wrong, or -1 */
+    double now, trouble; /* s since the start; since when something is wrong; below zero: nothing is */
     double times[2];     /* when it last did, and the time before */
     double load;         /* mean square of the force over GUARD_WARM s */
     energy energy;
