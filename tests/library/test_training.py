@@ -3,9 +3,10 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.spatial import cKDTree
 
 from pandis.config import ExactRecipe, PaperRecipe
-from pandis.distance import ShapeDistance
+from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
 from pandis.frame import Frame
 from pandis.mesh.shapes import SHAPES
@@ -14,6 +15,8 @@ from pandis.stage import silent_progress
 from pandis.strata import Strata
 from pandis.training import exact_loss, vectors
 from pandis.training import paper_loss as losses
+from pandis.training import trainer as trainer_module
+from pandis.training.batches import vertex_points
 from pandis.training.network import Siren, _sines
 from pandis.training.optimiser import orthogonal
 from pandis.training.products import product
@@ -185,6 +188,31 @@ def test_total_is_the_weighted_sum():
         + 50 * (0 + 1) / 2 + 100 * 0 + 100 * (1 - 1 / math.sqrt(2))
     )  # fmt: skip
     assert total == pytest.approx(by_hand, rel=1e-6)
+
+
+@pytest.mark.parametrize(("on", "off"), [(1, 1), (3, 1)])
+def test_a_mean_over_the_whole_batch_is_one_with_zeros_where_a_term_does_not_hold(on, off):
+    """SIREN's code: torch.where(on the surface, term, 0).mean()."""
+    here = torch.arange(on)[:, None] + rows([0.1, 1, 0.5, 0])
+    there, n = rows([0.02, 0, 2, 0]).repeat(off, 1), rows([1.0, 0, 0]).repeat(on, 1)
+    g_here, g_there = rows([0.5, 3, 0]).repeat(on, 1), rows([1.0, 1, 0]).repeat(off, 1)
+    given = here, g_here, there, g_there, n
+    total = losses.paper_loss(*given, recipe("paper", weighting="batch")).item()
+    zeros_on, zeros_off = torch.zeros(on), torch.zeros(off)
+    gradient = torch.cat([g_here, g_there])
+    each = [
+        (vectors.length(gradient) - 1).abs(),
+        torch.cat([1 - vectors.cosine(g_here, n), zeros_off]),
+        torch.cat([here[:, 0].abs(), zeros_off]),
+        torch.cat([zeros_on, torch.exp(-100 * there[:, 0].abs())]),
+        (vectors.length(torch.cat([here[:, 1:], there[:, 1:]])) - 1).abs(),
+        torch.cat([1 - vectors.cosine(here[:, 1:], n), zeros_off]),
+        torch.cat([zeros_on, 1 - vectors.cosine(there[:, 1:], g_there)]),
+    ]
+    by_hand = sum(w * t.mean() for w, t in zip(recipe("paper")["weights"], each, strict=True))
+    assert total == pytest.approx(by_hand.item(), rel=1e-9)
+    subset = losses.paper_loss(*given, recipe("paper")).item()
+    assert subset > total  # four of the terms weigh more there
 
 
 def test_stop_gradient_keeps_psi_from_training_phi():
@@ -375,6 +403,70 @@ def test_paper_is_shown_the_surface_and_the_box(samples, tmp_path):
     assert not rows[:, 3].any()
     assert torch.allclose(rows[:, :3].norm(dim=1), torch.tensor(0.9), atol=1e-6)
     assert rows[:, 7:].abs().max() <= 1
+
+
+def test_paper_is_shown_vertices_with_their_own_normals(samples, tmp_path):
+    run = trainer(samples, tmp_path, loss="paper", points="vertices")
+    shown = np.concatenate([run.batches.batch(k)[:, :7] for k in range(run.batches.per_block)])
+    vertices = samples[1].surface.vertices
+    onto = 0.9 * vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+    assert cKDTree(onto).query(shown[:, :3])[0].max() < 1e-6
+    assert len(np.unique(shown[:, :3], axis=0)) == len(shown) > 0.9 * len(vertices)
+    np.testing.assert_allclose(shown[:, 4:7], shown[:, :3] / 0.9, atol=1e-6)
+    assert not shown[:, 3].any()
+
+
+def test_normal_of_a_vertex_is_that_of_its_faces_by_angle():
+    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 1]], float) - 0.3
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    found = vertex_points(Surface(vertices, faces), MeshDistance(vertices, faces))
+    np.testing.assert_allclose(found[:, :3], vertices, atol=1e-7)
+    for k, row in enumerate(found):
+        total = np.zeros(3)
+        for face in faces[(faces == k).any(axis=1)]:
+            at = np.roll(face, -np.flatnonzero(face == k)[0])
+            a, b = vertices[at[1]] - vertices[k], vertices[at[2]] - vertices[k]
+            angle = np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
+            normal = np.cross(a, b)
+            total += angle * normal / np.linalg.norm(normal)
+        np.testing.assert_allclose(row[4:7], total / np.linalg.norm(total), atol=1e-6)
+
+
+@pytest.mark.parametrize("direction", ["output", "gradient"])
+def test_paper_adds_to_a_base_what_it_answers_with(samples, tmp_path, direction):
+    """What the loss sees, Φ, ∇Φ and Ψ at both halves of a batch, is what the field answers."""
+    run = trainer(samples, tmp_path, loss="paper", base=8, direction=direction)
+    batch, seen = run.batches.batch(3), []
+    losses_of, trainer_module.paper_loss = trainer_module.paper_loss, lambda *a: seen.append(a)
+    try:
+        run._loss(batch)
+    finally:
+        trainer_module.paper_loss = losses_of
+    on, on_gradient, off, off_gradient = (part.detach() for part in seen[0][:4])
+    for points, phi, gradient in (
+        (batch[:, :3], on, on_gradient),
+        (batch[:, 7:10], off, off_gradient),
+    ):
+        empty = np.zeros(len(points)), np.zeros((len(points), 3))
+        known = run._rows_of(points.numpy(), *empty)
+        with torch.no_grad():
+            wanted, psi = run._answer(known)
+        torch.testing.assert_close(phi[:, 0], wanted, atol=1e-5, rtol=0)
+        psi_seen = gradient if direction == "gradient" else phi[:, 1:]
+        torch.testing.assert_close(psi_seen, psi, atol=1e-4, rtol=0)
+        away = gradient * points / points.norm(dim=1, keepdim=True)
+        assert away.sum(dim=1).mean() > 0.5  # a sketch of the distance before any step
+
+
+def test_schedule_is_an_option_of_both_recipes(samples, tmp_path):
+    shares = (0.0, 0.01, 0.02, 0.5, 1.0)
+    for loss in ("paper", "exact"):
+        constant = trainer(samples, tmp_path, loss=loss, schedule="constant")
+        assert {constant._rate(share) for share in shares} == {1.0}
+        cosine = trainer(samples, tmp_path, loss=loss, schedule="cosine")
+        rates = [cosine._rate(share) for share in shares]
+        assert rates[0] < rates[1] < rates[2] > rates[3] > rates[4] == pytest.approx(0, abs=1e-9)
+        assert rates[2] == pytest.approx(1.0, abs=1e-2)
 
 
 def test_fewer_points_than_a_batch(samples, tmp_path):

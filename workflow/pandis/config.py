@@ -180,6 +180,24 @@ class Recipe(Options):
         description="where the normal comes from: three outputs of their own, as in the paper, or "
         "the gradient of the distance, which makes the force all but conservative",
     )
+    base: Annotated[int, Field(ge=4, le=64)] | None = Field(
+        None,
+        description="cells per axis of a tricubic spline of the distance over the whole box, to "
+        "which the network adds what it lacks; null: the network alone",
+    )
+    matrix_rate: Positive | None = Field(
+        None,
+        description="Muon's largest step size, for the matrices between sine layers (of ω0·W); "
+        "null: Adam moves them too",
+    )
+    schedule: Literal["constant", "cosine"] = Field(
+        "constant",
+        description="step sizes stay what they are, or rise during the warm-up and then fall to "
+        "zero along half a cosine",
+    )
+    warmup: float = Field(
+        0.02, ge=0, lt=1, description="share of the budget to reach them, with a schedule"
+    )
     threads: Count = Field(
         1,
         description="CPU threads; a part of the result's identity. With one, `-j2` trains two "
@@ -201,8 +219,19 @@ class PaperRecipe(Recipe):
 
     loss: Literal["paper"] = "paper"
     omega: Positive = Field(30.0, description="ω0, the factor inside every sine")
+    points: Literal["area", "vertices"] = Field(
+        "area",
+        description="points on the surface: spread evenly by area, with the normals of their "
+        "faces, as many as `samples.surface` says; or the vertices, with their own normals, as in "
+        "the paper",
+    )
     batch: Count = Field(1400, description="points on the surface per step; as many again off it")
-    learning_rate: Positive = Field(1e-4, description="Adam's step size, constant")
+    weighting: Literal["subset", "batch"] = Field(
+        "subset",
+        description="a term that holds for one half of the points is a mean over that half; or "
+        "over the whole batch, as in SIREN's code, which halves its weight beside the others",
+    )
+    learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
     clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")
     weights: Annotated[list[float], Field(min_length=7, max_length=7)] = Field(
         [50.0, 100.0, 3000.0, 100.0, 50.0, 100.0, 100.0],
@@ -256,7 +285,11 @@ class ExactRecipe(Recipe):
         description="Muon's largest step size, for the matrices between sine layers (of ω0·W); "
         "null: Adam moves them too",
     )
-    warmup: float = Field(0.02, ge=0, lt=1, description="share of the budget to reach them")
+    schedule: Literal["constant", "cosine"] = Field(
+        "cosine",
+        description="step sizes rise during the warm-up and then fall to zero along half a "
+        "cosine, or stay what they are",
+    )
     clip: Positive | None = Field(None, description="largest norm of the gradient; null: no limit")
     near: Positive = Field(
         0.02, description="a point at distance d weighs near / (near + |d|) (unit frame)"

@@ -38,7 +38,7 @@ class Surface:
         corners = vertices[faces]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(cross, axis=1)
-        self.faces, self.corners = faces, corners
+        self.vertices, self.faces, self.corners = vertices, faces, corners
         self.normals = cross / np.maximum(length, 1e-300)[:, None]
         self.areas = length / 2
         self.order = np.argsort(_morton(corners.mean(axis=1)), kind="stable")

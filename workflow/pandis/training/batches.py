@@ -48,25 +48,49 @@ class Batches:
         return torch.from_numpy(rows).pin_memory().to(self.device, non_blocking=True)
 
 
-def surface_batches(samples, size, seed, device):
+def surface_batches(places, base, size, seed, device):
     """Return the batches of the paper's recipe: an epoch is a block.
 
-    A row is a point of the surface, distance and normal there, and a point of the box.
+    A row is a point of the surface, distance and normal there, and a point of the box; with a
+    base, what it says at the one and the other, value and gradient.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n, 7), float32
+        From `area_points` or `vertex_points`.
+    base : pandis.grids.base.BaseSpline or None
     """
-    low, high = samples.attributes["strata"]["surface"]
-    columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
-    data = np.column_stack(columns).astype(np.float32)
-    size = min(size, len(data))
-    per_block = len(data) // size
+    size = min(size, len(places))
+    per_block = len(places) // size
 
     def make(epoch):
-        order = np.random.default_rng([seed, 1, epoch]).permutation(len(data))
-        rows = data[order[: per_block * size]]
+        order = np.random.default_rng([seed, 1, epoch]).permutation(len(places))
+        rows = places[order[: per_block * size]]
         rng = np.random.default_rng([seed, 2, epoch])
         box = rng.random((len(rows), 3), dtype=np.float32) * 2 - 1
-        return np.concatenate([rows, box], axis=1)
+        here = with_base(rows, base)[:, rows.shape[1] :]
+        there = with_base(box, base)[:, box.shape[1] :]
+        return np.concatenate([rows, box, here, there], axis=1)
 
     return Batches(make, size, per_block, device)
+
+
+def area_points(samples):
+    """Return the stored points of the surface, distance and normal (n, 7): even by area."""
+    low, high = samples.attributes["strata"]["surface"]
+    columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
+    return np.column_stack(columns).astype(np.float32)
+
+
+def vertex_points(surface, engine):
+    """Return the vertices, their distance, zero, and their normals (n, 7), float32.
+
+    The normal of a mesh's vertex is that of its faces, weighted by their angles there (Thürmer
+    and Wüthrich 1998); those of a closed form's tessellation are first moved onto it.
+    """
+    distance, normal = engine.distance_and_normal(surface.vertices)
+    points = surface.vertices - distance[:, None] * normal
+    return np.column_stack([points, np.zeros(len(points)), normal]).astype(np.float32)
 
 
 def fresh_batches(strata, base, size, seed, device):
@@ -92,7 +116,7 @@ def fresh_batches(strata, base, size, seed, device):
 
 
 def with_base(rows, base):
-    """Append to rows (n, 7) what the base says there, value and gradient: (n, 11).
+    """Append to rows, points first, what the base says there, value and gradient: four columns.
 
     It is no part of what is learnt, so that it need be known at the points of a batch alone.
     """

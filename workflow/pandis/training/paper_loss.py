@@ -1,5 +1,8 @@
 """The paper's loss. Each of its seven terms is one function; means are over the points given.
 
+Four of the terms hold on the surface or off it only. SIREN's code sets them to zero at the
+other points and averages over the whole batch; the paper does not say. Both can be chosen.
+
 Readings where the print cannot be meant (see ``docs/architecture.md``): inner
 products are cosines, for raw products are unbounded below; ‖·‖ − 1 has an
 absolute value, for without it a vanishing Ψ is rewarded.
@@ -58,21 +61,24 @@ def paper_loss(on, on_gradient, off, off_gradient, normal, options):
     normal : Tensor, shape (n, 3)
         The mesh's normal at the surface points.
     options : dict
-        ``weights``, ``alpha``, ``stop_gradient`` of `pandis.config.PaperRecipe`.
+        ``weights``, ``alpha``, ``stop_gradient``, ``weighting`` of `pandis.config.PaperRecipe`.
     """
+    here, there = 1.0, 1.0
+    if options["weighting"] == "batch":
+        here, there = len(on) / (len(on) + len(off)), len(off) / (len(on) + len(off))
     gradient = torch.cat([on_gradient, off_gradient])
     terms = [
         eikonal(gradient),
-        normal_alignment(on_gradient, normal),
-        surface(on[:, 0]),
-        off_surface(off[:, 0], options["alpha"]),
+        here * normal_alignment(on_gradient, normal),
+        here * surface(on[:, 0]),
+        there * off_surface(off[:, 0], options["alpha"]),
     ]
     if on.shape[1] > 1:
         target = off_gradient.detach() if options["stop_gradient"] else off_gradient
         terms += [
             unit_length(torch.cat([on[:, 1:], off[:, 1:]])),
-            psi_on_surface(on[:, 1:], normal),
-            psi_off_surface(off[:, 1:], target),
+            here * psi_on_surface(on[:, 1:], normal),
+            there * psi_off_surface(off[:, 1:], target),
         ]
     weights = options["weights"][: len(terms)]
     return sum(weight * term for weight, term in zip(weights, terms, strict=True))

@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import math
+import threading
 import time
 from pathlib import Path
 
@@ -11,7 +12,13 @@ import torch
 
 from pandis.errors import PandisError
 from pandis.grids.base import fit_base
-from pandis.training.batches import fresh_batches, surface_batches, with_base
+from pandis.training.batches import (
+    area_points,
+    fresh_batches,
+    surface_batches,
+    vertex_points,
+    with_base,
+)
 from pandis.training.exact_loss import exact_loss
 from pandis.training.interrupts import noted
 from pandis.training.network import Siren, named_arrays, usual_omega
@@ -28,6 +35,11 @@ DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
 #: Steps on a GPU before they are recorded as a graph.
 _EAGER_STEPS = 3
+#: Options that do not say how a network was trained: whose it is, and what was hoped for.
+_NOT_OF_A_TRAINING = {"recipe", "seed", "size", "stiffness", "force_error", "tail", "missed"}
+#: Several trainers may share a GPU, each in a thread and on a stream of its own; while one of them
+#: records, the others must not launch what they have recorded.
+_RECORDING = threading.Lock()
 
 
 class Trainer:
@@ -61,10 +73,14 @@ class Trainer:
         self.paper = options["loss"] == "paper"
         self.own_gradient = options["direction"] == "gradient"
         batch, seed = options["batch"], options["seed"]
-        cells = options.get("base")
-        self.base = fit_base(strata.engine, cells) if cells else None
+        self.base = fit_base(strata.engine, options["base"]) if options["base"] else None
         if self.paper:
-            self.batches = surface_batches(samples, batch, seed, self.device)
+            places = (
+                vertex_points(strata.surface, strata.engine)
+                if options["points"] == "vertices"
+                else area_points(samples)
+            )
+            self.batches = surface_batches(places, self.base, batch, seed, self.device)
         else:
             self.batches = fresh_batches(strata, self.base, batch, seed, self.device)
         low, high = samples.attributes["strata"]["held-out"]
@@ -78,8 +94,8 @@ class Trainer:
         self.shape["outputs"] = 1 if self.own_gradient else 4
         self.network = Siren(**self.shape, generator=generator).to(self.device)
         self.parameters = list(self.network.parameters())
-        rate = None if self.paper else options["matrix_rate"]
-        self.optimiser = Optimiser(self.network, options["learning_rate"], rate)
+        rates = options["learning_rate"], options["matrix_rate"]
+        self.optimiser = Optimiser(self.network, *rates)
         self.step, self.elapsed, self.curve = 0, 0.0, []
         self.slowdown, self.restarts, self.least, self.good = 1.0, 0, math.inf, None
         self._graph, self._eager = None, 0
@@ -110,15 +126,20 @@ class Trainer:
         if not self.paper:
             return exact_loss(*self._answer(rows), distance, normal, self.options)
         n = len(points)
-        output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:]]))
+        output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:10]]))
+        if self.base is not None:
+            known = torch.cat([rows[:, 10:14], rows[:, 14:18]])
+            # Ψ is as long as the output has columns for it: of Φ alone there is none
+            output = output + known[:, : output.shape[1]]
+            gradient = gradient + known[:, 1:]
         return paper_loss(output[:n], gradient[:n], output[n:], gradient[n:], normal, self.options)
 
     def _rate(self, share):
         """Return the step size at a share of the budget, as a share of the largest.
 
-        Warm-up, then half a cosine to zero; constant in the paper's recipe.
+        Constant, or a warm-up and then half a cosine to zero.
         """
-        if self.paper:
+        if self.options["schedule"] == "constant":
             return self.slowdown
         warmup = self.options["warmup"]
         if share < warmup:
@@ -146,20 +167,25 @@ class Trainer:
         """Take a step by replaying the recorded kernels: launching them costs more than they do."""
         if self._graph is None:
             self._rows = rows.clone()
-            side = torch.cuda.Stream()
-            side.wait_stream(torch.cuda.current_stream())
+            # not the default stream, which records nothing; and one of our own if there is one:
+            # of new ones the 33rd is the first again, and two records on it would share memory
+            current = torch.cuda.current_stream()
+            own = current != torch.cuda.default_stream()
+            side = current if own else torch.cuda.Stream()
+            side.wait_stream(current)
             with torch.cuda.stream(side):
                 loss = self._descend(self._rows)
             torch.cuda.current_stream().wait_stream(side)
             self._eager += 1
             if self._eager >= _EAGER_STEPS:
-                graph = torch.cuda.CUDAGraph()
-                with torch.cuda.graph(graph):
+                graph, how = torch.cuda.CUDAGraph(), {"capture_error_mode": "thread_local"}
+                with _RECORDING, torch.cuda.graph(graph, stream=side, **how):
                     self._loss_now = self._descend(self._rows)
                 self._graph = graph
             return loss
         self._rows.copy_(rows)
-        self._graph.replay()
+        with _RECORDING:
+            self._graph.replay()
         return self._loss_now
 
     # --- the run -----------------------------------------------------------------
@@ -279,6 +305,7 @@ class Trainer:
         return arrays, {
             "architecture": self.shape,
             "recipe": self.options["loss"],
+            "options": {k: v for k, v in self.options.items() if k not in _NOT_OF_A_TRAINING},
             "steps": self.step,
             "restarts": self.restarts,
             "reproducible": self.options["steps"] is not None and self.device == "cpu",
