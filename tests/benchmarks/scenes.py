@@ -16,10 +16,9 @@ from common import write
 from scipy.spatial.transform import Rotation
 
 from native import bunny, fields
-from pandis.artifact import Artifact
 from pandis.export.clearance import clearance
 from pandis.export.native import native_bytes
-from pandis.frame import UNIT_SIDE, Frame
+from pandis.frame import UNIT_SIDE
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 
@@ -48,13 +47,11 @@ def place(field, rng, half=HALF):
 def native_fields():
     """Yield name and opened file of the fields, with their clearance."""
     vertices, faces = bunny()
-    attributes = {"frame": Frame((0.0, 0.0, 0.0), 1.0).attributes(), "shape": None}
-    mesh = Artifact(None, "mesh", {"vertices": vertices, "faces": faces}, attributes, {}, "")
     engine = None
     for name, kind, field in fields(vertices, faces):
         engine = engine or field.engine
         if name in ("exact", "spline-auto"):
-            safe = clearance(lambda p, f=field: f.query(p)[::2], mesh, engine)
+            safe = clearance(lambda p, f=field: f.query(p)[::2], engine)
             print(f"{name}: margins {safe[6]:.2g}, {safe[7]:.2g}", file=sys.stderr)
             yield name, NativeField(native_bytes(field, kind, {}, safe=safe))
 

@@ -21,7 +21,7 @@ def margins(error, flag=OK):
         distance = ENGINE.distance_and_normal(points)[0]
         return distance + error(points), np.full(len(points), flag, np.uint8)
 
-    return clearance(answer, MESH, ENGINE)[6:]
+    return clearance(answer, ENGINE)[6:]
 
 
 def test_a_narrow_peak_between_the_points_is_climbed():

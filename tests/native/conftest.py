@@ -72,7 +72,7 @@ def fields(meshes):
     found = {"exact": (ExactField("exact", meshes["exact"]), "exact")}
     engine = found["exact"][0].engine
     surface = Surface(engine.vertices, engine.faces)
-    for rule in RULES:
+    for rule in (*RULES, "nearest-box", "trilinear-box"):
         made = DenseGrid(engine, GRID_FIELDS[rule], 20, (0.2, 0.1), silent_progress)
         values = np.concatenate(list(made.slabs(32)))
         held = artifact(
@@ -99,7 +99,7 @@ def files(fields, meshes, tmp_path_factory):
     for name, (field, kind) in fields.items():
         paths[name] = folder / f"{name}.pandis"
         engine = open_distance(meshes[name])
-        safe = clearance(lambda points, f=field: f.query(points)[::2], meshes[name], engine)
+        safe = clearance(lambda points, f=field: f.query(points)[::2], engine)
         paths[name].write_bytes(native_bytes(field, kind, {"of": name}, safe=safe))
     for name in ("network", "gradient"):  # for what is asked of bytes, not of answers
         paths[f"{name}-16"] = folder / f"{name}-16.pandis"

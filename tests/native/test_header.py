@@ -27,7 +27,8 @@ from support import ROOT
 HERE = Path(__file__).parent
 NATIVE = Path(pandis.__file__).parent / "native"
 NAMES = ("exact", "nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
-NAMES += ("spline", "network", "gradient", "shallow", "sphere", "torus", "box", "capsule")
+NAMES += ("nearest-box", "trilinear-box", "spline", "network", "gradient", "shallow")
+NAMES += ("sphere", "torus", "box", "capsule")
 STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wvla", "-Werror", "-I", str(NATIVE))
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
 needs_cpp = pytest.mark.skipif(not shutil.which("g++"), reason="no g++ here: apt-get install g++")
@@ -194,7 +195,8 @@ def test_damage_is_found_and_named(name, files, tmp_path):
     refused(b"", "no .pandis file|cannot be read")
     refused(b"PK" + data[2:], "no .pandis file")
     refused(data[:8] + data[8:12][::-1] + data[12:], "another order")
-    refused(data[:12] + struct.pack("<I", 2) + data[16:], "another version")
+    for version in (0, 3):
+        refused(data[:12] + struct.pack("<I", version) + data[16:], "another version")
     with pytest.raises(ArtifactError, match="cannot be read"):
         NativeField(tmp_path / "missing.pandis")
 
@@ -233,6 +235,13 @@ def test_what_does_not_fit_together_is_refused(files):
         resealed(network, 76, "<i", -1),
         resealed(network, 64, "<d", 0.0),
         resealed(held["tricubic"], 76, "<i", 21),
+        # corners of a grid's box: no number, out of the unit frame, in the wrong order, none at all
+        resealed(held["trilinear-box"], 128, "<d", np.nan),
+        resealed(held["trilinear-box"], 136, "<d", -1.5),
+        resealed(held["nearest-box"], 152, "<d", 1.5),
+        resealed(held["nearest-box"], 152, "<d", -0.95),
+        held["trilinear"][:12] + struct.pack("<I", 2) + held["trilinear"][16:],
+        held["tricubic"][:12] + struct.pack("<I", 2) + held["tricubic"][16:],
         resealed(held["box"], 72, "<i", 4),
         resealed(held["box"], 32, "<I", 6),
         resealed(held["box"], 36, "<I", 33),

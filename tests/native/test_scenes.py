@@ -147,7 +147,7 @@ def test_clearance_is_what_a_field_errs(fields, meshes):
     found = {}
     for name in ("exact", "sphere", "tricubic", "trilinear-normal", "nearest"):
         field, mesh = fields[name][0], meshes[name]
-        safe = clearance(lambda p, f=field: f.query(p)[::2], mesh, open_distance(mesh))
+        safe = clearance(lambda p, f=field: f.query(p)[::2], open_distance(mesh))
         found[name] = safe[6]
         assert safe[:6] == pytest.approx([-0.9, -0.9, safe[2], 0.9, 0.9, -safe[2]], abs=1e-12)
         assert safe[7] >= found[name] or name in ("exact", "sphere")

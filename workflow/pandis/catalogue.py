@@ -10,10 +10,13 @@ MESH_NAME = "[a-z][a-z0-9_-]*"
 #: Folders of ``results/`` that are not meshes.
 RESERVED_NAMES = ("logs", "benchmarks", "scenes", "native")
 
-#: Fields stored on a grid, and what their grid's nodes hold.
+#: Fields stored on a grid, and what their grid's nodes hold; with `BOX`, on the box around the
+#: surface instead of the cube [-1, 1]³.
 GRID_FIELDS = {
     "nearest": "force",
     "trilinear": "force",
+    "nearest-box": "force-box",
+    "trilinear-box": "force-box",
     "trilinear-normal": "normal",
     "trilinear-gradient": "distance",
     "tricubic": "distance",
@@ -22,6 +25,8 @@ GRID_FIELDS = {
     "kim-cell": "distance",
     "spline": "spline",
 }
+#: Ends the names of grids on the box around the surface, as the paper has them.
+BOX = "-box"
 #: Dense grids that `fields: auto` tries.
 DENSE_KINDS = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Grid fields that are there to be compared with, or have no graph.
@@ -114,7 +119,7 @@ def parse_field(name, recipes):
             raise ValueError(
                 f"{name}: a contact point is tracked on a field that is known: name it"
             )
-        if GRID_FIELDS.get(inner.kind) == "force":
+        if GRID_FIELDS.get(inner.kind) in ("force", "force-box"):
             raise ValueError(
                 f"{name}: {inner.name} knows no distance outside of the surface, where "
                 "a contact point is looked for; take trilinear-normal or tricubic"

@@ -127,6 +127,11 @@ class MeshDistance:
         """The largest coordinate."""
         return self._tree.reach
 
+    @property
+    def bounds(self):
+        """Lowest and highest corner (2, 3) of the box around the surface."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
     def scan(self, points):
         """Answer distance (n,) and normal (n, 3) by looking at every face: brute force."""
         return self._tree.scan(points)
@@ -185,6 +190,12 @@ class ShapeDistance:
             np.where(bad, np.nan, distance * self.frame.scale),
             np.where(bad[:, None], np.nan, normal),
         )
+
+    @property
+    def bounds(self):
+        """Lowest and highest corner (2, 3) of the box around the surface: of the closed form."""
+        half = np.array(self.shape.half_extent, np.float64)
+        return self.frame.to_unit(np.stack([-half, half]))
 
     def inside(self, points):
         """Tell which points (n, 3) lie inside."""

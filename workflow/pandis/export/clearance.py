@@ -6,9 +6,7 @@ touched before the probe has gone d, less what the field errs. Measured against 
 
 import numpy as np
 
-from pandis.distance import ShapeDistance
 from pandis.fields.base import BOUND, OK
-from pandis.frame import Frame
 
 #: Points in the box, and as many next to the surface outside.
 POINTS = 60_000
@@ -21,16 +19,14 @@ MORE, ROUNDING = 1.5, 1e-9
 _STARTS, _ROUNDS, _TRIES, _FAR, _NEARER = 64, 10, 12, 0.03, 0.6
 
 
-def clearance(answer, mesh, engine, seed=0):
+def clearance(answer, engine, seed=0):
     """Measure where contacts of a field can be, and by how much its distance errs in free space.
 
     Parameters
     ----------
     answer : callable
         The field: distances (n,) and flags (n,) at points (n, 3), unit frame.
-    mesh : pandis.artifact.Artifact
     engine : pandis.distance.MeshDistance or ShapeDistance
-        Of that mesh.
 
     Returns
     -------
@@ -64,7 +60,7 @@ def clearance(answer, mesh, engine, seed=0):
     excess = measure(every, (exact, found, flag))
     ghost, *over = (_worst(measure, every, column, index, rng)
                     for index, column in enumerate(excess.T))  # fmt: skip
-    return np.array([*_box(mesh, engine), *(MORE * (ghost + most) + ROUNDING for most in over)])
+    return np.array([*engine.bounds.ravel(), *(MORE * (ghost + most) + ROUNDING for most in over)])
 
 
 def _worst(measure, points, excess, index, rng):
@@ -84,14 +80,3 @@ def _worst(measure, points, excess, index, rng):
         value = np.where(better, found[each, pick], value)
         reach *= _NEARER
     return float(value.max())
-
-
-def _box(mesh, engine):
-    """Return the corners of the box around the surface, unit frame: six numbers."""
-    frame = Frame.from_attributes(mesh.attributes["frame"])
-    if isinstance(engine, ShapeDistance):
-        # its tessellation lies inside of it
-        half = engine.shape.half_extent
-        return *frame.to_unit(-half), *frame.to_unit(half)
-    points = mesh.arrays["vertices"]
-    return *frame.to_unit(points.min(axis=0)), *frame.to_unit(points.max(axis=0))

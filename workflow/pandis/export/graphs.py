@@ -71,13 +71,13 @@ def unsealed_digest(model):
     return hashlib.sha256(bare.SerializeToString(deterministic=True)).hexdigest()
 
 
-def enter(graph, frame):
-    """Add the way into the unit frame's box; return the clamped point and the way moved."""
+def enter(graph, frame, low=(-1.0,) * 3, high=(1.0,) * 3):
+    """Add the way into the unit frame and a box there; return the clamped point, the way moved."""
     centre = graph.constant("centre", np.array(frame.centre, np.float64))
     scale = graph.scalar(frame.scale, np.float64)
     unit = graph.apply("Mul", graph.apply("Sub", "points", centre), scale)
-    low, high = graph.scalar(-1.0, np.float64), graph.scalar(1.0, np.float64)
-    clamped = graph.apply("Clip", unit, low, high)
+    least, most = (graph.constant(n, np.array(c)) for n, c in (("low", low), ("high", high)))
+    clamped = graph.apply("Min", graph.apply("Max", unit, least), most)
     away = graph.apply("Sub", unit, clamped)
     outside = graph.apply("ReduceL2", away, axes=[1], keepdims=0)
     return clamped, graph.apply("Cast", outside, to=TensorProto.FLOAT)

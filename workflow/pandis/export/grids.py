@@ -3,7 +3,7 @@
 import numpy as np
 from onnx import TensorProto
 
-from pandis.catalogue import parse_field
+from pandis.catalogue import BOX, parse_field
 from pandis.export.check import FORCE_LENGTH, check
 from pandis.export.graphs import Graph, enter, leave, split
 from pandis.export.session import Session
@@ -25,18 +25,21 @@ def grid_graph(field, kind):
     Graph
     """
     graph = Graph()
-    clamped, outside = enter(graph, field.frame)
+    clamped, outside = enter(graph, field.frame, field.axes.low, field.axes.high)
     if kind == "tricubic":
         distance, gradient = tricubic(graph, field.lattice, field.coefficients, clamped)
         leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
         return graph
     if kind == "trilinear-gradient":
-        distance, gradient = _own_gradient(graph, field.values, clamped)
+        distance, gradient = _own_gradient(graph, field, clamped)
         leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
         return graph
-    value = _interpolate(graph, field.values, kind == "nearest", clamped)
+    value = _interpolate(graph, field, kind.removesuffix(BOX) == "nearest", clamped)
     if field.content == "force":
-        # the vector is the penetration: its length is the depth
+        # no force outside of the box; the vector is the penetration: its length is the depth
+        away = graph.apply("Greater", outside, graph.scalar(0.0))
+        column = graph.apply("Unsqueeze", away, graph.constant("last", np.array([1], np.int64)))
+        value = graph.apply("Where", column, graph.scalar(0.0), value)
         depth = graph.apply("ReduceL2", value, axes=[1], keepdims=0)
         leave(graph, field.frame, graph.apply("Neg", depth), value)
     else:
@@ -47,13 +50,13 @@ def grid_graph(field, kind):
     return graph
 
 
-def _interpolate(graph, values, nearest, clamped):
+def _interpolate(graph, field, nearest, clamped):
     """Add the nearest node or the trilinear interpolation; return the value's name."""
-    node, position = _nodes(graph, values, clamped)
+    node, position = _nodes(graph, field, clamped)
     if nearest:
         half = graph.apply("Add", position, graph.scalar(0.5, np.float64))
         return node(graph.apply("Floor", half))
-    corner, (tx, ty, tz) = _corners(graph, len(values), node, position)
+    corner, (tx, ty, tz) = _corners(graph, len(field.values), node, position)
     planes = []
     for c in (0, 1):
         lines = [_mix(graph, corner(0, b, c), corner(1, b, c), tx) for b in (0, 1)]
@@ -61,10 +64,10 @@ def _interpolate(graph, values, nearest, clamped):
     return _mix(graph, *planes, tz)
 
 
-def _own_gradient(graph, values, clamped):
+def _own_gradient(graph, field, clamped):
     """Add the trilinear interpolation of distances; return it (n,) and its gradient (n, 3)."""
-    node, position = _nodes(graph, values, clamped)
-    corner, (tx, ty, tz) = _corners(graph, len(values), node, position)
+    node, position = _nodes(graph, field, clamped)
+    corner, (tx, ty, tz) = _corners(graph, len(field.values), node, position)
     c = {offset: corner(*offset) for offset in np.ndindex(2, 2, 2)}
     pairs = [(b, d) for b in (0, 1) for d in (0, 1)]
     line = {(b, d): _mix(graph, c[0, b, d], c[1, b, d], tx) for b, d in pairs}
@@ -86,13 +89,14 @@ def _own_gradient(graph, values, clamped):
     return flat, graph.apply("Concat", *gradient, axis=1)
 
 
-def _nodes(graph, values, clamped):
+def _nodes(graph, field, clamped):
     """Return a function that looks up integer nodes (n, 3), and the position in nodes."""
-    size = len(values)
-    table = graph.constant("values", values.reshape(size**3, -1))
+    size, low = field.axes.size, np.array(field.axes.low)
+    table = graph.constant("values", field.values.reshape(size**3, -1))
     strides = graph.constant("strides", np.array([size * size, size, 1], np.int64))
-    shifted = graph.apply("Add", clamped, graph.scalar(1.0, np.float64))
-    position = graph.apply("Mul", shifted, graph.scalar((size - 1) / 2, np.float64))
+    shifted = graph.apply("Sub", clamped, graph.constant("first", low))
+    per_step = (size - 1) / (np.array(field.axes.high) - low)
+    position = graph.apply("Mul", shifted, graph.constant("per_step", per_step))
 
     def node(cell):
         index = graph.apply("Mul", graph.apply("Cast", cell, to=TensorProto.INT64), strides)

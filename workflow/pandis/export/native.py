@@ -7,6 +7,7 @@ import copy
 
 import numpy as np
 
+from pandis.catalogue import BOX
 from pandis.distance import ShapeDistance, open_distance
 from pandis.errors import PandisError
 from pandis.export.check import FORCE_LENGTH, check, check_points
@@ -69,7 +70,8 @@ def native_bytes(field, kind, provenance, weight_bits=32, safe=None):
     number, wholes, reals, sections = parts
     if safe is not None:
         sections = sections | {"SAFE": np.asarray(safe, np.float64)}
-    return pack(number, field.frame, wholes, reals, sections, provenance)
+    version = 2 if number == GRID and len(reals) else 1
+    return pack(number, field.frame, wholes, reals, sections, provenance, version)
 
 
 def _network(field, weight_bits):
@@ -108,12 +110,15 @@ def _pad(rows):
 
 
 def _grid(field, kind):
-    if kind not in RULES:
+    rule, axes = kind.removesuffix(BOX), field.axes
+    if rule not in RULES:
         raise PandisError(f"{field.name}: pandis.h knows no grids of the kind {kind}")
     nodes = field.coefficients if kind == "tricubic" else field.values
     covered = np.packbits(field.covered.ravel())
     sections = {"NODE": nodes.astype(np.float32), "COVR": covered}
-    return (RULES.index(kind), len(field.values)), (), sections
+    # readers of version 1 take every grid to lie on the cube
+    corners = () if kind == rule else (*axes.low, *axes.high)
+    return (RULES.index(rule), len(field.values)), corners, sections
 
 
 def _spline(field):
@@ -172,7 +177,7 @@ def export_native(field, kind, provenance, weight_bits, mesh, log):
         log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
     differences = check(native.distance_and_normal, _reference(wanted), field.frame)
     log(f"agrees with the field: {differences}")
-    safe = clearance(_in_unit_frame(native), mesh, open_distance(mesh))
+    safe = clearance(_in_unit_frame(native), open_distance(mesh))
     log("scenes go by its distance less {:.2g}, or {:.2g} where it is a bound".format(*safe[6:]))
     return native_bytes(field, kind, provenance, weight_bits, safe)
 

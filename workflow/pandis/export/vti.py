@@ -14,6 +14,7 @@ import numpy as np
 from pandis.catalogue import parse_field
 from pandis.errors import PandisError
 from pandis.fields.grids import open_field
+from pandis.grids.axes import Axes
 
 _MARK = b"<!-- sha256:"
 _TYPES = {"Float32": np.dtype("<f4"), "UInt8": np.dtype("u1")}
@@ -26,7 +27,7 @@ def write_vti(origin, spacing, arrays, note=None):
     ----------
     origin : sequence of 3 float
         Place of the first node.
-    spacing : float
+    spacing : sequence of 3 float
     arrays : dict of str to ndarray, shape (x, y, z) or (x, y, z, 3)
         float32 or uint8.
     note : object
@@ -46,7 +47,7 @@ def write_vti(origin, spacing, arrays, note=None):
         )
         offset += 8 + len(data)
     where = " ".join(repr(float(x)) for x in origin)
-    steps = " ".join([repr(float(spacing))] * 3)
+    steps = " ".join(repr(float(x)) for x in spacing)
     # two dashes would end the comment
     text = json.dumps(note, sort_keys=True).replace("--", "\\u002d\\u002d")
     head = (
@@ -129,15 +130,20 @@ def export_vti(name, artifact, provenance):
         Put into a comment.
     """
     field = open_field(parse_field(name, ()), artifact)
-    size = artifact.attributes["grid"]["size"]
-    origin = field.frame.to_mesh(np.full(3, -1.0))
-    spacing = 2 / (size - 1) / field.frame.scale
+    grid = artifact.attributes["grid"]
+    axes = Axes.from_attributes(grid) if "corner" in grid else Axes.of_cube(grid["size"])
+    origin = field.frame.to_mesh(np.array(axes.low))
     note = {"field": name, "provenance": provenance}
-    return write_vti(origin, spacing, grid_arrays(field, size), note)
+    return write_vti(origin, axes.step / field.frame.scale, grid_arrays(field, axes), note)
 
 
-def grid_arrays(field, size):
+def grid_arrays(field, axes):
     """Return what a field says at the nodes of a grid, for `write_vti`, in mesh units.
+
+    Parameters
+    ----------
+    field : pandis.fields.base.Field
+    axes : pandis.grids.axes.Axes
 
     Returns
     -------
@@ -145,14 +151,15 @@ def grid_arrays(field, size):
         ``distance`` (n, n, n), ``normal`` (n, n, n, 3), float32; ``flag`` uint8: 0 where the
         field covers the node, 1 where the distance is an estimate beyond its band.
     """
-    axis = np.linspace(-1, 1, size)
+    size = axes.size
+    x_axis, *others = (np.linspace(low, high, size) for low, high in zip(*axes[1:], strict=True))
     arrays = {
         "distance": np.empty((size,) * 3, np.float32),
         "normal": np.empty((size,) * 3 + (3,), np.float32),
         "flag": np.empty((size,) * 3, np.uint8),
     }
-    plane = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    for index, x in enumerate(axis):
+    plane = np.stack(np.meshgrid(*others, indexing="ij"), axis=-1).reshape(-1, 2)
+    for index, x in enumerate(x_axis):
         answer = field.query(np.column_stack([np.full(len(plane), x), plane]))
         arrays["distance"][index] = (answer.distance / field.frame.scale).reshape(size, size)
         arrays["normal"][index] = answer.normal.reshape(size, size, 3)

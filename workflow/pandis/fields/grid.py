@@ -6,8 +6,9 @@ What the nodes hold and which of them are exact: `pandis.grids.dense`.
 import numpy as np
 from scipy.ndimage import spline_filter
 
-from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, clamp_to_box, normalise
+from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, normalise
 from pandis.frame import Frame
+from pandis.grids.axes import Axes
 from pandis.grids.band import Band
 from pandis.grids.dense import REACH, complete, covered_cells
 from pandis.native.spline import EDGE, Lattice
@@ -26,21 +27,26 @@ class GridField(Field):
     def __init__(self, name, artifact):
         grid = artifact.attributes["grid"]
         self.content, self.band = grid["content"], Band(**grid["band"])
+        self.axes = Axes.from_attributes(grid)
         stored = artifact.arrays["values"]
-        self.values, exact = complete(stored.copy(), self.content)
+        self.values, exact = complete(stored.copy(), self.content, self.axes)
         self.covered = covered_cells(exact, REACH[self.content])
         super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), stored.nbytes)
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
 
-        A force grid knows no distance outside: it answers 0 there, and +z for a normal.
+        A force grid knows no distance outside: it answers 0 there, and +z for a normal; so it
+        does outside of its own box, in which the surface lies.
         """
-        clamped, outside = clamp_to_box(points)
+        clamped, outside = self.axes.clamp(points)
         bad = np.isnan(clamped).any(axis=1)
-        distance, direction = self._interpolate(np.where(bad[:, None], 0.0, clamped))
+        distance, direction = self._interpolate(np.where(bad[:, None], self.axes.low, clamped))
         if self.content != "force":
             distance = distance + outside
+        else:
+            distance = np.where(outside > 0, 0.0, distance)
+            direction = np.where(outside[:, None] > 0, 0.0, direction)
         normal = normalise(direction)
         return np.where(bad, np.nan, distance), np.where(bad[:, None], np.nan, normal)
 
@@ -51,15 +57,14 @@ class GridField(Field):
         """
         if self.content == "force":
             return np.ones(len(points))
-        return np.linalg.norm(self._interpolate(clamp_to_box(points)[0])[1], axis=1)
+        return np.linalg.norm(self._interpolate(self.axes.clamp(points)[0])[1], axis=1)
 
     def query(self, points):
         """Answer with flags."""
         distance, normal = self.answer(points)
-        clamped, outside = clamp_to_box(points)
-        count = len(self.covered)
-        position = np.nan_to_num((clamped + 1.0) * (count / 2))
-        cell = np.minimum(position.astype(np.int64), count - 1)
+        clamped, outside = self.axes.clamp(points)
+        position = np.nan_to_num(self.axes.position(clamped))
+        cell = np.minimum(position.astype(np.int64), len(self.covered) - 1)
         flag = np.where(self.covered[tuple(cell.T)] & (outside == 0), OK, BOUND).astype(np.uint8)
         flag[np.isnan(distance)] = INVALID
         return Answer(distance, normal, flag)
@@ -75,7 +80,7 @@ class GridField(Field):
 
     def _interpolate(self, points):
         """Return the distance and a direction of any length at points in the box."""
-        value = trilinear(self.values, points)
+        value = trilinear(self.values, self.axes.position(points))
         if self.content == "force":
             return -np.linalg.norm(value, axis=1), value
         return value[:, 0], value[:, 1:]
@@ -85,7 +90,7 @@ class NearestField(GridField):
     """The nearest node's force: the paper's NN-i."""
 
     def _interpolate(self, points):
-        i, j, k = np.floor((points + 1.0) * ((len(self.values) - 1) / 2) + 0.5).astype(np.int64).T
+        i, j, k = np.floor(self.axes.position(points) + 0.5).astype(np.int64).T
         value = self.values[i, j, k].astype(np.float64)
         return -np.linalg.norm(value, axis=1), value
 
@@ -94,7 +99,7 @@ class GradientField(GridField):
     """The distance trilinearly, the normal as its own gradient: it jumps from cell to cell."""
 
     def _interpolate(self, points):
-        corners, t = _corners(self.values, points)
+        corners, t = _corners(self.values, self.axes.position(points))
         x, y, z = t.T
         c = {offset: value[:, 0].astype(np.float64) for offset, value in corners.items()}
 
@@ -131,20 +136,18 @@ class TricubicField(GridField):
         return value, gradient
 
 
-def trilinear(values, points):
-    """Interpolate values (n, n, n) or (n, n, n, c) at points (m, 3) in the box; (m, c)."""
-    corners, t = _corners(values, points)
+def trilinear(values, position):
+    """Interpolate values (n, n, n) or (n, n, n, c) at places (m, 3) counted in nodes; (m, c)."""
+    corners, t = _corners(values, position)
     x, y, z = t.T[..., None]
     line = [[corners[0, b, c] * (1 - x) + corners[1, b, c] * x for b in (0, 1)] for c in (0, 1)]
     plane = [line[c][0] * (1 - y) + line[c][1] * y for c in (0, 1)]
     return plane[0] * (1 - z) + plane[1] * z
 
 
-def _corners(values, points):
+def _corners(values, position):
     """Return the values at the corners of the cells, by offset, and where in them (m, 3)."""
-    size = len(values)
-    position = (points + 1.0) * ((size - 1) / 2)
-    base = np.minimum(np.floor(position), size - 2).astype(np.int64)
+    base = np.minimum(np.floor(position), len(values) - 2).astype(np.int64)
     i, j, k = base.T
     values = values if values.ndim == 4 else values[..., None]
     corners = {o: values[i + o[0], j + o[1], k + o[2]] for o in np.ndindex(2, 2, 2)}

@@ -7,6 +7,8 @@ from pandis.fields.spline import SplineField
 GRID_OPENERS = {
     "nearest": NearestField,
     "trilinear": GridField,
+    "nearest-box": NearestField,
+    "trilinear-box": GridField,
     "trilinear-normal": GridField,
     "trilinear-gradient": GradientField,
     "tricubic": TricubicField,

@@ -12,6 +12,7 @@ from pandis.errors import PandisError
 from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.fields.grid import GridField, trilinear
 from pandis.frame import Frame
+from pandis.grids.axes import Axes
 
 #: Halvings of the last cell of a march: to a millionth of it.
 _HALVINGS = 20
@@ -25,8 +26,13 @@ class ImplicitField(GridField):
         self.slopes = slopes(self.values)
 
     def _interpolate(self, points):
-        normal = normalise(trilinear(self.slopes, points))
-        return self._length(points, normal, trilinear(self.values, points)[:, 0]), normal
+        position = self.axes.position(points)
+        normal = normalise(trilinear(self.slopes, position))
+        return self._length(points, normal, trilinear(self.values, position)[:, 0]), normal
+
+    def _value(self, points):
+        """Return the value (n,) at points (n, 3), moved into the box."""
+        return trilinear(self.values, self.axes.position(self.axes.clamp(points)[0]))[:, 0]
 
     def _length(self, points, normal, value):
         """Return the spring's length (n,), negative inside; here the value itself."""
@@ -48,16 +54,15 @@ class MarchedField(ImplicitField):
         # a step per cell, until all are outside or have left the band: no surface lies that way
         for _ in range(int(np.ceil(2 * self.band.inside / cell)) + 2):
             way[looking] += cell
-            place = np.clip(start[looking] + way[looking, None] * along[looking], -1, 1)
-            looking[looking] = trilinear(self.values, place)[:, 0] < 0
+            place = start[looking] + way[looking, None] * along[looking]
+            looking[looking] = self._value(place) < 0
             if not looking.any():
                 break
         if self.refined:
             low, high = way - cell, way.copy()
             for _ in range(_HALVINGS):
                 middle = (low + high) / 2
-                place = np.clip(start + middle[:, None] * along, -1, 1)
-                outside = trilinear(self.values, place)[:, 0] >= 0
+                outside = self._value(start + middle[:, None] * along) >= 0
                 low, high = np.where(outside, low, middle), np.where(outside, middle, high)
             way = np.where(looking, way, (low + high) / 2)
         length[inside] = -way
@@ -84,16 +89,16 @@ class AlgebraicField(Field):
         axis = (np.linspace(-1, 1, size) / frame.scale) ** 2
         square = (axis[:, None, None] + axis[:, None] + axis - 1.0) * frame.scale
         self.values = square.astype(np.float32)
-        self.slopes = slopes(self.values)
+        self.slopes, self.axes = slopes(self.values), Axes.of_cube(size)
         super().__init__(name, frame, self.values.nbytes)
 
     def answer(self, points):
         """Answer the value (n,) and the normal (n, 3) at points (n, 3), in the unit frame."""
         clamped, outside = clamp_to_box(points)
         bad = np.isnan(clamped).any(axis=1)
-        clamped = np.where(bad[:, None], 0.0, clamped)
-        value = trilinear(self.values, clamped)[:, 0] + outside
-        normal = normalise(trilinear(self.slopes, clamped))
+        position = self.axes.position(np.where(bad[:, None], 0.0, clamped))
+        value = trilinear(self.values, position)[:, 0] + outside
+        normal = normalise(trilinear(self.slopes, position))
         return np.where(bad, np.nan, value), np.where(bad[:, None], np.nan, normal)
 
 

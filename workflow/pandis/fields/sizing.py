@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.artifact import Artifact
-from pandis.catalogue import GRID_FIELDS
+from pandis.catalogue import BOX, GRID_FIELDS
 from pandis.errors import PandisError
 from pandis.fields.base import Field
 from pandis.fields.grids import GRID_OPENERS
@@ -93,7 +93,9 @@ class Grids:
 
 def grid_bytes(kind, size):
     """Return the bytes of a grid of a kind and size; of a spline they are its size."""
-    return size if kind == "spline" else 4 * CHANNELS[GRID_FIELDS[kind]] * size**3
+    if kind == "spline":
+        return size
+    return 4 * CHANNELS[GRID_FIELDS[kind].removesuffix(BOX)] * size**3
 
 
 def hopeless(size, figures, limits, other, kind):

@@ -23,7 +23,7 @@ class Band(NamedTuple):
     outside: float
 
 
-def find_cells(engine, size, band, low=-1.0):
+def find_cells(engine, size, band, low, step):
     """Find the cells that may meet the band.
 
     Parameters
@@ -31,9 +31,10 @@ def find_cells(engine, size, band, low=-1.0):
     engine : object
         From `pandis.distance.open_distance`.
     size : int
-        Nodes per axis, from ``low`` to ``-low``.
+        Nodes per axis.
     band : Band
-    low : float
+    low, step : float or sequence of 3 float
+        Where the first node lies, and how far it is to the next.
 
     Returns
     -------
@@ -42,13 +43,14 @@ def find_cells(engine, size, band, low=-1.0):
     signs : ndarray, shape (size - 1,) * 3, int8
         -1 and 1 for the other cells, all inside and all outside; 0 for these.
     """
-    count, step = size - 1, -2 * low / (size - 1)
+    count = size - 1
+    low, step = np.broadcast_to(low, 3), np.broadcast_to(step, 3)
     signs = np.zeros((count,) * 3, np.int8)
     start = np.arange(0, count, _SIDES[0])
     blocks = np.stack(np.meshgrid(start, start, start, indexing="ij"), axis=-1).reshape(-1, 3)
     for level, side in enumerate(_SIDES):
         # blocks at the border reach beyond the grid: their true extent would do no better
-        radius = side * step * np.sqrt(3) / 2
+        radius = side * np.linalg.norm(step) / 2
         keep = np.empty(len(blocks), bool)
         for part in range(0, len(blocks), _CHUNK):
             piece = blocks[part : part + _CHUNK]

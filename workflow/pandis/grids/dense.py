@@ -1,4 +1,7 @@
-"""Grids of nodes at ``linspace(-1, 1, n)``: filled where they are needed, completed when read.
+"""Grids of nodes: filled where they are needed, completed when read.
+
+They lie on the cube [-1, 1]³, at ``linspace(-1, 1, n)`` along each axis, or, if the name of the
+content ends in ``-box``, on the box around the surface, as the paper's: see `pandis.grids.axes`.
 
 What a node holds (``content``):
 
@@ -19,7 +22,9 @@ not stored at all.
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from pandis.catalogue import BOX
 from pandis.forces import penalty_force
+from pandis.grids.axes import Axes
 from pandis.grids.band import Band, find_cells, needed_nodes
 
 CHANNELS = {"force": 3, "normal": 4, "distance": 1}
@@ -39,7 +44,7 @@ class DenseGrid:
     ----------
     engine : object
         From `pandis.distance.open_distance`.
-    content : {"force", "normal", "distance"}
+    content : {"force", "force-box", "normal", "distance"}
     size : int
         Nodes per axis.
     band : pandis.grids.band.Band
@@ -48,9 +53,11 @@ class DenseGrid:
     """
 
     def __init__(self, engine, content, size, band, progress):
-        self.content, self.size, self.band = content, size, Band(*band)
-        cells, signs = find_cells(engine, size, self.band)
-        needed = needed_nodes(cells, size, REACH[content])
+        self.content, self.size, self.band = content.removesuffix(BOX), size, Band(*band)
+        own = content.endswith(BOX)
+        self.axes = Axes.of_bounds(size, engine) if own else Axes.of_cube(size)
+        cells, signs = find_cells(engine, size, self.band, self.axes.low, self.axes.step)
+        needed = needed_nodes(cells, size, REACH[self.content])
         self.inside = _inside_nodes(signs)
         self.nodes = np.flatnonzero(needed.reshape(-1))
         del needed, signs
@@ -62,7 +69,7 @@ class DenseGrid:
         for start in range(0, len(self.nodes), 1 << 18):
             part = slice(start, start + (1 << 18))
             index = np.stack(np.unravel_index(self.nodes[part], (self.size,) * 3), axis=1)
-            distance, normal = engine.distance_and_normal(-1 + 2 / (self.size - 1) * index)
+            distance, normal = engine.distance_and_normal(self.axes.nodes(index))
             if self.content == "force":
                 values[part] = penalty_force(distance, normal)
             elif self.content == "normal":
@@ -112,9 +119,7 @@ class DenseGrid:
                 "axes": ["x", "y", "z"],
                 "centering": "node",
                 "content": self.content,
-                "size": self.size,
-                "origin": [-1.0, -1.0, -1.0],
-                "spacing": [2.0 / (self.size - 1)] * 3,
+                **self.axes.attributes(),
                 "unit": "unit frame",
                 "band": self.band._asdict(),
                 "exact_nodes": len(self.nodes),
@@ -133,7 +138,7 @@ def _inside_nodes(signs):
     return inside
 
 
-def complete(values, content):
+def complete(values, content, axes):
     """Fill the nodes beyond the band by what the nearest exact node knows.
 
     The way from that node is added to its distance: right to a cell's diagonal, since
@@ -144,6 +149,7 @@ def complete(values, content):
     values : ndarray, shape (n, n, n) or (n, n, n, channels), float32
         As stored.
     content : str
+    axes : pandis.grids.axes.Axes
 
     Returns
     -------
@@ -156,7 +162,7 @@ def complete(values, content):
         source = ~beyond & values.any(axis=-1)
         if not beyond.any() or not source.any():
             return np.nan_to_num(values), ~beyond
-        nearest, way = _nearest(beyond, source)
+        nearest, way = _nearest(beyond, source, axes.step)
         known = values[tuple(nearest)].astype(np.float64)
         depth = np.linalg.norm(known, axis=1)
         values[beyond] = known * ((depth + way) / depth)[:, None]
@@ -166,7 +172,7 @@ def complete(values, content):
     if not beyond.any():
         return values, ~beyond
     side = np.sign(distance[beyond])
-    nearest, way = _nearest(beyond, ~beyond)
+    nearest, way = _nearest(beyond, ~beyond, axes.step)
     known = distance[tuple(nearest)]
     same = np.sign(known) == side
     distance[beyond] = side * np.where(same, np.abs(known) + way, way)
@@ -175,11 +181,12 @@ def complete(values, content):
     return values, ~beyond
 
 
-def _nearest(wanted, source):
+def _nearest(wanted, source, step):
     """Return the nearest source node (3, m) of each wanted node, and the way to it (m,)."""
-    _, index = distance_transform_edt(~source, return_indices=True)
+    shape = step / step[0]
+    _, index = distance_transform_edt(~source, sampling=shape, return_indices=True)
     nearest = index[:, wanted]
-    way = np.linalg.norm(nearest - np.argwhere(wanted).T, axis=0) * (2 / (len(wanted) - 1))
+    way = np.linalg.norm((nearest - np.argwhere(wanted).T) * shape[:, None], axis=0) * step[0]
     return nearest, way
 
 

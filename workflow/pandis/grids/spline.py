@@ -179,7 +179,8 @@ class SplineFit:
         """Return which blocks the band needs (b, b, b), and which blocks of cells are outside."""
         lattice = box_lattice(size)
         everything = self.band._replace(inside=_CORE)
-        cells, signs = find_cells(self.engine, lattice.size, everything, lattice.low)
+        step = -2 * lattice.low / (lattice.size - 1)
+        cells, signs = find_cells(self.engine, lattice.size, everything, lattice.low, step)
         count, last = block_count(lattice.size), lattice.size - 1
         padded = np.zeros((count * BLOCK,) * 3, np.int8)
         padded[:last, :last, :last] = signs

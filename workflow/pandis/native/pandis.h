@@ -74,7 +74,7 @@
 #define PANDIS_VERSION_MINOR 1
 #define PANDIS_VERSION_PATCH 0
 #define PANDIS_VERSION "0.1.0"
-#define PANDIS_FORMAT_VERSION 1
+#define PANDIS_FORMAT_VERSION 2
 
 #ifdef __cplusplus
 extern "C" {
@@ -130,6 +130,7 @@ typedef struct {
 
 typedef struct {
     int32_t rule, size, channels;
+    double low[3], high[3], per_step[3]; /* first and last node, nodes per length */
     const float *nodes;
     const uint8_t *covered;
     pandis__lattice cubic;
@@ -365,13 +366,18 @@ static int pandis__normalise(double *v) {
 }
 
 /* Move a point into the box [-1, 1]^3; returns how far. */
-static double pandis__clamp(const double *u, double *inside) {
+static double pandis__clamp_to(const double *low, const double *high, const double *u, double *inside) {
     double off[3];
     for (int k = 0; k < 3; k++) {
-        inside[k] = u[k] < -1 ? -1 : u[k] > 1 ? 1 : u[k];
+        inside[k] = u[k] < low[k] ? low[k] : u[k] > high[k] ? high[k] : u[k];
         off[k] = u[k] - inside[k];
     }
     return sqrt(pandis__dot(off, off));
+}
+
+static double pandis__clamp(const double *u, double *inside) {
+    static const double low[3] = {-1, -1, -1}, high[3] = {1, 1, 1};
+    return pandis__clamp_to(low, high, u, inside);
 }
 
 /* ---------------------------------------------------------------- sines */
@@ -887,7 +893,7 @@ static double pandis__mix(double a, double b, double t) { return a * (1 - t) + b
 static void pandis__corners(const pandis__grid *g, const double *p, const float **corner, double *t) {
     int first[3];
     for (int k = 0; k < 3; k++) {
-        double x = (p[k] + 1) * ((g->size - 1) / 2.0), cell = floor(x);
+        double x = (p[k] - g->low[k]) * g->per_step[k], cell = floor(x);
         cell = cell < g->size - 2 ? cell : g->size - 2;
         first[k] = (int)cell, t[k] = x - cell;
     }
@@ -898,12 +904,12 @@ static void pandis__corners(const pandis__grid *g, const double *p, const float 
 }
 
 static int pandis__answer_grid(const pandis__grid *g, const double *u, double *distance, double *normal) {
-    double p[3], t[3], value[4] = {0}, outside = pandis__clamp(u, p);
+    double p[3], t[3], value[4] = {0}, outside = pandis__clamp_to(g->low, g->high, u, p);
     const float *corner[8];
     int cell[3], force = g->rule == PANDIS__NEAREST || g->rule == PANDIS__TRILINEAR;
     if (g->rule == PANDIS__NEAREST) {
         int i[3];
-        for (int k = 0; k < 3; k++) i[k] = (int)floor((p[k] + 1) * ((g->size - 1) / 2.0) + 0.5);
+        for (int k = 0; k < 3; k++) i[k] = (int)floor((p[k] - g->low[k]) * g->per_step[k] + 0.5);
         for (int k = 0; k < 3; k++) value[k + 1] = (double)pandis__at(g, i)[k];
     } else if (g->rule == PANDIS__TRICUBIC) {
         pandis__cubic(&g->cubic, p, value, value + 1);
@@ -915,18 +921,19 @@ static int pandis__answer_grid(const pandis__grid *g, const double *u, double *d
             double low = pandis__mix(line[0], line[2], t[1]), high = pandis__mix(line[1], line[3], t[1]);
             value[c + (force ? 1 : 0)] = pandis__mix(low, high, t[2]);
             if (g->rule != PANDIS__GRADIENT) continue;
-            double rise[4], per = (g->size - 1) / 2.0;
+            double rise[4];
             for (int e = 0; e < 4; e++) rise[e] = (double)corner[e + 4][c] - (double)corner[e][c];
-            value[1] = per * pandis__mix(pandis__mix(rise[0], rise[2], t[1]), pandis__mix(rise[1], rise[3], t[1]), t[2]);
-            value[2] = per * pandis__mix(line[2] - line[0], line[3] - line[1], t[2]);
-            value[3] = per * pandis__mix(line[1] - line[0], line[3] - line[2], t[1]);
+            value[1] = g->per_step[0] * pandis__mix(pandis__mix(rise[0], rise[2], t[1]), pandis__mix(rise[1], rise[3], t[1]), t[2]);
+            value[2] = g->per_step[1] * pandis__mix(line[2] - line[0], line[3] - line[1], t[2]);
+            value[3] = g->per_step[2] * pandis__mix(line[1] - line[0], line[3] - line[2], t[1]);
         }
     }
+    if (force && outside > 0) memset(value, 0, sizeof value); /* the surface lies within the box */
     memcpy(normal, value + 1, 3 * sizeof *normal);
     *distance = force ? -sqrt(pandis__dot(normal, normal)) : value[0] + outside;
     int last = g->size - 2;
     for (int k = 0; k < 3; k++) {
-        double x = (p[k] + 1) * ((g->size - 1) / 2.0);
+        double x = (p[k] - g->low[k]) * g->per_step[k];
         cell[k] = x < last ? (int)x : last;
     }
     ptrdiff_t bit = ((ptrdiff_t)cell[0] * (last + 1) + cell[1]) * (last + 1) + cell[2];
@@ -1412,6 +1419,13 @@ static int pandis__open_grid(pandis_field *f) {
     g->rule = pandis__whole(f, 0), g->size = pandis__whole(f, 1);
     if (g->rule < 0 || g->rule > PANDIS__TRICUBIC || g->size < 2 || g->size > 1024) return 0;
     g->channels = channels[g->rule];
+    int own = pandis__u32(f->data + 12) > 1; /* version 1 knows the cube alone */
+    for (int k = 0; k < 3; k++) {
+        g->low[k] = own ? pandis__real(f, k) : -1, g->high[k] = own ? pandis__real(f, 3 + k) : 1;
+        if (!(g->low[k] >= -1 && g->high[k] <= 1 && g->high[k] - g->low[k] >= 1e-9)) return 0;
+        if (g->rule == PANDIS__TRICUBIC && (g->low[k] > -1 || g->high[k] < 1)) return 0;
+        g->per_step[k] = (g->size - 1) / (g->high[k] - g->low[k]);
+    }
     uint64_t count = pandis__cube(g->size) * (uint64_t)g->channels, bits = pandis__cube(g->size - 1);
     g->covered = (const uint8_t *)pandis__section(f, "COVR", (bits + 7) / 8, 1);
     if (!g->covered) return 0;
@@ -1555,7 +1569,7 @@ static int pandis__open(pandis_field *field, const void *data, size_t size) {
     if (!p || size < 8 || memcmp(p, "PANDIS\r\n", 8)) return PANDIS_ERROR_FORMAT;
     if (size < PANDIS__HEADER) return PANDIS_ERROR_SIZE;
     if (pandis__u32(p + 8) != order || memcmp(p + 8, &order, 4)) return PANDIS_ERROR_ENDIAN;
-    if (pandis__u32(p + 12) != PANDIS_FORMAT_VERSION) return PANDIS_ERROR_VERSION;
+    if (pandis__u32(p + 12) < 1 || pandis__u32(p + 12) > PANDIS_FORMAT_VERSION) return PANDIS_ERROR_VERSION;
     if (pandis__u64(p + 16) != size) return PANDIS_ERROR_SIZE;
     if (pandis__u32(p + 28) || pandis__u32(p + 24) != pandis__crc(p + 32, size - 32)) return PANDIS_ERROR_CHECKSUM;
     if ((uintptr_t)p % 8) return PANDIS_ERROR_ALIGNMENT;

@@ -22,7 +22,7 @@ RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tric
 SHAPES = ("sphere", "torus", "box", "capsule")
 #: Bytes written between queries with cold caches: more than the caches of a core hold.
 CACHES = 1 << 26
-_MAGIC, _ORDER, _VERSION = b"PANDIS\r\n", 0x0A0B0C0D, 1
+_MAGIC, _ORDER = b"PANDIS\r\n", 0x0A0B0C0D
 _HEADER, _SECTION, _ALIGN = 256, 24, 64
 _WHOLES, _REALS = 14, 16
 
@@ -139,7 +139,7 @@ class NativeField:
         return taken
 
 
-def pack(kind, frame, wholes, reals, sections, provenance):
+def pack(kind, frame, wholes, reals, sections, provenance, version=1):
     """Return the bytes of a ``.pandis`` file.
 
     Parameters
@@ -152,6 +152,9 @@ def pack(kind, frame, wholes, reals, sections, provenance):
         By names of four letters.
     provenance : dict
         Kept as JSON in a section of its own.
+    version : {1, 2}
+        Of the format: the first that knows what the file holds, so that older readers of
+        ``pandis.h`` take whatever they can answer.
     """
     sections = sections | {"PROV": json.dumps(provenance, sort_keys=True).encode()}
     parts = {
@@ -170,7 +173,7 @@ def pack(kind, frame, wholes, reals, sections, provenance):
     header += struct.pack("<16d", *reals, *[0.0] * (_REALS - len(reals)))
     rest = b"".join([header, *table, *body])
     size = 32 + len(rest)
-    start = struct.pack("<IIQIi", _ORDER, _VERSION, size, zlib.crc32(rest), 0)
+    start = struct.pack("<IIQIi", _ORDER, version, size, zlib.crc32(rest), 0)
     return _MAGIC + start + rest
 
 

@@ -1,0 +1,186 @@
+"""The paper's grids on the box around the surface, against their definition."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pandis.artifact import Artifact
+from pandis.config import MeshOptions
+from pandis.distance import MeshDistance, ShapeDistance
+from pandis.export.grids import grid_graph
+from pandis.export.native import native_bytes
+from pandis.export.session import Session
+from pandis.fields.base import BOUND, OK
+from pandis.fields.grids import GRID_OPENERS
+from pandis.forces import penalty_force
+from pandis.frame import Frame
+from pandis.grids.dense import DenseGrid
+from pandis.mesh.build import build
+from pandis.mesh.shapes import SHAPES
+from pandis.native.runtime import NativeField
+from pandis.sampling import Surface, probes
+from pandis.stage import silent_progress
+from support import box_mesh
+
+FRAME = Frame((3.0, -2.0, 0.5), 0.6)
+BAND = (0.045, 0.02)
+EVERYTHING = (4.0, 4.0)
+SCANS = {
+    "bunny": "stanford/bunny_35947v_69451f_binary.ply",
+    "armadillo": "stanford/armadillo_49990v_99976f_ngp.obj",
+    "dragon": "stanford/dragon_closed_39994v_79988f.obj",
+}
+
+
+def mesh(name):
+    """Return a mesh in the unit frame: one with its walls on the box, one thin, one round."""
+    if name == "torus":
+        vertices, faces = SHAPES["torus"].tessellation(40, 20)
+    elif name == "plate":
+        vertices, faces = box_mesh()
+        vertices = vertices * [1.0, 0.6, 0.013]
+    else:
+        vertices, faces = box_mesh()
+        vertices = vertices * [1.0, 0.7, 0.4]
+    frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
+    return frame.to_unit(vertices), faces
+
+
+def baked(kind, engine, size, band):
+    grid = DenseGrid(engine, "force-box", size, band, silent_progress)
+    values = np.concatenate(list(grid.slabs(16)))
+    attributes = grid.attributes() | {"frame": FRAME.attributes()}
+    return GRID_OPENERS[kind](kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
+
+
+def naive(kind, engine, vertices, size, points):
+    """Return the force (n, 3): exact at nodes of the vertices' bounds, nothing beyond them."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    axes = [np.linspace(*ends, size) for ends in zip(low, high, strict=True)]
+    within = ((points >= low) & (points <= high)).all(axis=1)
+    place = np.clip((points - low) / (high - low) * (size - 1), 0, size - 1)
+    force = np.zeros((len(points), 3))
+    if kind == "nearest-box":
+        corners, weights = [np.floor(place + 0.5).astype(int)], [np.ones(len(points))]
+    else:
+        base = np.minimum(np.floor(place).astype(int), size - 2)
+        t = place - base
+        corners = [base + offset for offset in np.ndindex(2, 2, 2)]
+        weights = [np.where(o, t, 1 - t).prod(axis=1) for o in np.ndindex(2, 2, 2)]
+    for corner, weight in zip(corners, weights, strict=True):
+        node = np.column_stack([axes[k][corner[:, k]] for k in range(3)])
+        force += weight[:, None] * penalty_force(*engine.distance_and_normal(node))
+    return np.where(within[:, None], force, 0.0)
+
+
+def places(vertices, count, size, seed=0):
+    """Return points in the box of the surface, around it, and on its faces, but for ties."""
+    rng = np.random.default_rng(seed)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    near = rng.uniform(low - 0.05, high + 0.05, (count // 2, 3))
+    anywhere = rng.uniform(-1.5, 1.5, (count // 4, 3))
+    inside = rng.uniform(low, high, (count - len(near) - len(anywhere), 3))
+    face = np.arange(len(inside) // 8)
+    inside[face, face % 3] = np.where(face % 2, low[face % 3], high[face % 3])
+    points = np.concatenate([near, anywhere, inside])
+    # halfway between two nodes either is the nearest
+    half = (points - low) / (high - low) * (size - 1) + 0.5
+    return points[(np.abs(half - np.round(half)) > 1e-9).all(axis=1)]
+
+
+def compare(kind, engine, vertices, size, count):
+    """Hold library, pandis.h and ONNX against the definition; return how many points have a force.
+
+    Everywhere for a grid of which all nodes are exact, and where its flag says so for one that is
+    exact in a band.
+    """
+    points = places(vertices, count, size)
+    wanted = naive(kind, engine, vertices, size, points)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    outside = ((points < low) | (points > high)).any(axis=1)
+    for band in (EVERYTHING, BAND):
+        field = baked(kind, engine, size, band)
+        answer = field.query(points)
+        sure = answer.flag == OK if band is BAND else np.ones(len(points), bool)
+        ours = penalty_force(answer.distance, answer.normal)
+        assert np.abs(ours - wanted)[sure | outside].max() < 1e-6
+        assert (answer.flag[outside] == BOUND).all()
+        assert not ours[outside].any()
+        assert (answer.distance[outside] == 0).all()
+        if band is BAND:
+            deep = ~outside & ~sure & (engine.distance_and_normal(points)[0] < 0)
+            assert (ours[deep] != 0).any(axis=1).mean() > 0.99 if deep.any() else True
+        native = NativeField(native_bytes(field, kind, {}))
+        found = native.query(FRAME.to_mesh(points))
+        force = penalty_force(found.distance * FRAME.scale, found.normal)
+        assert np.abs(force - ours).max() < 1e-6
+        on_face = (np.abs(np.stack([points - low, points - high])) < 1e-12).any(axis=(0, 2))
+        assert (found.flag == answer.flag)[~on_face].all()  # there a rounding decides
+        model = grid_graph(field, kind).model(kind, {})
+        distance, normal = Session(model).distance_and_normal(FRAME.to_mesh(points))
+        force = penalty_force(distance * FRAME.scale, normal)
+        near_tie = np.abs(force - ours).max(axis=1) > 1e-6
+        assert near_tie.mean() < 1e-3
+    return int((np.abs(wanted).max(axis=1) > 0).sum())
+
+
+@pytest.mark.parametrize("name", ["torus", "plate", "box"])
+@pytest.mark.parametrize("kind", ["nearest-box", "trilinear-box"])
+def test_answers_are_those_of_the_definition(kind, name):
+    vertices, faces = mesh(name)
+    assert compare(kind, MeshDistance(vertices, faces), vertices, 24, 20_000) > 500
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", SCANS)
+def test_answers_on_scans_are_those_of_the_definition(name, meshes):
+    path = Path(meshes) / SCANS[name]
+    options = MeshOptions().model_dump() | {"source": str(path), "sha256": None, "seed": 0}
+    arrays, _ = build(options, path, lambda text: None)
+    vertices = arrays["vertices"]
+    vertices = Frame.of_bounds(vertices.min(0), vertices.max(0)).to_unit(vertices)
+    engine = MeshDistance(vertices, arrays["faces"])
+    for kind in ("nearest-box", "trilinear-box"):
+        assert compare(kind, engine, vertices, 64, 20_000) > 1000
+
+
+def test_box_of_a_closed_form_is_its_own_not_that_of_its_tessellation():
+    shape = SHAPES["sphere"]
+    frame = Frame.of_bounds(-np.array(shape.half_extent), np.array(shape.half_extent))
+    grid = DenseGrid(ShapeDistance(shape, frame), "force-box", 8, BAND, silent_progress)
+    np.testing.assert_allclose(grid.axes.low, -0.9, atol=1e-12)
+    np.testing.assert_allclose(grid.axes.high, 0.9, atol=1e-12)
+
+
+def test_the_same_bytes_err_less_on_the_box_than_on_the_cube():
+    """Why the paper's comparison depends on it: the cells are smaller."""
+    vertices, faces = mesh("torus")
+    engine = MeshDistance(vertices, faces)
+    points, distance, normal = probes(Surface(vertices, faces), engine, 5000, seed=1)["deep"]
+    exact = penalty_force(distance, normal)
+    cube = DenseGrid(engine, "force", 48, BAND, silent_progress)
+    values = np.concatenate(list(cube.slabs(48)))
+    attributes = cube.attributes() | {"frame": FRAME.attributes()}
+    held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
+    errors = {}
+    for name, field in {
+        "cube": GRID_OPENERS["trilinear"]("trilinear", held),
+        "box": baked("trilinear-box", engine, 48, BAND),
+    }.items():
+        off = penalty_force(*field.answer(points)) - exact
+        errors[name] = np.linalg.norm(off, axis=1).mean()
+    assert errors["box"] < 0.8 * errors["cube"], errors
+
+
+def test_older_readers_still_take_grids_on_the_cube():
+    """A file says the first version that knows what it holds."""
+    vertices, faces = mesh("torus")
+    engine = MeshDistance(vertices, faces)
+    own = native_bytes(baked("trilinear-box", engine, 8, BAND), "trilinear-box", {})
+    cube = DenseGrid(engine, "force", 8, BAND, silent_progress)
+    values = np.concatenate(list(cube.slabs(8)))
+    attributes = cube.attributes() | {"frame": FRAME.attributes()}
+    held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
+    plain = native_bytes(GRID_OPENERS["trilinear"]("trilinear", held), "trilinear", {})
+    assert (plain[12], own[12]) == (1, 2)
