@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pandis.evaluation.paths import interval, over_paths, verdict
+from pandis.evaluation.paths import interval, over_paths, repeats, verdict
 from pandis.fields.base import Field
 from pandis.frame import Frame
 
@@ -28,15 +28,21 @@ def path(depth, count=50):
     return points, points[:, 2], np.tile(NORMAL, (count, 1))
 
 
+def model(steps=600, **options):
+    return {"options": {"loss": "paper"} | options, "steps": steps, "device": "cpu"}
+
+
 def test_means_and_intervals_are_those_of_the_paths():
     fields = [Plane("exact", 0.0), Plane("trilinear-64", 0.01), Plane("pandis", 0.2)]
+    fields.append(Plane("trilinear-box-64", 0.005))
     # the second loses the contact on shallow paths: its error is their depth then
     paths = [path(depth) for depth in (0.02, 0.03, 0.05, 0.008)]
     table = over_paths(fields, paths)
-    assert table["exact"] == {"mean": 0, "interval": 0, "ratio": 0, "ratio_interval": 0}
+    none = dict.fromkeys(("trilinear-64", "trilinear-box-64"), 0)
+    assert table["exact"] == {"mean": 0, "interval": 0, "ratios": none}
     assert table["trilinear-64"]["mean"] == pytest.approx(0.01)
-    assert table["trilinear-64"]["ratio"] == 1
-    assert table["pandis"]["ratio"] == pytest.approx(20)
+    assert table["trilinear-64"]["ratios"]["trilinear-64"] == 1
+    assert table["pandis"]["ratios"] == pytest.approx({"trilinear-64": 20, "trilinear-box-64": 40})
     values = np.array([1.0, 2.0, 4.0, 9.0])
     low, high = stats.t.interval(0.95, 3, values.mean(), stats.sem(values))
     assert interval(values) == pytest.approx((high - low) / 2)
@@ -44,15 +50,33 @@ def test_means_and_intervals_are_those_of_the_paths():
 
 def test_without_the_baseline_there_are_no_ratios():
     table = over_paths([Plane("pandis", 0.1)], [path(0.1), path(0.2)])
-    assert set(table["pandis"]) == {"mean", "interval"}
-    assert verdict(table, ["pandis"]) == ""
+    assert table["pandis"]["ratios"] == {}
+    assert verdict(table, {"pandis": model()}) == ""
+
+
+def test_networks_that_differ_in_their_seed_alone_are_repeats():
+    models = {"a": model(), "b": model(weighting="batch"), "c": model(), "d": model(steps=601)}
+    assert repeats(models) == [["a", "c"], ["b"], ["d"]]
 
 
 @pytest.mark.parametrize(
-    ("ratio", "said"), [(0.7, "less than"), (0.97, "about as much as"), (1.3, "more than")]
-)
-def test_the_verdict_is_about_the_interval(ratio, said):
-    table = {"pandis": {"ratio": ratio, "ratio_interval": 0.05}}
-    assert verdict(table, ["pandis", "other"]) == (
-        f"pandis errs {said} trilinear-64: {ratio:.2f} ± 0.05 times."
+    ("ratios", "said"),
+    [((0.7, 0.71, 0.72), "less than"), ((0.6, 0.9, 1.2), "about as much as"),
+     ((1.3, 1.31, 1.32), "more than")],
+)  # fmt: skip
+def test_the_verdict_is_about_the_interval_over_seeds(ratios, said):
+    names = ["pandis", "pandis-b", "pandis-c"]
+    table = {n: {"ratios": {"trilinear-64": r}} for n, r in zip(names, ratios, strict=True)}
+    mean, half = np.mean(ratios), interval(ratios)
+    assert verdict(table, dict.fromkeys([*names, "other"], model())) == (
+        f"pandis, pandis-b, pandis-c err {said} trilinear-64: {mean:.2f} ± {half:.2f} times "
+        "(3 trainings)."
+    )
+
+
+def test_of_one_training_nothing_is_said_of_others():
+    table = {"pandis": {"ratios": {"trilinear-box-64": 0.97, "trilinear-64": 0.77}}}
+    assert verdict(table, {"pandis": model()}) == (
+        "pandis errs 0.97 times as much as trilinear-box-64 (one training); "
+        "pandis errs 0.77 times as much as trilinear-64 (one training)."
     )

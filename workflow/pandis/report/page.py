@@ -10,7 +10,7 @@ from pandis.budget import Limits, told, told_figures
 from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.evaluation.beyond import POINTS
 from pandis.evaluation.front import PRICES, may_be_used, recommend
-from pandis.evaluation.paths import verdict
+from pandis.evaluation.paths import BASELINES, verdict
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
 from pandis.frame import Frame
@@ -80,7 +80,9 @@ def mesh_section(name, artifacts, field_names):
         "picture": figures.picture(vertices, mesh.arrays["faces"], trajectory),
         "heat": _heat_map(mesh, vertices),
         "holding": figures.holding(vertices, mesh.arrays["faces"], **artifacts["stress"].arrays),
-        "paths_said": verdict(evaluation.attributes["paths"], networks),
+        "paths_said": verdict(
+            evaluation.attributes["paths"], {n: m.attributes for n, m in models.items()}
+        ),
         "repair": [r["operation"] for r in mesh.attributes["rungs"] if r["kept"]],
         "quiver": figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
         "path": figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
@@ -182,12 +184,13 @@ def _sentence(rows, networks, closed_form):
     else:
         text = "Every approximate field failed a question of the stress suite, or lacks surface."
     error = {row["field"]: row["trajectory_mean"] for row in approximate}
-    base = error.get("trilinear-64")
+    base = next((b for b in BASELINES if error.get(b)), None)
+    box = "the mesh's own box, as the paper's" if base == BASELINES[0] else "the unit frame's cube"
     for name in networks:
         if base and name in error:
             text += (
-                f" On the trajectory {name} has {error[name] / base:.2f} times the error of the "
-                "paper's trilinear-64."
+                f" On the trajectory {name} has {error[name] / error[base]:.2f} times the error of "
+                f"{base}, on {box}."
             )
     exact = next((r for r in rows if r["field"] == "exact" and r["native_p50_us"] != ""), None)
     if exact:
@@ -232,6 +235,7 @@ def build(sections, refused=None):
         jump=JUMP,
         points=POINTS,
         prices=PRICES,
+        baselines=BASELINES,
         questions=QUESTIONS,
         scripts=scripts,
         tables=paper.tables(sections),
