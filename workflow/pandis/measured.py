@@ -3,6 +3,9 @@
 import csv
 from pathlib import Path
 
+import numpy as np
+from scipy import stats
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "figures"
 
@@ -184,28 +187,101 @@ def training_table(name="training"):
     return _noted(table, notes)
 
 
+#: The columns of errors in the paper's comparison.
+_ERRORS = ("shallow", "deep", "contact", "path")
+#: The paper's Table 4: PANDIS over Tri-i 64³, on the mesh's own box.
+_PAPER = {"bunny": 0.006 / 0.026, "armadillo": 0.022 / 0.046, "dragon": 0.068 / 0.041}
+_BOXES = {"trilinear-box-64": "its own", "trilinear-64": "the cube"}
+
+
+def _over_seeds(rows, keys):
+    """Return the rows that differ in their seed alone, in lists."""
+    groups = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return list(groups.values())
+
+
+def _spread(values, form):
+    """Format the mean of values with its 95 % interval (Student's t); of two or one, the values."""
+    if len(values) < 3:
+        return " and ".join(format(value, form) for value in values)
+    text = format(float(np.mean(values)), form)
+    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
+    return f"{text} ± {half:{form}}"
+
+
 def full_table():
     """Return the table of the paper's comparison, with networks trained to the end."""
     notes, rows = _figures("full")
-    seconds = {
-        (row["mesh"], row["recipe"], row["steps"]): float(row["seconds"])
-        for row in _figures("training_gpu")[1]
-    }
     table = [
-        "| mesh | field | steps | trained in (s, GPU) | KB | shallow | deep | on the path, ± 95 % "
-        "| of `trilinear-64`, ± 95 % |",
-        "|---|---|--:|--:|--:|--:|--:|--:|--:|",
+        "| mesh | field | training | seeds | KB | shallow | deep | contact | missing (%) "
+        "| on the path | of `trilinear-box-64` | of `trilinear-64` |",
+        "|---|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
-    for row in rows:
-        taken = seconds.get((row["mesh"], row["field"], row["steps"]))
-        cells = [row["mesh"], f"`{row['field']}`"]
-        cells += [f"{int(row['steps']):,}" if row["steps"] else "", f"{taken:.0f}" if taken else ""]
-        cells.append(f"{int(row['bytes']) / 1e3:,.0f}")
-        cells += [f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep")]
-        path, interval = (1e3 * float(row[key]) for key in ("path", "path_interval"))
-        cells.append(f"{path:.2f} ± {interval:.2f}")
-        ratio = [float(row[key]) for key in ("of_trilinear_64", "of_trilinear_64_interval")]
-        cells.append("{:.2f} ± {:.2f}".format(*ratio))
+    base = {(row["mesh"], row["field"]): float(row["path"]) for row in rows}
+    for own in _over_seeds(rows, ("mesh", "field", "weighting", "points", "steps")):
+        first = own[0]
+        cells = [first["mesh"], f"`{first['field']}`", _trained(first)]
+        cells.append(f"{len(own)}" if first["seed"] else "")
+        cells.append(f"{int(first['bytes']) / 1e3:,.0f}")
+        values = {key: [float(row[key]) for row in own] for key in (*_ERRORS, "missing")}
+        cells += [_spread([1e3 * v for v in values[k]], ".3g") for k in _ERRORS[:-1]]
+        cells.append(_spread([100 * v for v in values["missing"]], ".2g"))
+        cells.append(_spread([1e3 * v for v in values["path"]], ".3g"))
+        for box in _BOXES:
+            cells.append(_spread([v / base[first["mesh"], box] for v in values["path"]], ".2f"))
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
+def _trained(row):
+    """Say how a network of a table was trained."""
+    if not row["steps"]:
+        return ""
+    said = [f"{int(row['steps']):,} steps"]
+    said += [f"`weighting: {row['weighting']}`"] if row["weighting"] else []
+    said += ["`points: vertices`"] if row["points"] == "vertices" else []
+    return ", ".join(said)
+
+
+def order_table():
+    """Return the table of PANDIS over Tri-i 64³: by scan, box and measure, beside the paper's."""
+    notes, rows = _figures("full")
+    table = [
+        "| mesh | box of the grid | training | seeds | the paper's path | on the path | shallow "
+        "| deep | contact |",
+        "|---|---|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    grids = {(r["mesh"], r["field"]): r for r in rows if r["field"] in _BOXES}
+    networks = [row for row in rows if row["field"] == "pandis"]
+    for own in _over_seeds(networks, ("mesh", "weighting", "points", "steps")):
+        mesh = own[0]["mesh"]
+        for box, said in _BOXES.items():
+            paper = f"{_PAPER[mesh]:.2f}" if said == "its own" else ""
+            cells = [mesh, said, _trained(own[0]), f"{len(own)}", paper]
+            for key in ("path", "shallow", "deep", "contact"):
+                base = float(grids[mesh, box][key])
+                cells.append(_spread([float(row[key]) / base for row in own], ".2f"))
+            table.append(_row(cells))
+    return _noted(table, notes)
+
+
+def ablation_table():
+    """Return the table of what each change from the paper's recipe to ours is worth."""
+    notes, rows = _figures("ablation")
+    table = [
+        "| change | made | seeds | shallow | deep | contact | missing (%) | on the path |",
+        "|---|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    said = {"": "", "alone": "alone", "added": "added to those above"}
+    groups = {(own[0]["how"], own[0]["what"]): own for own in _over_seeds(rows, ("how", "what"))}
+    for (how, what), own in groups.items():
+        cells = [f"{what}" if how else "none: `pandis`", said[how], f"{len(own)}"]
+        values = {key: [float(row[key]) for row in own] for key in (*_ERRORS, "missing")}
+        cells += [_spread([1e3 * v for v in values[k]], ".3g") for k in _ERRORS[:-1]]
+        cells.append(_spread([100 * v for v in values["missing"]], ".2g"))
+        cells.append(_spread([1e3 * v for v in values["path"]], ".3g"))
         table.append(_row(cells))
     return _noted(table, notes)
 

@@ -110,6 +110,7 @@ def generated():
             BENCHMARKS,
             distances=measured.distance_table(),
             fields=measured.field_table(),
+            order=measured.order_table(),
             full=measured.full_table(),
             native=measured.native_table(),
             times=measured.time_table(),
@@ -120,6 +121,7 @@ def generated():
         TRAINING: with_generated(
             TRAINING,
             training=measured.training_table(),
+            ablation=measured.ablation_table(),
             untuned=measured.training_table("untuned"),
             budgets=measured.budget_table(),
             base=measured.base_table(),
