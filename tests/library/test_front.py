@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from pandis.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.evaluation.front import ERRORS, PRICES, pareto, recommend
+from pandis.report.figures import colour
 
 KEYS = ("contact_percent", *PRICES)
 #: What may be used: nothing failed, nothing missing.
@@ -74,3 +76,12 @@ def test_what_failed_a_question_or_lacks_surface_is_neither_unbeaten_nor_recomme
     bad = dict.fromkeys(KEYS, 1.0) | GOOD | {"field": "bad"} | fault
     assert pareto([good, bad], KEYS) == [True, False]
     assert {pick["fastest"]["field"] for pick in recommend([good, bad])} == {"good"}
+
+
+def test_every_kind_of_field_has_a_colour():
+    recipes = {"pandis"}
+    names = ["exact", "auto", "salisbury", "kim-algebraic-64", "pandis", *PLANE_FIELDS]
+    names += [f"{kind}-64" for kind in GRID_FIELDS]
+    colours = [colour(parse_field(name, recipes), ["pandis"]) for name in names]
+    assert all(c.startswith("#") for c in colours)
+    assert len(set(colours)) == len(colours)

@@ -30,7 +30,7 @@ def digests(tree):
 
 def test_closure_follows_every_form_of_import(tree):
     assert set(digests(tree)) == {
-        "python", "scripts/run", "pandis", "pandis.a", "pandis.b", "pandis.c",
+        "python", "scripts/run", "pandis.a", "pandis.b", "pandis.c",
         "pandis.sub", "pandis.sub.d", "pandis.sub.e",
     }  # fmt: skip
 

@@ -101,7 +101,7 @@ class Plan:
         self.needed = needed(self.entries, self.scenes)
         self.digests = CodeDigests(root)
         self.sources = SourceDigests()
-        self._options, self._train_digests = {}, {}
+        self._options, self._codes = {}, {}
         self._start = time.time()
 
     def _buildable(self, entries):
@@ -338,18 +338,18 @@ class Plan:
     # --- params of rules ---------------------------------------------------------
 
     def code(self, stage):
-        """Return the digest of a stage's script and the library modules it imports.
+        """Return the function that gives a job of ``stage`` the digest of its code.
 
-        For training it depends on the recipe: a function that Snakemake calls.
+        The script and the library modules behind it, but for those that the job's options leave
+        out: a method that a mesh does not use makes none of its results stale.
         """
-        return self._train_code if stage == "train" else self.digests.stage(stage)
+        return partial(self._job_code, stage)
 
-    def _train_code(self, wildcards):
-        loss = self.entries[wildcards.mesh].train[wildcards.recipe].loss
-        if loss not in self._train_digests:
-            unused = unused_modules({"loss": loss})
-            self._train_digests[loss] = self.digests.stage("train", unused)
-        return self._train_digests[loss]
+    def _job_code(self, stage, wildcards):
+        key = stage, unused_modules(self.options(stage)(wildcards))
+        if key not in self._codes:
+            self._codes[key] = self.digests.stage(*key)
+        return self._codes[key]
 
     def options(self, stage):
         """Return the function that gives a job of ``stage`` its options (Snakemake calls it)."""

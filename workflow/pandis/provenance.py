@@ -2,7 +2,7 @@
 
 Snakemake tracks a script by its modification time and an imported module not
 at all. Here every rule gets a ``code`` param instead: a digest of its script
-and of all library modules that it imports, directly or through others.
+and of all library modules that it imports, directly or through others, C included.
 Comments, docstrings and formatting do not count. The same facts are stored
 inside each artifact, so that `verify` can judge a folder of results alone.
 """
@@ -16,9 +16,11 @@ from importlib import metadata
 from pathlib import Path
 
 from pandis.native.compiler import find_compiler
+from pandis.native.sources import digest as source_digest
 
-#: Files beside a package's modules that are a part of it: templates, sources in C.
-_DATA = {".html", ".css", ".js", ".h", ".c", ".cpp"}
+#: Files beside a package's modules that are a part of it: templates; sources in C, and with them
+#: what they include.
+_DATA, _SOURCES = {".html", ".css", ".js"}, {".c", ".cpp"}
 
 #: Packages that are installed under another name than they are imported by.
 _PACKAGES = {"igl": "libigl", "yaml": "PyYAML", "skimage": "scikit-image"}
@@ -31,11 +33,33 @@ _PYTHON = "python"
 _LOSSES = {"paper": "pandis.training.paper_loss", "exact": "pandis.training.exact_loss"}
 
 
+#: Modules of the paper's other methods, and how the names of their fields begin.
+_METHODS = {
+    "pandis.fields.implicit": "kim-",
+    "pandis.fields.planes": "support-planes",
+    "pandis.fields.proxy": "salisbury",
+}
+
+
 def unused_modules(options):
-    """Return the modules that a stage imports but, with these options, never runs."""
-    if "loss" not in options:
-        return ()
-    return tuple(module for loss, module in _LOSSES.items() if loss != options["loss"])
+    """Return the modules that a stage imports but, with these options, never runs.
+
+    Of the two losses the other one's; and those of methods that none of its fields is of.
+    """
+    losses = [m for loss, m in _LOSSES.items() if options.get("loss", loss) != loss]
+    names = tuple(_field_names(options))
+    methods = [m for m, start in _METHODS.items() if not any(n.startswith(start) for n in names)]
+    return (*losses, *methods)
+
+
+def _field_names(options):
+    """Yield the names of fields, and of a kind of them, among the options of any stage."""
+    for key in ("fields", "field", "in_python", "kind"):
+        value = options.get(key, ())
+        lists = value.values() if isinstance(value, dict) else [value]
+        for names in lists:
+            # the one kind of a stage that sizes grids stands for their names
+            yield from [f"{names}-"] if isinstance(names, str) else names
 
 
 class CodeDigests:
@@ -94,18 +118,26 @@ class CodeDigests:
         self._packages[module] = set(_foreign(tree))
         if path.name == "__init__.py":
             # templates and the like belong to the package they lie in
-            files = path.parent.iterdir()
-            data = [f for f in files if f.suffix in _DATA and not f.name.startswith(".")]
-            digests = {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in data}
+            files = [f for f in path.parent.iterdir() if not f.name.startswith(".")]
+            digests = {
+                f.name: hashlib.sha256(f.read_bytes()).hexdigest()
+                for f in files
+                if f.suffix in _DATA
+            }
+            digests |= {f.name: source_digest(f) for f in files if f.suffix in _SOURCES}
             if digests:
                 self._own[module] = combine({"": self._own[module]} | digests)
         for name in _imported(tree, package):
             imports += self._resolve(name)
 
     def _resolve(self, name):
-        """Return the modules that ``import name`` runs: the module and its packages."""
+        """Return the modules that ``import name`` runs: the module and its packages.
+
+        But for ``pandis`` itself, which holds the version and a way in for users, and nothing that
+        a stage runs.
+        """
         parts, modules = name.split("."), []
-        for depth in range(1, len(parts) + 1):
+        for depth in range(2, len(parts) + 1):
             base = self.root.joinpath(*parts[:depth])
             module = ".".join(parts[:depth])
             if (base / "__init__.py").is_file():

@@ -1,4 +1,4 @@
-"""Generates what the documentation repeats: schema, option tables, measured figures.
+"""Generates what the documentation repeats: schema, option tables, figures, what edits cost.
 
 ``make docs`` writes all of it; ``make figures`` first takes the figures of the
 last default run from results/ into docs/figures (``make figures RUN=sphere``:
@@ -13,6 +13,8 @@ from pathlib import Path
 
 from pandis import config, measured
 from pandis.machine import describe
+from pandis.native.sources import included
+from pandis.provenance import CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
@@ -22,6 +24,7 @@ REPAIR = ROOT / "docs" / "repair.md"
 BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
+STALENESS = ROOT / "docs" / "staleness.md"
 END = "<!-- end of generated -->"
 
 _SECTIONS = {
@@ -118,6 +121,7 @@ def generated():
             scenes=measured.scene_table(),
             servo=measured.servo_table(),
         ),
+        STALENESS: with_generated(STALENESS, staleness=stale_table()),
         TRAINING: with_generated(
             TRAINING,
             training=measured.training_table(),
@@ -128,6 +132,36 @@ def generated():
             throughput=measured.throughput_table(),
         ),
     }
+
+
+def stale_table():
+    """Return the table of docs/staleness.md: which stages an edit of a file makes stale."""
+    code = CodeDigests(ROOT / "workflow")
+    stages = sorted(path.stem for path in code.scripts.glob("*.py"))
+    reached = {}
+    for stage in stages:
+        for module in code.modules(stage):
+            if not module.startswith("pandis."):
+                continue
+            path = Path(*module.split("."))
+            folder = ROOT / "workflow" / path
+            reached.setdefault(path, set()).add(stage)
+            for source in sorted(folder.glob("*.c")) + sorted(folder.glob("*.cpp")):
+                for file in included(source):
+                    name = file.relative_to(ROOT / "workflow")
+                    reached.setdefault(name, set()).add(stage)
+    lines = ["| file | stages |", "|---|---|"]
+    for path, found in sorted(reached.items()):
+        name = path.relative_to("pandis").as_posix()
+        others = [stage for stage in stages if stage not in found]
+        said = ", ".join(sorted(found))
+        if len(others) < len(found):
+            said = "all but " + ", ".join(others) if others else "all"
+        name = name if path.suffix else f"{name}.py"
+        if (ROOT / "workflow" / path).is_dir():
+            name = name.removesuffix(".py") + "/__init__.py"
+        lines.append(f"| `{name}` | {said} |")
+    return "\n".join(lines)
 
 
 def take_figures(name):

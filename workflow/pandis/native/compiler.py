@@ -4,7 +4,6 @@ import ctypes
 import hashlib
 import os
 import platform
-import re
 import shutil
 import subprocess
 import tempfile
@@ -13,6 +12,7 @@ from pathlib import Path
 
 from pandis.errors import PandisError
 from pandis.native.cache import cache_folder
+from pandis.native.sources import included
 
 #: No reassociation, no fused multiply-add: IEEE results that do not depend on the machine. That
 #: nobody asks for errno or for traps lets the compiler use vectors.
@@ -84,20 +84,12 @@ def build(command, source, libraries, name):
     PandisError
         The compiler fails.
     """
+    texts = [path.read_text("utf-8") for path in included(source)]
     # what is compiled for one processor may not run on another
-    key = [*command, *libraries, platform.machine(), _processor(), *_texts(source)]
+    key = [*command, *libraries, platform.machine(), _processor(), *texts]
     digest = hashlib.sha256("\0".join(key).encode()).hexdigest()[:20]
     made = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
     return made if made.is_file() else _compile([*command, str(source), *libraries], made)
-
-
-def _texts(source):
-    """Return the text of a source, and those of the headers beside it that it includes."""
-    text = source.read_text("utf-8")
-    found = [text]
-    for name in re.findall(r'^#include "([^"]+)"', text, re.M):
-        found += _texts(source.parent / name)
-    return found
 
 
 def _compile(command, made):

@@ -15,6 +15,8 @@ _COLOURS = {
     "exact": "#111111",
     "nearest": "#c9a227",
     "trilinear": "#2a9d5c",
+    "nearest-box": "#e3cf83",
+    "trilinear-box": "#86c9a3",
     "trilinear-normal": "#1f6f8b",
     "trilinear-gradient": "#5fa8d3",
     "tricubic": "#3a56c5",

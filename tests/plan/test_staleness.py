@@ -1,0 +1,142 @@
+"""What an edit of the code makes stale: the lines that matter, held by hand."""
+
+import shutil
+
+import pytest
+
+from pandis.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
+from pandis.native.sources import digest, included, tokens
+from pandis.provenance import _METHODS, CodeDigests, unused_modules
+from support import ROOT, edit
+
+STAGES = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
+#: Stages that answer or export fields, and those whose C is built on the same header.
+ASK = {"evaluate", "export_native", "scene", "stress", "timing", "validate", "choose", "calibrate"}
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tree")
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "workflow" / "pandis", folder / "workflow" / "pandis", ignore=ignore)
+    shutil.copytree(ROOT / "scripts", folder / "scripts", ignore=ignore)
+    return folder
+
+
+def digests(tree, options=None):
+    unused = unused_modules(options) if options is not None else ()
+    code = CodeDigests(tree / "workflow")
+    return {stage: code.stage(stage, unused) for stage in STAGES}
+
+
+def stale(tree, name, old, new, options=None):
+    """Return the stages that an edit of a file makes stale; the file is put back."""
+    path = tree / "workflow" / "pandis" / name
+    before, text = digests(tree, options), path.read_text("utf-8")
+    try:
+        edit(path, old, new)
+        after = digests(tree, options)
+    finally:
+        path.write_text(text, "utf-8")
+    return {stage for stage in STAGES if before[stage] != after[stage]}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("native/pandis.h", "/* An answer.", "/* An answer, and more.\n *"),
+        (
+            "native/pandis.h",
+            "if (!good || ",
+            "if (!good   ||\n        // as it should be\n        ",
+        ),
+        ("native/bvh/bvh.c", "\n}\n", "\n}\n// the end\n"),
+        ("native/device/guard.h", "\n}\n", "\n}\n\n/* a wall */\n"),
+        ("frame.py", "where every stage computes", "and why it is one"),
+        ("fields/grid.py", "\nclass", "\n\n# a grid\nclass"),
+        ("__init__.py", '__version__ = "', '__version__ = "9.'),
+    ],
+)
+def test_a_comment_the_layout_or_the_version_makes_nothing_stale(tree, name, old, new):
+    assert stale(tree, name, old, new) == set()
+
+
+def test_what_pandis_h_does_makes_stale_what_answers(tree):
+    found = stale(tree, "native/pandis.h", "return a * (1 - t) + b * t;", "return a + (b - a) * t;")
+    assert found >= ASK
+    assert not found & {"fetch", "refuse"}
+
+
+def test_what_drives_a_device_makes_stale_what_is_tried_on_one(tree):
+    found = stale(tree, "native/device/energy.h", ";", ";;")
+    assert "validate" in found
+    assert not found & {"mesh", "sample", "train", "bake", "export_native", "evaluate"}
+
+
+@pytest.mark.parametrize("module", ["implicit", "planes", "proxy"])
+def test_the_papers_other_methods_make_stale_what_uses_them_alone(tree, module):
+    name = f"fields/{module}.py"
+    names = {"implicit": "kim-64", "planes": "support-planes", "proxy": "salisbury-tricubic-64"}
+    change = (name, "\nimport numpy as np\n", "\nimport numpy as np\n\nx = 1\n")
+    plain = {"fields": ["exact", "trilinear-64", "pandis"]}
+    assert stale(tree, *change, plain) == set()
+    used = {"fields": ["exact", names[module]]}
+    assert {"evaluate", "stress"} <= stale(tree, *change, used)
+    shared = {"fields": {"a": ["exact"], "b": [names[module]]}}  # the report's, by mesh
+    assert stale(tree, *change, shared) == stale(tree, *change, used)
+
+
+def test_sizing_a_method_needs_its_module():
+    assert "pandis.fields.implicit" in unused_modules({"kind": "tricubic"})
+    assert "pandis.fields.implicit" not in unused_modules({"kind": "kim"})
+
+
+def test_methods_are_called_as_the_catalogue_says():
+    starts = _METHODS["pandis.fields.planes"], _METHODS["pandis.fields.proxy"]
+    assert all(name.startswith(starts[0]) for name in PLANE_FIELDS)
+    assert PROXY.startswith(starts[1])
+    assert f"{ALGEBRAIC}-64".startswith(_METHODS["pandis.fields.implicit"])
+
+
+def test_the_other_loss_makes_no_network_stale(tree):
+    change = ("training/paper_loss.py", "\ndef", "\nx = 1\n\n\ndef")
+    assert "train" not in stale(tree, *change, {"loss": "exact"})
+    assert "train" in stale(tree, *change, {"loss": "paper"})
+
+
+# --- sources in C -------------------------------------------------------------------------
+
+
+def test_comments_and_layout_do_not_count():
+    plain = 'int f(int x) { return x + 1; } /* " */ const char *s = "// no comment";'
+    other = "// one\nint f( int x )\n{\n\treturn x+1; /* two\n lines */ }\n"
+    other += 'const char*s="// no comment";'
+    assert tokens(plain) == tokens(other)
+    assert tokens(plain) != tokens(plain.replace("x + 1", "x - 1"))
+    assert tokens(plain) != tokens(plain.replace("no comment", "comment"))
+
+
+def test_where_a_directive_ends_counts():
+    assert tokens("#define A b\nc") != tokens("#define A b c\n")
+    assert tokens("#define A b \\\n c\n") == tokens("#define A b c\n")
+    assert tokens("#define F(x) x\n") != tokens("#define F (x) x\n")
+    assert tokens("#  if A // yes\n#endif\n") == tokens("#if A\n#endif\n")
+    assert tokens("a\n#define B\n") != tokens("a #define B\n")
+
+
+def test_what_words_are_made_of_counts():
+    assert tokens("int a;") != tokens("inta;")
+    assert tokens("a - -b") != tokens("a--b")
+    assert tokens("1.5e3f") == ["1.5e3f"]
+
+
+def test_includes_are_followed_and_each_counts_once(tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "a.c").write_text('#include "../b.h"\n#include <math.h>\nint a;\n')
+    (tmp_path / "b.h").write_text(' # include "sub/c.h"\nint b;\n')
+    (tmp_path / "sub" / "c.h").write_text('#include "../b.h"\nint c;\n')
+    names = [path.name for path in included(tmp_path / "sub" / "a.c")]
+    assert names == ["a.c", "b.h", "c.h"]
+    before = digest(tmp_path / "sub" / "a.c")
+    edit(tmp_path / "sub" / "c.h", "int c", "long c")
+    assert digest(tmp_path / "sub" / "a.c") != before
