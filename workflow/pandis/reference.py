@@ -25,6 +25,13 @@ BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
 STALENESS = ROOT / "docs" / "staleness.md"
+NATIVE = ROOT / "workflow" / "pandis" / "native"
+HEADER = NATIVE / "pandis.h"
+#: What pandis.h is joined from, in this order: `native/parts`.
+PARTS = (
+    *("opening", "types", "interface", "basis", "sines", "bsplines", "mesh", "network", "grid"),
+    *("spline", "shape", "query", "scene", "file"),
+)
 END = "<!-- end of generated -->"
 
 _SECTIONS = {
@@ -50,6 +57,11 @@ _SECTIONS = {
 def schema_text():
     """Return the JSON schema as the text of its file."""
     return json.dumps(config.json_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def header_text():
+    """Return the one header that users take, joined from its parts."""
+    return "".join((NATIVE / "parts" / f"{part}.h").read_text("utf-8") for part in PARTS)
 
 
 def option_tables():
@@ -105,6 +117,7 @@ def generated():
     """Return every generated file and what it should hold."""
     return {
         SCHEMA: schema_text(),
+        HEADER: header_text(),
         OPTIONS: with_generated(OPTIONS, options=option_tables()),
         README: with_generated(README, bunny=measured.bunny_table()),
         SPHERE: with_generated(SPHERE, sphere=measured.sphere_table()),

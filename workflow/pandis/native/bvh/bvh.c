@@ -11,10 +11,14 @@
  * Signs: Baerentzen and Aanaes 2005 (angle-weighted pseudonormals). Winding numbers: Barill et
  * al. 2018 (dipoles of clusters), solid angles after Van Oosterom and Strackee 1983.
  */
-#define PANDIS_IMPLEMENTATION
 #define PANDIS_NO_FILE
-#define PANDIS_API static
-#include "../pandis.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "../parts/types.h"
+#include "../parts/basis.h"
+#include "../parts/mesh.h"
 
 #include <stdlib.h>
 

@@ -7,10 +7,14 @@
  * Node i of an axis lies at low + i * step. A point is answered in the cells 1 to size - 3, where
  * it has two nodes on either side.
  */
-#define PANDIS_IMPLEMENTATION
 #define PANDIS_NO_FILE
-#define PANDIS_API static
-#include "../pandis.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "../parts/types.h"
+#include "../parts/basis.h"
+#include "../parts/bsplines.h"
 
 typedef pandis__layout Layout;
 

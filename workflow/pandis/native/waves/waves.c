@@ -2,10 +2,13 @@
  *
  * Arrays are rows x columns, float32, row after row; a row is a unit, a column a point.
  */
-#define PANDIS_IMPLEMENTATION
 #define PANDIS_NO_FILE
-#define PANDIS_API static
-#include "../pandis.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "../parts/basis.h"
+#include "../parts/sines.h"
 
 /* z <- sin(z + bias), cosine <- cos(z + bias). */
 void waves_sines(float *restrict z, const float *restrict bias, float *restrict cosine, int64_t from, int64_t to,

@@ -1,0 +1,90 @@
+#include <float.h>
+#include <math.h>
+#include <string.h>
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
+#error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
+#endif
+#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16 /* 16: half precision has arithmetic of its own */
+#error "pandis.h needs float and double arithmetic as such: compile with -mfpmath=sse"
+#endif
+#ifndef PANDIS_NO_FILE
+#if defined(_WIN32) || !defined(PANDIS_MMAP)
+#define PANDIS__READ
+#include <stdio.h>
+#include <stdlib.h>
+#else
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#endif
+#endif
+
+#if defined(__GNUC__) || defined(_MSC_VER)
+#define PANDIS__RESTRICT __restrict
+#elif defined(__cplusplus)
+#define PANDIS__RESTRICT
+#else
+#define PANDIS__RESTRICT restrict
+#endif
+
+/* A function that keeps its stack to itself. */
+#if defined(__GNUC__)
+#define PANDIS__APART __attribute__((noinline))
+#elif defined(_MSC_VER)
+#define PANDIS__APART __declspec(noinline)
+#else
+#define PANDIS__APART
+#endif
+
+#ifndef PANDIS_MOST_WIDTH
+#define PANDIS_MOST_WIDTH 1024
+#endif
+#ifndef PANDIS_MOST_DEPTH
+#define PANDIS_MOST_DEPTH 16
+#endif
+
+#define PANDIS__FAR 1e150         /* farther points overflow when squared */
+#define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
+#define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
+#define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
+#define PANDIS__STACK 704
+#define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
+#define PANDIS__NO_BRICK 65535
+
+static double pandis__dot(const double *u, const double *v) {
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
+}
+
+static void pandis__cross(const double *u, const double *v, double *out) {
+    out[0] = u[1] * v[2] - u[2] * v[1];
+    out[1] = u[2] * v[0] - u[0] * v[2];
+    out[2] = u[0] * v[1] - u[1] * v[0];
+}
+
+#define PANDIS__STIFFEST 1e100
+#define PANDIS__TINY 1e-150 /* squares of less have lost their digits */
+
+/* Scale to unit length; 0 if there is none. */
+static int pandis__normalise(double *v) {
+    double length = sqrt(pandis__dot(v, v));
+    if (!(length > PANDIS__TINY)) return 0;
+    for (int k = 0; k < 3; k++) v[k] /= length;
+    return 1;
+}
+
+/* Move a point into the box [-1, 1]^3; returns how far. */
+static double pandis__clamp_to(const double *low, const double *high, const double *u, double *inside) {
+    double off[3];
+    for (int k = 0; k < 3; k++) {
+        inside[k] = u[k] < low[k] ? low[k] : u[k] > high[k] ? high[k] : u[k];
+        off[k] = u[k] - inside[k];
+    }
+    return sqrt(pandis__dot(off, off));
+}
+
+static double pandis__clamp(const double *u, double *inside) {
+    static const double low[3] = {-1, -1, -1}, high[3] = {1, 1, 1};
+    return pandis__clamp_to(low, high, u, inside);
+}
+

@@ -1,0 +1,81 @@
+/* ---------------------------------------------------------------- B-splines */
+
+/* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives by t. */
+static void pandis__weigh(double t, double *w, double *dw) {
+    double s = 1 - t;
+    w[0] = s * s * s / 6, w[3] = t * t * t / 6;
+    w[1] = (4 - 6 * t * t + 3 * t * t * t) / 6, w[2] = (4 - 6 * s * s + 3 * s * s * s) / 6;
+    dw[0] = -s * s / 2, dw[3] = t * t / 2;
+    dw[1] = t * (3 * t - 4) / 2, dw[2] = -s * (3 * s - 4) / 2;
+}
+
+/* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; 0 outside of the lattice. */
+static int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
+                         double (*dw)[4]) {
+    for (int k = 0; k < 3; k++) {
+        double x = (p[k] - low) * per_step, cell = floor(x);
+        if (!(cell >= 1 && cell <= size - 3)) return 0; /* NaN too */
+        first[k] = (int)cell - 1;
+        pandis__weigh(x - cell, w[k], dw[k]);
+        for (int i = 0; i < 4; i++) dw[k][i] *= per_step;
+    }
+    return 1;
+}
+
+/* Add value and gradient of the spline that has these 64 coefficients around a point. */
+static void pandis__tensor(const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
+    double f[4] = {0}, gx[4] = {0}, gy[4] = {0};
+    for (int x = 0; x < 4; x++)
+        for (int y = 0; y < 4; y++) {
+            double a = w[0][x] * w[1][y], b = dw[0][x] * w[1][y], d = w[0][x] * dw[1][y];
+            for (int z = 0; z < 4; z++) {
+                double r = (double)c[16 * x + 4 * y + z];
+                f[z] += a * r, gx[z] += b * r, gy[z] += d * r;
+            }
+        }
+    for (int z = 0; z < 4; z++) {
+        *value += f[z] * w[2][z];
+        gradient[0] += gx[z] * w[2][z], gradient[1] += gy[z] * w[2][z], gradient[2] += f[z] * dw[2][z];
+    }
+}
+
+/* The 64 coefficients of a lattice that holds them all. */
+static void pandis__gather(const float *values, int32_t size, const int *first, float *c) {
+    for (int x = 0; x < 4; x++)
+        for (int y = 0; y < 4; y++)
+            memcpy(c + 16 * x + 4 * y,
+                   values + ((ptrdiff_t)(first[0] + x) * size + first[1] + y) * size + first[2], 4 * sizeof *c);
+}
+
+/* Value and gradient at a point of the box, from a lattice around it. */
+static void pandis__cubic(const pandis__lattice *l, const double *u, double *value, double *gradient) {
+    double within[3], w[3][4], dw[3][4];
+    float c[64];
+    int first[3];
+    *value = gradient[0] = gradient[1] = gradient[2] = 0;
+    for (int k = 0; k < 3; k++) within[k] = u[k] < -PANDIS__EDGE ? -PANDIS__EDGE : u[k] > PANDIS__EDGE ? PANDIS__EDGE : u[k];
+    if (!pandis__place(l->size, l->low, l->per_step, within, first, w, dw)) return;
+    pandis__gather(l->values, l->size, first, c);
+    pandis__tensor(c, w, dw, value, gradient);
+}
+
+static int pandis__count_bits(uint64_t x) {
+#if defined(__GNUC__)
+    return __builtin_popcountll(x);
+#else
+    int n = 0;
+    for (; x; x &= x - 1) n++;
+    return n;
+#endif
+}
+
+/* Where the eight coefficients of a block begin, or -1 if it is not kept. */
+static int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
+    ptrdiff_t n = l->bricks;
+    uint16_t brick = l->brick[((bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
+    int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
+    uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
+    if (!(mask & one)) return -1;
+    return (int32_t)((l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1))) * 8);
+}
+

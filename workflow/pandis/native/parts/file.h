@@ -1,0 +1,404 @@
+/* ---------------------------------------------------------------- files */
+
+#define PANDIS__HEADER 256
+#define PANDIS__SECTION 24
+#define PANDIS__MOST_SECTIONS 32
+#define PANDIS__ORDER 0x0a0b0c0du
+
+static uint32_t pandis__u32(const unsigned char *p) {
+    return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
+
+static uint64_t pandis__u64(const unsigned char *p) { return pandis__u32(p) | (uint64_t)pandis__u32(p + 4) << 32; }
+
+static double pandis__f64(const unsigned char *p) {
+    uint64_t bits = pandis__u64(p);
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* CRC-32 (ISO 3309, as in zip files). */
+static uint32_t pandis__crc(const unsigned char *p, size_t size) {
+    uint32_t table[256], crc = 0xffffffffu;
+    for (uint32_t i = 0; i < 256; i++) {
+        uint32_t c = i;
+        for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ (c >> 1) : c >> 1;
+        table[i] = c;
+    }
+    for (size_t i = 0; i < size; i++) crc = table[(crc ^ p[i]) & 0xff] ^ (crc >> 8);
+    return ~crc;
+}
+
+/* A number of the header: the k-th of its 14 whole and 16 real ones. */
+static int32_t pandis__whole(const pandis_field *f, int k) {
+    uint32_t value = pandis__u32(f->data + 72 + 4 * k);
+    return value <= INT32_MAX ? (int32_t)value : -1;
+}
+
+static double pandis__real(const pandis_field *f, int k) { return pandis__f64(f->data + 128 + 8 * k); }
+
+/* A section by its name, if it holds `count` values of `each` bytes; sections have been checked. */
+static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
+    uint32_t sections = pandis__u32(f->data + 36);
+    for (uint32_t i = 0; i < sections; i++) {
+        const unsigned char *entry = f->data + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
+        if (memcmp(entry, name, 4)) continue;
+        return pandis__u64(entry + 16) == count * each ? f->data + (size_t)pandis__u64(entry + 8) : NULL;
+    }
+    return NULL;
+}
+
+PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size) {
+    const unsigned char *entry = field->kind ? field->data + PANDIS__HEADER : NULL;
+    uint32_t sections = field->kind ? pandis__u32(field->data + 36) : 0;
+    *size = 0;
+    for (uint32_t i = 0; i < sections; i++, entry += PANDIS__SECTION) {
+        if (memcmp(entry, "PROV", 4)) continue;
+        *size = (size_t)pandis__u64(entry + 16);
+        return (const char *)(field->data + (size_t)pandis__u64(entry + 8));
+    }
+    return NULL;
+}
+
+static int pandis__finite(const float *values, uint64_t count) {
+    int good = values != NULL;
+    for (uint64_t i = 0; good && i < count; i++) good &= fabsf(values[i]) <= 3e38f;
+    return good;
+}
+
+static int pandis__finite64(const double *values, uint64_t count) {
+    int good = values != NULL;
+    for (uint64_t i = 0; good && i < count; i++) good &= fabs(values[i]) <= 1e30;
+    return good;
+}
+
+static uint64_t pandis__cube(int32_t n) { return (uint64_t)n * (uint64_t)n * (uint64_t)n; }
+
+/* The lattice that answers in the box, `cells` per axis there. */
+static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
+    l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
+    l->values = (const float *)pandis__section(f, name, pandis__cube(l->size), sizeof(float));
+    return pandis__finite(l->values, pandis__cube(l->size));
+}
+
+static int pandis__open_network(pandis_field *f) {
+    pandis__network *n = &f->as.network;
+    int32_t base = pandis__whole(f, 3), bits = pandis__whole(f, 4);
+    n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1), n->outputs = pandis__whole(f, 2);
+    if (n->width < 1 || n->width > PANDIS_MOST_WIDTH || n->depth < 1 || n->depth > PANDIS_MOST_DEPTH) return 0;
+    if ((n->outputs != 1 && n->outputs != 4) || (bits != 16 && bits != 32) || base < 0 || base > 512) return 0;
+    n->stride = (n->width + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES;
+    uint64_t row = (uint64_t)n->stride, rows = (uint64_t)(n->depth - 1) * (uint64_t)n->width;
+    uint64_t biases = (uint64_t)n->depth * row + 4;
+    n->first = (const float *)pandis__section(f, "WIN ", 3 * row, sizeof(float));
+    n->last = (const float *)pandis__section(f, "WOUT", (uint64_t)n->outputs * row, sizeof(float));
+    n->biases = (const float *)pandis__section(f, "BIAS", biases, sizeof(float));
+    if (!pandis__finite(n->first, 3 * row) || !pandis__finite(n->last, (uint64_t)n->outputs * row)) return 0;
+    if (!pandis__finite(n->biases, biases)) return 0;
+    if (bits == 32) {
+        n->hidden = (const float *)pandis__section(f, "WHID", rows * row, sizeof(float));
+        if (!pandis__finite(n->hidden, rows * row)) return 0;
+    } else {
+        n->hidden16 = (const int16_t *)pandis__section(f, "WHID", rows * row, sizeof(int16_t));
+        n->scales = (const float *)pandis__section(f, "SCAL", rows, sizeof(float));
+        if (!n->hidden16 || !pandis__finite(n->scales, rows)) return 0;
+    }
+    return !base || pandis__open_lattice(f, "BASE", base, &n->base);
+}
+
+static int pandis__open_grid(pandis_field *f) {
+    pandis__grid *g = &f->as.grid;
+    static const int32_t channels[] = {3, 3, 4, 1, 1};
+    g->rule = pandis__whole(f, 0), g->size = pandis__whole(f, 1);
+    if (g->rule < 0 || g->rule > PANDIS__TRICUBIC || g->size < 2 || g->size > 1024) return 0;
+    g->channels = channels[g->rule];
+    int own = pandis__u32(f->data + 12) > 1; /* version 1 knows the cube alone */
+    for (int k = 0; k < 3; k++) {
+        g->low[k] = own ? pandis__real(f, k) : -1, g->high[k] = own ? pandis__real(f, 3 + k) : 1;
+        if (!(g->low[k] >= -1 && g->high[k] <= 1 && g->high[k] - g->low[k] >= 1e-9)) return 0;
+        if (g->rule == PANDIS__TRICUBIC && (g->low[k] > -1 || g->high[k] < 1)) return 0;
+        g->per_step[k] = (g->size - 1) / (g->high[k] - g->low[k]);
+    }
+    uint64_t count = pandis__cube(g->size) * (uint64_t)g->channels, bits = pandis__cube(g->size - 1);
+    g->covered = (const uint8_t *)pandis__section(f, "COVR", (bits + 7) / 8, 1);
+    if (!g->covered) return 0;
+    if (g->rule == PANDIS__TRICUBIC) return pandis__open_lattice(f, "NODE", g->size - 1, &g->cubic);
+    g->nodes = (const float *)pandis__section(f, "NODE", count, sizeof(float));
+    return pandis__finite(g->nodes, count);
+}
+
+static int pandis__open_layout(pandis_field *f, int level) {
+    static const char *const names[2][4] = {{"BBRK", "BMSK", "BBAS", "BCOF"}, {"FBRK", "FMSK", "FBAS", "FCOF"}};
+    pandis__spline *s = &f->as.spline;
+    pandis__layout *l = s->layout + level;
+    int32_t kept = pandis__whole(f, 4 + level), blocks = pandis__whole(f, 6 + level);
+    l->size = pandis__whole(f, level), l->bricks = pandis__whole(f, 2 + level);
+    l->low = pandis__real(f, level);
+    if (l->size < 4 || l->size > 1024 || l->bricks < 1 || l->bricks != (l->size + 7) / 8) return 0;
+    if (kept < 0 || kept >= PANDIS__NO_BRICK || blocks < 0 || blocks > INT32_MAX / 8 || !(l->low <= -1 && l->low > -3)) return 0;
+    l->per_step = (l->size - 1) / (-2 * l->low);
+    l->brick = (const uint16_t *)pandis__section(f, names[level][0], pandis__cube(l->bricks), 2);
+    l->mask = (const uint64_t *)pandis__section(f, names[level][1], (uint64_t)kept, 8);
+    l->base = (const uint32_t *)pandis__section(f, names[level][2], (uint64_t)kept, 4);
+    const void *stored = pandis__section(f, names[level][3], (uint64_t)blocks * 8, level ? 1 : 2);
+    if (level) s->fine = (const int8_t *)stored;
+    else s->coarse = (const int16_t *)stored;
+    if (!l->brick || !l->mask || !l->base || !stored) return 0;
+    for (uint64_t i = 0; i < pandis__cube(l->bricks); i++)
+        if (l->brick[i] != PANDIS__NO_BRICK && l->brick[i] >= kept) return 0;
+    uint64_t before = 0;
+    for (int32_t i = 0; i < kept; i++) {
+        if (l->base[i] != before) return 0;
+        before += (uint64_t)pandis__count_bits(l->mask[i]);
+    }
+    return before == (uint64_t)blocks;
+}
+
+static int pandis__open_spline(pandis_field *f) {
+    pandis__spline *s = &f->as.spline;
+    if (!pandis__open_layout(f, 0) || !pandis__open_layout(f, 1)) return 0;
+    s->far_size = pandis__whole(f, 8), s->far_low = pandis__real(f, 2);
+    if (s->far_size < 4 || s->far_size > 512 || !(s->far_low <= -1 && s->far_low > -3)) return 0;
+    s->far_per_step = (s->far_size - 1) / (-2 * s->far_low);
+    for (int k = 0; k < 3; k++) {
+        s->offset[k] = pandis__real(f, 3 + k), s->scale[k] = pandis__real(f, 6 + k);
+        if (!(fabs(s->offset[k]) <= 1e30 && fabs(s->scale[k]) <= 1e30)) return 0;
+    }
+    s->inside = pandis__real(f, 9), s->outside = pandis__real(f, 10);
+    if (!(s->inside >= 0 && s->inside <= 1e30 && s->outside >= 0 && s->outside <= 1e30)) return 0;
+    uint64_t blocks = pandis__cube(4 * s->layout[0].bricks);
+    s->far = (const int16_t *)pandis__section(f, "RCOF", pandis__cube(s->far_size), 2);
+    s->side = (const uint8_t *)pandis__section(f, "SIDE", (blocks + 7) / 8, 1);
+    return s->far && s->side;
+}
+
+/* Walk the tree: nodes and leaves must come in the order in which they are met, each of them once, so
+ * that no query can go round, or take longer than there are leaves; and not deeper than the stack. */
+static int pandis__walk(const pandis__mesh *m) {
+    int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
+    int next[PANDIS__DEEPEST], depth = 0;
+    path[0] = 0, next[0] = 0;
+    while (depth >= 0) {
+        const pandis__node *node = m->nodes + path[depth];
+        int k = next[depth]++;
+        if (k >= PANDIS__WIDTH) {
+            depth--;
+            continue;
+        }
+        if (node->low[0][k] > node->high[0][k]) continue;
+        int32_t child = node->child[k];
+        if (child < 0) {
+            if (~child != leaves || leaves >= m->leaf_count) return 0;
+            leaves++;
+        } else {
+            if (child != nodes || nodes >= m->node_count || depth + 1 >= PANDIS__DEEPEST) return 0;
+            nodes++, depth++;
+            path[depth] = child, next[depth] = 0;
+        }
+    }
+    return nodes == m->node_count && leaves == m->leaf_count;
+}
+
+/* Every index must lead somewhere. */
+static int pandis__open_mesh(pandis_field *f) {
+    pandis__mesh *m = &f->as.mesh;
+    m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
+    m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
+    m->reach = pandis__real(f, 0);
+    if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
+    if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
+    uint64_t v = (uint64_t)m->vertex_count, t = (uint64_t)m->face_count;
+    m->vertices = (const double *)pandis__section(f, "VERT", 3 * v, sizeof(double));
+    m->vertex_normals = (const double *)pandis__section(f, "VNRM", 3 * v, sizeof(double));
+    m->faces = (const int32_t *)pandis__section(f, "FACE", 3 * t, sizeof(int32_t));
+    m->neighbours = (const int32_t *)pandis__section(f, "NEIG", 3 * t, sizeof(int32_t));
+    m->nodes = (const pandis__node *)pandis__section(f, "TREE", (uint64_t)m->node_count, sizeof(pandis__node));
+    m->leaves = (const pandis__leaf *)pandis__section(f, "LEAF", (uint64_t)m->leaf_count, sizeof(pandis__leaf));
+    if (!m->faces || !m->neighbours || !m->nodes || !m->leaves) return 0;
+    if (!pandis__finite64(m->vertices, 3 * v) || !pandis__finite64(m->vertex_normals, 3 * v)) return 0;
+    for (uint64_t i = 0; i < 3 * t; i++)
+        if (m->faces[i] < 0 || m->faces[i] >= m->vertex_count || m->neighbours[i] < -1 || m->neighbours[i] >= m->face_count)
+            return 0;
+    for (int32_t i = 0; i < m->leaf_count; i++) {
+        const pandis__leaf *leaf = m->leaves + i;
+        if (leaf->count < 1 || leaf->count > PANDIS__LEAF) return 0;
+        for (int k = 0; k < leaf->count; k++)
+            if (leaf->face[k] < 0 || leaf->face[k] >= m->face_count) return 0;
+    }
+    return pandis__walk(m);
+}
+
+static int pandis__open_shape(pandis_field *f) {
+    pandis__shape *s = &f->as.shape;
+    s->shape = pandis__whole(f, 0);
+    for (int k = 0; k < 3; k++) {
+        s->size[k] = pandis__real(f, k);
+        if (!(s->size[k] >= 0 && s->size[k] <= 1e30)) return 0;
+    }
+    return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
+}
+
+/* Where the surface lies: the box around it; and two margins, measured: nothing outside of that box is touched
+ * further off than the first, nor before the probe has gone the distance less a margin: the first, or
+ * the second where the answer is flagged as a bound. Without the section nothing is known. */
+static int pandis__measure(pandis_field *f) {
+    const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 8, sizeof(double));
+    for (int k = 0; k < 2; k++) {
+        f->margin[k] = bounds ? pandis__f64(bounds + 48 + 8 * k) : (double)INFINITY;
+        if (!(f->margin[k] >= 0)) return 0;
+    }
+    for (int k = 0; k < 3; k++) {
+        f->low[k] = bounds ? pandis__f64(bounds + 8 * k) : -1;
+        f->high[k] = bounds ? pandis__f64(bounds + 24 + 8 * k) : 1;
+        if (!(f->low[k] >= -1e30 && f->low[k] <= f->high[k] && f->high[k] <= 1e30)) return 0;
+    }
+    return 1;
+}
+
+static int pandis__open(pandis_field *field, const void *data, size_t size) {
+    const unsigned char *p = (const unsigned char *)data;
+    const uint32_t order = PANDIS__ORDER;
+    memset(field, 0, sizeof *field);
+    if (!p || size < 8 || memcmp(p, "PANDIS\r\n", 8)) return PANDIS_ERROR_FORMAT;
+    if (size < PANDIS__HEADER) return PANDIS_ERROR_SIZE;
+    if (pandis__u32(p + 8) != order || memcmp(p + 8, &order, 4)) return PANDIS_ERROR_ENDIAN;
+    if (pandis__u32(p + 12) < 1 || pandis__u32(p + 12) > PANDIS_FORMAT_VERSION) return PANDIS_ERROR_VERSION;
+    if (pandis__u64(p + 16) != size) return PANDIS_ERROR_SIZE;
+    if (pandis__u32(p + 28) || pandis__u32(p + 24) != pandis__crc(p + 32, size - 32)) return PANDIS_ERROR_CHECKSUM;
+    if ((uintptr_t)p % 8) return PANDIS_ERROR_ALIGNMENT;
+    if (!pandis__arithmetic()) return PANDIS_ERROR_ARITHMETIC;
+    field->data = p, field->size = size;
+    uint32_t sections = pandis__u32(p + 36);
+    if (sections > PANDIS__MOST_SECTIONS || PANDIS__HEADER + (size_t)sections * PANDIS__SECTION > size)
+        return PANDIS_ERROR_CONTENT;
+    for (uint32_t i = 0; i < sections; i++) {
+        const unsigned char *entry = p + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
+        uint64_t start = pandis__u64(entry + 8), bytes = pandis__u64(entry + 16);
+        if (start % 8 || start > size || bytes > size - start || pandis__u32(entry + 4)) return PANDIS_ERROR_CONTENT;
+        if (bytes && start < PANDIS__HEADER + (size_t)sections * PANDIS__SECTION) return PANDIS_ERROR_CONTENT;
+    }
+    for (int k = 0; k < 3; k++) field->centre[k] = pandis__f64(p + 40 + 8 * k);
+    field->scale = pandis__f64(p + 64);
+    if (!(field->scale >= 1e-150 && field->scale <= 1e150)) return PANDIS_ERROR_CONTENT;
+    for (int k = 0; k < 3; k++)
+        if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
+    int good = 0, kind = (int)pandis__u32(p + 32);
+    if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 && pandis__whole(field, 1) <= 16 &&
+        (pandis__whole(field, 0) > PANDIS_MOST_WIDTH || pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
+        return PANDIS_ERROR_LARGE;
+    if (kind == PANDIS_NETWORK) good = pandis__open_network(field);
+    if (kind == PANDIS_GRID) good = pandis__open_grid(field);
+    if (kind == PANDIS_SPLINE) good = pandis__open_spline(field);
+    if (kind == PANDIS_MESH) good = pandis__open_mesh(field);
+    if (kind == PANDIS_SHAPE) good = pandis__open_shape(field);
+    if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
+    field->kind = kind;
+    return 0;
+}
+
+PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
+    int error = pandis__open(field, data, size);
+    if (error) memset(field, 0, sizeof *field); /* what is not open is empty */
+    return error;
+}
+
+#ifndef PANDIS_NO_FILE
+#ifdef PANDIS__READ
+/* Windows takes UTF-16 for what is UTF-8 elsewhere. */
+static FILE *pandis__open_path(const char *path) {
+#ifdef _WIN32
+    const unsigned char *p = (const unsigned char *)path;
+    wchar_t wide[1024];
+    size_t n = 0;
+    while (*p) {
+        static const uint32_t least[4] = {0, 0x80, 0x800, 0x10000};
+        int more = *p >= 0xf0 ? 3 : *p >= 0xe0 ? 2 : *p >= 0xc0 ? 1 : 0, length = more;
+        uint32_t code = more ? *p & (0x3fu >> more) : *p;
+        if ((*p >= 0x80 && *p < 0xc0) || *p >= 0xf8 || n + 3 > sizeof wide / sizeof *wide) return NULL;
+        for (p++; more; more--, p++) {
+            if ((*p & 0xc0) != 0x80) return NULL;
+            code = code << 6 | (*p & 0x3fu);
+        }
+        if (code < least[length] || code > 0x10ffffu || (code >= 0xd800u && code < 0xe000u)) return NULL;
+        if (code >= 0x10000u) wide[n++] = (wchar_t)(0xd7c0u + (code >> 10)), code = 0xdc00u + (code & 0x3ffu);
+        wide[n++] = (wchar_t)code;
+    }
+    wide[n] = 0;
+    return _wfopen(wide, L"rb");
+#else
+    return fopen(path, "rb");
+#endif
+}
+#endif
+
+PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
+    int error = PANDIS_ERROR_FILE;
+    memset(field, 0, sizeof *field);
+#ifndef PANDIS__READ
+    struct stat found;
+    int file = open(path, O_RDONLY);
+    if (file < 0) return error;
+    if (!fstat(file, &found) && found.st_size > 0) {
+        size_t size = (size_t)found.st_size;
+        void *data = mmap(NULL, size, PROT_READ, MAP_PRIVATE, file, 0);
+        if (data != MAP_FAILED) {
+            error = pandis_open(field, data, size);
+            if (error) munmap(data, size);
+            field->mapped = !error;
+        }
+    } else if (!fstat(file, &found)) {
+        error = PANDIS_ERROR_FORMAT;
+    }
+    close(file);
+#else
+    FILE *file = pandis__open_path(path);
+    if (!file) return error;
+    if (!fseek(file, 0, SEEK_END)) {
+        long size = ftell(file);
+        void *data = size > 0 ? malloc((size_t)size) : NULL;
+        rewind(file);
+        if (data && fread(data, 1, (size_t)size, file) == (size_t)size) error = pandis_open(field, data, (size_t)size);
+        if (error) free(data);
+        field->mapped = !error;
+    }
+    fclose(file);
+#endif
+    return error;
+}
+#endif
+
+PANDIS_API void pandis_close(pandis_field *field) {
+#ifndef PANDIS_NO_FILE
+    void *data = (void *)(uintptr_t)field->data;
+#ifndef PANDIS__READ
+    if (field->mapped) munmap(data, field->size);
+#else
+    if (field->mapped) free(data);
+#endif
+#endif
+    memset(field, 0, sizeof *field);
+}
+
+PANDIS_API const char *pandis_error(int error) {
+    switch (error) {
+        case 0: return "no error";
+        case PANDIS_ERROR_FILE: return "the file cannot be read";
+        case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
+        case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
+        case PANDIS_ERROR_VERSION: return "the file is of another version: use the pandis.h that came with it";
+        case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
+        case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
+        case PANDIS_ERROR_CONTENT: return "what the file says does not fit together";
+        case PANDIS_ERROR_ALIGNMENT: return "the bytes must begin at an address that is a multiple of 8";
+        case PANDIS_ERROR_ARITHMETIC:
+            return "pandis.h was compiled with flags, or called in a rounding mode, that break its arithmetic: leave out "
+                   "-ffast-math and its parts";
+        case PANDIS_ERROR_LARGE:
+            return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
+        case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
+        default: return "unknown error";
+    }
+}
+
+#endif /* PANDIS_IMPLEMENTATION */

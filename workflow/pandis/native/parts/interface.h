@@ -1,0 +1,105 @@
+typedef struct {
+    const unsigned char *data;
+    size_t size;
+    int kind, mapped;
+    double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
+    double low[3], high[3], margin[2]; /* see pandis__measure; unit frame */
+    union {
+        pandis__network network;
+        pandis__grid grid;
+        pandis__spline spline;
+        pandis__mesh mesh;
+        pandis__shape shape;
+    } as;
+} pandis_field;
+
+/* Open a field from bytes that the caller keeps until the end, at an address that is a multiple of
+ * 8 (in C11: _Alignas(8) on the array that a tool made of a file). Everything is checked, so that no query can leave the bytes. Returns 0 or a PANDIS_ERROR. */
+PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size);
+
+#ifndef PANDIS_NO_FILE
+/* Read a file into memory of its own; with PANDIS_MMAP defined it is mapped instead (not on Windows), and
+ * must not be overwritten while it is open. The path is in UTF-8, on Windows, too. */
+PANDIS_API int pandis_open_file(pandis_field *field, const char *path);
+#endif
+PANDIS_API void pandis_close(pandis_field *field);
+
+/* What a field is (PANDIS_NETWORK ... PANDIS_SHAPE; 0 when it is closed), and its bytes. */
+PANDIS_API int pandis_kind(const pandis_field *field);
+PANDIS_API size_t pandis_bytes(const pandis_field *field);
+
+/* A box around the surface, in mesh units (all that the field covers, if its file does not say where the
+ * surface lies). */
+PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]);
+
+/* The length of the longest side of the mesh that the field was made from, in its units. */
+PANDIS_API double pandis_longest_side(const pandis_field *field);
+
+/* What the field was made from and how: a text in JSON of `*size` bytes, which does not end with a
+ * zero; NULL if there is none. It lives as long as the field is open. */
+PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size);
+
+/* Answer one point, in mesh units. Where it is no number distance, normal and slope are NaN. */
+PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
+
+/* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
+ * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative, NaN or more than 1e100. */
+PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
+
+/* Answer `count` points, three doubles each; normals (three doubles each) and flags may be NULL. */
+PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
+                                  double *normals, unsigned char *flags);
+
+/* An object of a scene: a field, and where it lies. A point p of the mesh lies at
+ * scale * rotation * p + translation of the scene; the rotation, row by row, is one without
+ * reflection (columns of unit length, at right angles, within 1e-6), the scale positive, the stiffness
+ * not negative, everything finite. */
+typedef struct {
+    const pandis_field *field;
+    double rotation[9], translation[3], scale;
+    double stiffness; /* force per length of the scene */
+} pandis_object;
+
+/* Objects under one probe. Each is asked again only when the probe may touch it: a field that is
+ * nowhere nearer than d cannot be touched before the probe has gone that far. Forces are those of
+ * pandis_object_force, added up in the order of the objects, to the last bit as long as no field's
+ * distance is further off than its file says. One probe, and one thread, has a scene of its own. */
+typedef struct {
+    const pandis_object *objects;
+    size_t count;
+    double *room;
+    size_t asked; /* so many fields were asked for the last answer */
+} pandis_scene;
+
+/* Doubles that a scene of so many objects needs; objects that are looked at together. */
+#define PANDIS_SCENE_BLOCK 32
+#define PANDIS_SCENE_ROOM(count) \
+    (4 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
+
+/* Make a scene of objects and room that the caller keeps. Returns 0 or PANDIS_ERROR_POSE. */
+PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room);
+
+/* Say that an object was moved, turned, scaled, or given another field. Returns 0 or
+ * PANDIS_ERROR_POSE: it is left out until it lies somewhere. */
+PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object);
+
+/* The sum of the penalty forces of all objects at a point of the scene. Returns the worst flag of
+ * those that were asked. */
+PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
+
+/* The penalty force of one object at a point of the scene. Returns the flag. */
+PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
+
+/* What an error code means. */
+PANDIS_API const char *pandis_error(int error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif /* PANDIS_H */
+
+/* ================================================================ implementation */
+
+#if defined(PANDIS_IMPLEMENTATION) && !defined(PANDIS__IMPLEMENTED)
+#define PANDIS__IMPLEMENTED
+

@@ -1,0 +1,86 @@
+/* pandis.h: distance, normal and contact force of an object, for haptic loops.
+ *
+ * One header, one file per object, no library but libm, no allocation and no system call per query:
+ *
+ *     #define PANDIS_IMPLEMENTATION            in one source file, before
+ *     #include "pandis.h"
+ *
+ *     pandis_field bunny;
+ *     int error = pandis_open_file(&bunny, "bunny.pandis");
+ *     if (error) return puts(pandis_error(error));
+ *     ...
+ *     double force[3];                         every millisecond
+ *     pandis_force(&bunny, position, stiffness, force);
+ *     ...
+ *     pandis_close(&bunny);
+ *
+ * Several objects, of which only those are asked that the probe may touch:
+ *
+ *     pandis_object objects[2] = {...};        fields and where they lie
+ *     static double room[PANDIS_SCENE_ROOM(2)];
+ *     pandis_scene scene;
+ *     error = pandis_scene_open(&scene, objects, 2, room);
+ *     pandis_scene_force(&scene, position, force);
+ *
+ * Positions and distances are in the units of the mesh that the field was made from; distances are
+ * negative inside, normals point outward and have unit length. A field is only read: any number of
+ * threads may ask it. The format of the file: docs/format.md of pandis.
+ *
+ * C99 or later, or C++11 or later. For speed: -O3 -march=native -fno-math-errno -fno-trapping-math
+ * (without the last two compilers use no vectors for much of it). With -ffp-contract=off every compiler
+ * and every vector width gives the same bits. With -ffast-math or x87 arithmetic it does not compile,
+ * for it would answer wrongly; parts of -ffast-math that no macro shows are found by a test of the
+ * arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network 80 KB: define a
+ * smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16), and it needs four bytes times
+ * (depth + 2) times width. Define PANDIS_API as `static inline` to keep the names to one source file,
+ * PANDIS_NO_FILE to leave out what opens files.
+ *
+ * In a loop that must keep its time: open fields before the loop (a file is read and checked, which
+ * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on Windows raise
+ * the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to pandis_open), ask every
+ * field a few points once so that its pages and the caches are filled, and give the thread a real-time
+ * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
+ * depends on the place, except for meshes: at the worst place (the middle of a finely tessellated ball) a
+ * query takes a thousand times as long as usual.
+ *
+ * This header comes from pandis, a workflow that makes, measures and exports distance fields of
+ * triangle meshes for haptic rendering. It needs nothing else of it.
+ *
+ * MIT License. Copyright (c) 2026 The pandis authors
+ *
+ * Permission is hereby granted, free of charge, to any person obtaining a copy of this software and
+ * associated documentation files (the "Software"), to deal in the Software without restriction, including
+ * without limitation the rights to use, copy, modify, merge, publish, distribute, sublicense, and/or sell
+ * copies of the Software, and to permit persons to whom the Software is furnished to do so, subject to
+ * the following conditions:
+ *
+ * The above copyright notice and this permission notice shall be included in all copies or substantial
+ * portions of the Software.
+ *
+ * THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT NOT
+ * LIMITED TO THE WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO
+ * EVENT SHALL THE AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER
+ * IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR
+ * THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+ */
+#ifndef PANDIS_H
+#define PANDIS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Of this header; a file says which version of the format it has (PANDIS_FORMAT_VERSION). */
+#define PANDIS_VERSION_MAJOR 0
+#define PANDIS_VERSION_MINOR 1
+#define PANDIS_VERSION_PATCH 0
+#define PANDIS_VERSION "0.1.0"
+#define PANDIS_FORMAT_VERSION 2
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#ifndef PANDIS_API
+#define PANDIS_API extern
+#endif
+

@@ -1,0 +1,139 @@
+/* ---------------------------------------------------------------- scenes */
+
+/* A point of the scene in the coordinates of an object's mesh. */
+static void pandis__enter(const pandis_object *o, const double *point, double *p) {
+    double off[3];
+    for (int k = 0; k < 3; k++) off[k] = point[k] - o->translation[k];
+    for (int k = 0; k < 3; k++)
+        p[k] = (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) / o->scale;
+}
+
+/* Answer a point of the mesh; adds nothing to the force outside, or without an answer. */
+static void pandis__add_force(const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
+    pandis_query(o->field, p, answer);
+    double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* not so for NaN */
+    if (!(push > 0)) return;
+    for (int k = 0; k < 3; k++) {
+        const double *row = o->rotation + 3 * k;
+        force[k] += push * pandis__dot(row, answer->normal);
+    }
+}
+
+PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]) {
+    pandis_answer answer;
+    double p[3];
+    force[0] = force[1] = force[2] = 0;
+    pandis__enter(object, point, p);
+    pandis__add_force(object, p, &answer, force);
+    return answer.flag;
+}
+
+static int pandis__lies(const pandis_object *o) {
+    double most = 0;
+    if (!o->field || !o->field->kind) return 0;
+    for (int i = 0; i < 3; i++) {
+        if (!(fabs(o->translation[i]) <= 1e100)) return 0;
+        for (int j = 0; j < 3; j++) {
+            double product = 0;
+            for (int k = 0; k < 3; k++) product += o->rotation[3 * k + i] * o->rotation[3 * k + j];
+            double off = fabs(product - (i == j));
+            if (!(off <= most)) most = off; /* NaN, too */
+        }
+    }
+    double across[3];
+    pandis__cross(o->rotation, o->rotation + 3, across);
+    if (!(most <= 1e-6 && pandis__dot(across, o->rotation + 6) > 0)) return 0;
+    return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
+}
+
+/* A scene keeps of each object a ball around some point in which it cannot be touched: centre and
+ * squared radius, in blocks, coordinate by coordinate. */
+static double *pandis__ball(const pandis_scene *scene, size_t object) {
+    return scene->room + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK + object % PANDIS_SCENE_BLOCK;
+}
+
+static void pandis__keep_ball(double *ball, const double *centre, double radius) {
+    for (int k = 0; k < 3; k++) ball[k * PANDIS_SCENE_BLOCK] = centre[k];
+    ball[3 * PANDIS_SCENE_BLOCK] = radius > 0 ? radius * radius : -1;
+}
+
+/* How far from a point (unit frame) nothing can be touched, going by where the surface lies. */
+static double pandis__clearance(const pandis_field *f, const double *u) {
+    double off[3];
+    for (int k = 0; k < 3; k++) {
+        double below = f->low[k] - u[k], above = u[k] - f->high[k];
+        double d = below > above ? below : above;
+        off[k] = d > 0 ? d : 0;
+    }
+    return sqrt(pandis__dot(off, off)) - f->margin[0];
+}
+
+/* Ask an object unless it cannot be touched at a point, and keep how far that is so. */
+static int pandis__visit(pandis_scene *scene, size_t index, const double *point, double *force) {
+    const pandis_object *o = scene->objects + index;
+    const pandis_field *f = o->field;
+    double p[3], u[3], size = 0;
+    int flag = PANDIS_OK, inside = 1;
+    pandis__enter(o, point, p);
+    for (int k = 0; k < 3; k++) {
+        u[k] = (p[k] - f->centre[k]) * f->scale;
+        inside &= fabs(u[k]) <= 1;
+        size = fmax(size, fmax(fabs(point[k]), fabs(o->translation[k])));
+    }
+    double clear = pandis__clearance(f, u);
+    if (!(clear > 0)) {
+        pandis_answer answer;
+        pandis__add_force(o, p, &answer, force);
+        scene->asked++;
+        flag = answer.flag;
+        if (inside && flag != PANDIS_INVALID) clear = answer.distance * f->scale - f->margin[flag == PANDIS_BOUND];
+    }
+    /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
+    pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
+    return flag;
+}
+
+PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object) {
+    const double origin[3] = {0};
+    if (object >= scene->count) return PANDIS_ERROR_POSE;
+    int lies = pandis__lies(scene->objects + object);
+    pandis__keep_ball(pandis__ball(scene, object), origin, lies ? 0 : 1e150);
+    return lies ? 0 : PANDIS_ERROR_POSE;
+}
+
+PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room) {
+    const double origin[3] = {0};
+    int error = 0;
+    scene->objects = objects, scene->count = count, scene->room = room, scene->asked = 0;
+    for (size_t i = 0; i < PANDIS_SCENE_ROOM(count) / 4; i++) pandis__keep_ball(pandis__ball(scene, i), origin, 1e150);
+    for (size_t i = 0; i < count; i++)
+        if (pandis_scene_moved(scene, i)) error = PANDIS_ERROR_POSE;
+    return error;
+}
+
+PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
+    int worst = PANDIS_OK;
+    force[0] = force[1] = force[2] = 0;
+    scene->asked = 0;
+    for (int k = 0; k < 3; k++)
+        if (!(fabs(point[k]) <= 1e100)) return PANDIS_INVALID;
+    for (size_t start = 0; start < scene->count; start += PANDIS_SCENE_BLOCK) {
+        const double *ball = pandis__ball(scene, start);
+        int awake = 0;
+        for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
+            double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
+            double z = point[2] - ball[i + 2 * PANDIS_SCENE_BLOCK];
+            awake |= x * x + y * y + z * z >= ball[i + 3 * PANDIS_SCENE_BLOCK];
+        }
+        for (size_t i = start; awake && i < scene->count && i < start + PANDIS_SCENE_BLOCK; i++) {
+            const double *own = pandis__ball(scene, i);
+            double x = point[0] - own[0], y = point[1] - own[PANDIS_SCENE_BLOCK];
+            double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
+            if (x * x + y * y + z * z < own[3 * PANDIS_SCENE_BLOCK]) continue;
+            int flag = pandis__visit(scene, i, point, force);
+            worst = flag > worst ? flag : worst;
+        }
+    }
+    return worst;
+}
+

@@ -1,0 +1,47 @@
+/* ---------------------------------------------------------------- sines */
+
+/* pi / 2 in three parts, the first two of few bits: whole multiples of them are exact. */
+#define PANDIS__PART1 1.5703125f
+#define PANDIS__PART2 4.837512969970703125e-4f
+#define PANDIS__PART3 7.549789954891e-8f
+
+/* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, as of
+ * 0; NaN of what is no finite number. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+static inline void pandis__sine_cosine(float x, float *sine, float *cosine) {
+    const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
+    float none = x - x;              /* 0, or NaN of what is no finite number */
+    x = fabsf(x) <= 1e4f ? x : 0.0f;
+    float k = (x * 0.636619772367581343f + whole) - whole;
+    float r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3, q = r * r;
+    float s = ((-1.9515295891e-4f * q + 8.3321608736e-3f) * q - 1.6666654611e-1f) * q * r + r;
+    float c = ((2.443315711809948e-5f * q - 1.388731625493765e-3f) * q + 4.166664568298827e-2f) * q * q - 0.5f * q +
+              1.0f;
+    int32_t quarter = (int32_t)k;
+    float a = quarter & 1 ? c : s, b = quarter & 1 ? s : c;
+    *sine = (quarter & 2 ? -a : a) + none;
+    *cosine = ((quarter + 1) & 2 ? -b : b) + none;
+}
+
+/* Tell whether the arithmetic is what all of this relies on: sums rounded in the order in which they are
+ * written, NaN that stays NaN. Some parts of -ffast-math break that, and no macro tells. */
+static int pandis__arithmetic(void) {
+    /* sines and cosines of 3 and of -100, from a loop as a network's layers have it */
+    static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
+    volatile float read[2] = {3.0f, -100.0f};
+    volatile uint32_t none = 0x7fc00000u; /* NaN, which no division makes: nothing is trapped */
+    uint32_t bits = none;
+    volatile double large = 9007199254740992.0, one = 1;
+    float x[16], sine[16], cosine[16];
+    int good = 1;
+    for (int k = 0; k < 16; k++) x[k] = read[k & 1];
+    memcpy(x + 15, &bits, sizeof bits);
+    for (int k = 0; k < 16; k++) pandis__sine_cosine(x[k], sine + k, cosine + k);
+    for (int k = 0; k < 15; k++) {
+        good &= fabsf(sine[k] - wanted[2 * (k & 1)]) < 1e-6f;
+        good &= fabsf(cosine[k] - wanted[2 * (k & 1) + 1]) < 1e-6f;
+    }
+    double sum = large + one; /* rounds back */
+    double big = sum - large, nan = (double)sine[15];
+    return good & (big == 0) & (nan != nan);
+}
+

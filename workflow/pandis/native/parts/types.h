@@ -1,0 +1,101 @@
+/* Flags of an answer: as good as the field is; outside of what the field covers, so that the side is
+ * right and the distance an estimate, which may be too large; no answer, because the point is no
+ * number (or beyond 1e150), or the field overflowed. */
+enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2 };
+
+/* Why a field cannot be opened. */
+enum {
+    PANDIS_ERROR_FILE = 1,     /* the file cannot be read */
+    PANDIS_ERROR_FORMAT = 2,   /* it is no such file */
+    PANDIS_ERROR_ENDIAN = 3,   /* its bytes are in the other order, or this machine's are */
+    PANDIS_ERROR_VERSION = 4,  /* it is of a later version */
+    PANDIS_ERROR_SIZE = 5,     /* it is shorter or longer than it says */
+    PANDIS_ERROR_CHECKSUM = 6, /* its bytes have changed */
+    PANDIS_ERROR_CONTENT = 7,  /* what it says does not fit together */
+    PANDIS_ERROR_POSE = 8,     /* an object of a scene lies nowhere: see pandis_object */
+    PANDIS_ERROR_ALIGNMENT = 9, /* the bytes do not begin at a multiple of 8 */
+    PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
+    PANDIS_ERROR_LARGE = 11 /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
+};
+
+enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5 };
+
+/* An answer. The slope is the length of the vector that was scaled to the normal: 1 for meshes and closed
+ * forms; elsewhere about 1, and clearly less near the medial axis, where two walls are about equally near
+ * and the normal is about to turn; 0 for grids of forces, which have none. */
+typedef struct {
+    double distance, normal[3], slope;
+    int flag;
+} pandis_answer;
+
+/* Everything below is the implementation's: read it, but do not rely on it. */
+typedef struct {
+    int32_t size; /* nodes per axis */
+    double low, per_step;
+    const float *values;
+} pandis__lattice;
+
+typedef struct {
+    int32_t width, depth, outputs, stride;
+    const float *first, *last, *biases, *scales, *hidden;
+    const int16_t *hidden16; /* instead of hidden, scaled by scales */
+    pandis__lattice base;    /* size 0: none */
+} pandis__network;
+
+typedef struct {
+    int32_t rule, size, channels;
+    double low[3], high[3], per_step[3]; /* first and last node, nodes per length */
+    const float *nodes;
+    const uint8_t *covered;
+    pandis__lattice cubic;
+} pandis__grid;
+
+typedef struct {
+    int32_t size, bricks;  /* nodes and bricks per axis */
+    double low, per_step;  /* place of node 0, nodes per length */
+    const uint16_t *brick; /* of each place: which kept brick it is, or 65535 */
+    const uint64_t *mask;  /* of each kept brick: its blocks */
+    const uint32_t *base;  /* of each kept brick: how many blocks come before it */
+} pandis__layout;
+
+typedef struct {
+    pandis__layout layout[2];
+    int32_t far_size;
+    double far_low, far_per_step, offset[3], scale[3], inside, outside;
+    const int16_t *coarse, *far; /* coefficients: offset + scale * stored; of the band ... */
+    const int8_t *fine;          /* ... and what is added to it there */
+    const uint8_t *side;         /* of each block of the coarse lattice's cells: whether it is outside */
+} pandis__spline;
+
+#define PANDIS__WIDTH 8
+#define PANDIS__LEAF 4
+
+typedef struct {
+    float low[3][PANDIS__WIDTH], high[3][PANDIS__WIDTH];
+    int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
+} pandis__node;
+
+typedef struct {
+    double a[3][PANDIS__LEAF], ab[3][PANDIS__LEAF], ac[3][PANDIS__LEAF];
+    double per_ab[PANDIS__LEAF], per_ac[PANDIS__LEAF], per_bc[PANDIS__LEAF]; /* 1 / squared length */
+    double gram_ab[PANDIS__LEAF], gram_mix[PANDIS__LEAF], gram_ac[PANDIS__LEAF]; /* Gram matrix / determinant */
+    int32_t face[PANDIS__LEAF];                                                  /* unused lanes repeat the first */
+    int32_t count, pad[3];
+} pandis__leaf;
+
+typedef struct {
+    int32_t vertex_count, face_count, node_count, leaf_count;
+    double reach; /* largest coordinate */
+    const double *vertices;
+    const int32_t *faces;
+    const int32_t *neighbours;    /* (F, 3): the face across the edge from corner k to k + 1, or -1 */
+    const double *vertex_normals; /* (V, 3), angle-weighted, unit */
+    const pandis__node *nodes;
+    const pandis__leaf *leaves;
+} pandis__mesh;
+
+typedef struct {
+    int32_t shape;
+    double size[3];
+} pandis__shape;
+
