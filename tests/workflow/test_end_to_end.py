@@ -247,10 +247,10 @@ def test_snakemakes_own_report_builds(rerun):
 
 
 def test_plan_of_the_default_config():
-    """Three meshes, ten fields: what the README promises."""
+    """Three meshes, eleven fields: what the README promises."""
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     files = Plan(config, ROOT / "workflow").target("all")
-    assert len(files) == 3 * 35 + 2
+    assert len(files) == 3 * 38 + 2
     assert "results/bunny-holes/export/trilinear-normal-64.onnx" in files
 
 
@@ -287,6 +287,38 @@ def test_open_mesh_with_two_networks_gives_the_same_bytes(workspace, tmp_path):
     assert mesh.attributes["after"]["volume"] == pytest.approx(2.8)
 
 
+def test_report_tells_boxes_seeds_and_trainings_apart(workspace):
+    """The paper's tables, for a mesh that is called as one of its own; two paths, two seeds."""
+    config = yaml.safe_load((workspace / "config/fast.yaml").read_text())
+    config["fields"] = ["exact", "trilinear-64", "trilinear-box-64", "pandis", "pandis-b", "other"]
+    small = {"loss": "paper", "width": 16, "depth": 2, "steps": 40, "batch": 200}
+    other = small | {"weighting": "batch", "points": "vertices", "base": 4, "schedule": "cosine"}
+    config["train"] = {"pandis": small, "pandis-b": small, "other": other}
+    config["evaluation"] |= {"paths": 2}
+    config["bake"] = {"vti": True}
+    config["meshes"] = {"bunny": {"source": "analytic:torus"}}
+    (workspace / "config/paper.yaml").write_text(yaml.safe_dump(config))
+    done = snakemake(workspace, "-j2", "all", "--configfile", "config/paper.yaml")
+    assert done.returncode == 0, done.stdout
+    page = (workspace / "results/report.html").read_text(encoding="utf-8")
+    for words in (
+        "Tri-i 64³, own box",
+        "Tri-i 64³, cube",
+        "weighting subset, 40 steps, 2 seeds",
+        "weighting batch, on vertices, 40 steps, 1 seed",
+        "<th>Times trilinear-box-64</th><th>Times trilinear-64</th>",
+        "(2 trainings)",
+        "(one training)",
+        "of trilinear-box-64, on the mesh&#39;s own box, as the paper&#39;s",
+    ):
+        assert words in page, words
+    home = workspace / "results/bunny"
+    grid = read_artifact(home / "grid-force-box-64.zarr.zip", "grid").attributes["grid"]
+    assert grid["corner"] != [1.0, 1.0, 1.0]
+    seeds = [read_artifact(home / f"model-{n}.zarr.zip").arrays for n in ("pandis", "pandis-b")]
+    assert not np.array_equal(seeds[0]["weight_0"], seeds[1]["weight_0"])
+
+
 @pytest.mark.full
 def test_quality_of_the_default_network(workspace):
     """The default budget on the bunny, against Tri-i 64³, tricubic 64³ and the paper's loss."""
@@ -309,7 +341,8 @@ def test_quality_of_the_default_network(workspace):
 
 def test_every_kind_of_grid(workspace):
     """By size, by bytes and by error; exported; and as image data for ParaView."""
-    kinds = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic", "spline")
+    kinds = ("nearest", "trilinear", "nearest-box", "trilinear-box")
+    kinds += ("trilinear-normal", "trilinear-gradient", "tricubic", "spline")
     config = {
         "fields": ["exact", *(f"{kind}-32" for kind in kinds), "trilinear-auto", "spline-auto"],
         "bake": {
@@ -344,8 +377,8 @@ def test_every_kind_of_grid(workspace):
         assert set(timing) == set(config["fields"])
     rows = (workspace / "results/summary.csv").read_text().splitlines()[1:]
     named = [row.split(",")[:3] for row in rows]
-    assert [row[0] for row in named] == ["torus"] * 9 + ["box"] * 9
-    assert named[0][2] == named[9][2] == "0"  # closed forms hold nothing
+    assert [row[0] for row in named] == ["torus"] * 11 + ["box"] * 11
+    assert named[0][2] == named[11][2] == "0"  # closed forms hold nothing
     again = snakemake(workspace, "-j2", "all", "--configfile", "config/grids.yaml")
     assert "Nothing to be done" in again.stdout
     check = snakemake(workspace, "verify", "--configfile", "config/grids.yaml", "-j1")
