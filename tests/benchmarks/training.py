@@ -244,9 +244,11 @@ def main(folder, table, *words):
 
     def in_lane(one):
         lane = lanes.get()
-        with torch.cuda.stream(lane):
-            train(one)
-        lanes.put(lane)
+        try:
+            with torch.cuda.stream(lane):
+                train(one)
+        finally:
+            lanes.put(lane)
 
     sys.setswitchinterval(1e-4)  # a step is a few launches: no thread may keep others waiting
     with ThreadPoolExecutor(together) as pool:
