@@ -14,13 +14,16 @@ import trimesh
 from pandis import choice
 from pandis.catalogue import DENSE_KINDS
 from pandis.choice import Chooser
+from pandis.config import SampleOptions
 from pandis.errors import PandisError
 from pandis.fields.controls import controls
+from pandis.fields.siren import SirenField
 from pandis.fields.sizing import Grids, grid_bytes
 from pandis.forces import penalty_force
 from pandis.measure import draw_contacts, promise
 from pandis.points import Points
 from shapes import open_shape, opened
+from support import artifact
 from test_choice import SCALE, TORUS, chooser
 
 #: Where only the exact field has the force: thinner than any grid of these sizes can tell.
@@ -185,3 +188,33 @@ def test_thin_parts_get_the_exact_field_or_a_refusal_that_says_why(name, tmp_pat
             small.choose()
     else:
         assert found <= 0.005
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", SMOOTH)
+def test_promises_of_networks_are_kept(name, tmp_path, monkeypatch):
+    """With nothing but networks to choose from: what is chosen keeps every limit elsewhere, too."""
+    monkeypatch.setattr(Chooser, "_dense", lambda self: None)
+    monkeypatch.setattr(Chooser, "_spline", lambda self: None)
+    chosen, said = 0, []
+    for error in ("3 %", "6 %", "12 %"):
+        log = said.append
+        made = chooser(
+            shape(name), tmp_path, log=log, points=points_of(name), force_error=error, bytes=120_000
+        )
+        made.options["recipe"] |= {"steps": 600, "width": 64, "depth": 4, "batch": 4096}
+        made.options["samples"] = SampleOptions().model_dump()
+        limits = made.limits
+        try:
+            arrays, attributes, finish = made.choose()
+        except PandisError as error_found:
+            said.append(str(error_found))
+            continue
+        finish()
+        assert attributes["choice"]["field"] == "pandis-exact"
+        frame = {"frame": shape(name).mesh.attributes["frame"]}
+        held = artifact("model", arrays, attributes | frame)
+        found = figures(SirenField("pandis-exact", held), name)
+        assert kept(found, {"mean": limits.mean, "tail": limits.tail}, limits.missed), found
+        chosen += 1
+    assert chosen, said
