@@ -347,7 +347,9 @@ def test_calls_that_are_too_far_apart(run):
 
 
 HANGS = """
-import sys, time
+import signal, sys, time
+# a shell has the jobs in its background ignore an interrupt
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path[:0] = {path!r}
 import numpy as np
 from pandis.native import device as hdapi
