@@ -9,6 +9,11 @@ import pytest
 import support
 
 
+def pytest_collection_modifyitems(items):
+    """Put whole runs first: the longest, so that none is left to one worker at the end."""
+    items.sort(key=lambda item: item.path.parent.name != "workflow")
+
+
 @pytest.fixture
 def workspace(tmp_path):
     """A fresh copy of the workflow without results."""

@@ -29,10 +29,21 @@ def digests(tree, options=None):
     return {stage: code.stage(stage, unused) for stage in STAGES}
 
 
+_KNOWN = {}
+
+
+def known(tree, options=None):
+    """Return the digests of the tree as it is between two edits."""
+    key = str(options)
+    if key not in _KNOWN:
+        _KNOWN[key] = digests(tree, options)
+    return _KNOWN[key]
+
+
 def stale(tree, name, old, new, options=None):
     """Return the stages that an edit of a file makes stale; the file is put back."""
     path = tree / "workflow" / "pandis" / name
-    before, text = digests(tree, options), path.read_text("utf-8")
+    before, text = known(tree, options), path.read_text("utf-8")
     try:
         edit(path, old, new)
         after = digests(tree, options)
@@ -64,7 +75,7 @@ def test_a_comment_the_layout_or_the_version_makes_nothing_stale(tree, name, old
 def rejoined(tree, part, old, new):
     """Return what an edit of a part of pandis.h makes stale, once the header is joined anew."""
     native = tree / "workflow" / "pandis" / "native"
-    before, header = digests(tree), (native / "pandis.h").read_text("utf-8")
+    before, header = known(tree), (native / "pandis.h").read_text("utf-8")
     path = native / "parts" / f"{part}.h"
     text = path.read_text("utf-8")
     try:
