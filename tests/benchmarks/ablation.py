@@ -26,7 +26,7 @@ def variant(options):
         wanted = {"loss": "paper", "weighting": "subset", "points": "area", "law": None}
         wanted |= START | change
         if wanted["loss"] == "exact":
-            wanted.pop("weighting"), wanted.pop("points")
+            del wanted["weighting"], wanted["points"]
         if all(options.get(key) == value for key, value in wanted.items()):
             return what, how
     return None

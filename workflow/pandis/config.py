@@ -162,6 +162,16 @@ class SampleOptions(Options):
     )
 
 
+_MUON = (
+    "Muon's largest step size, for the matrices between sine layers (of ω0·W); null: Adam moves "
+    "them too"
+)
+_SCHEDULE = (
+    "constant step sizes, or sizes that rise during the warm-up and then fall to zero along half a "
+    "cosine"
+)
+
+
 class Recipe(Options):
     """What both recipes of the sine network share."""
 
@@ -185,18 +195,13 @@ class Recipe(Options):
         description="cells per axis of a tricubic spline of the distance over the whole box, to "
         "which the network adds what it lacks; null: the network alone",
     )
-    matrix_rate: Positive | None = Field(
-        None,
-        description="Muon's largest step size, for the matrices between sine layers (of ω0·W); "
-        "null: Adam moves them too",
-    )
-    schedule: Literal["constant", "cosine"] = Field(
-        "constant",
-        description="step sizes stay what they are, or rise during the warm-up and then fall to "
-        "zero along half a cosine",
-    )
+    matrix_rate: Positive | None = Field(None, description=_MUON)
+    schedule: Literal["constant", "cosine"] = Field("constant", description=_SCHEDULE)
     warmup: float = Field(
-        0.02, ge=0, lt=1, description="share of the budget to reach them, with a schedule"
+        0.02,
+        ge=0,
+        lt=1,
+        description="with cosine: share of the budget during which they rise",
     )
     threads: Count = Field(
         1,
@@ -280,16 +285,8 @@ class ExactRecipe(Recipe):
     learning_rate: Positive = Field(
         2e-4, description="Adam's largest step size; first and last layer, biases"
     )
-    matrix_rate: Positive | None = Field(
-        0.05,
-        description="Muon's largest step size, for the matrices between sine layers (of ω0·W); "
-        "null: Adam moves them too",
-    )
-    schedule: Literal["constant", "cosine"] = Field(
-        "cosine",
-        description="step sizes rise during the warm-up and then fall to zero along half a "
-        "cosine, or stay what they are",
-    )
+    matrix_rate: Positive | None = Field(0.05, description=_MUON)
+    schedule: Literal["constant", "cosine"] = Field("cosine", description=_SCHEDULE)
     clip: Positive | None = Field(None, description="largest norm of the gradient; null: no limit")
     near: Positive = Field(
         0.02, description="a point at distance d weighs near / (near + |d|) (unit frame)"

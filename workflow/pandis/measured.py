@@ -3,8 +3,7 @@
 import csv
 from pathlib import Path
 
-import numpy as np
-from scipy import stats
+from pandis.evaluation.paths import spread
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "figures"
@@ -202,15 +201,6 @@ def _over_seeds(rows, keys):
     return list(groups.values())
 
 
-def _spread(values, form):
-    """Format the mean of values with its 95 % interval (Student's t); of two or one, the values."""
-    if len(values) < 3:
-        return " and ".join(format(value, form) for value in values)
-    text = format(float(np.mean(values)), form)
-    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
-    return f"{text} ± {half:{form}}"
-
-
 def full_table():
     """Return the table of the paper's comparison, with networks trained to the end."""
     notes, rows = _figures("full")
@@ -226,11 +216,11 @@ def full_table():
         cells.append(f"{len(own)}" if first["seed"] else "")
         cells.append(f"{int(first['bytes']) / 1e3:,.0f}")
         values = {key: [float(row[key]) for row in own] for key in (*_ERRORS, "missing")}
-        cells += [_spread([1e3 * v for v in values[k]], ".3g") for k in _ERRORS[:-1]]
-        cells.append(_spread([100 * v for v in values["missing"]], ".2g"))
-        cells.append(_spread([1e3 * v for v in values["path"]], ".3g"))
+        cells += [spread([1e3 * v for v in values[k]], ".3g") for k in _ERRORS[:-1]]
+        cells.append(spread([100 * v for v in values["missing"]], ".2g"))
+        cells.append(spread([1e3 * v for v in values["path"]], ".3g"))
         for box in _BOXES:
-            cells.append(_spread([v / base[first["mesh"], box] for v in values["path"]], ".2f"))
+            cells.append(spread([v / base[first["mesh"], box] for v in values["path"]], ".2f"))
         table.append(_row(cells))
     return _noted(table, notes)
 
@@ -262,7 +252,7 @@ def order_table():
             cells = [mesh, said, _trained(own[0]), f"{len(own)}", paper]
             for key in ("path", "shallow", "deep", "contact"):
                 base = float(grids[mesh, box][key])
-                cells.append(_spread([float(row[key]) / base for row in own], ".2f"))
+                cells.append(spread([float(row[key]) / base for row in own], ".2f"))
             table.append(_row(cells))
     return _noted(table, notes)
 
@@ -279,9 +269,9 @@ def ablation_table():
     for (how, what), own in groups.items():
         cells = [f"{what}" if how else "none: `pandis`", said[how], f"{len(own)}"]
         values = {key: [float(row[key]) for row in own] for key in (*_ERRORS, "missing")}
-        cells += [_spread([1e3 * v for v in values[k]], ".3g") for k in _ERRORS[:-1]]
-        cells.append(_spread([100 * v for v in values["missing"]], ".2g"))
-        cells.append(_spread([1e3 * v for v in values["path"]], ".3g"))
+        cells += [spread([1e3 * v for v in values[k]], ".3g") for k in _ERRORS[:-1]]
+        cells.append(spread([100 * v for v in values["missing"]], ".2g"))
+        cells.append(spread([1e3 * v for v in values["path"]], ".3g"))
         table.append(_row(cells))
     return _noted(table, notes)
 

@@ -18,6 +18,16 @@ def interval(values):
     return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
 
 
+def spread(values, form):
+    """Format what several trainings gave: their mean and its interval; of one or two, the values.
+
+    Of two the interval would be thirteen times as wide as what they differ by, and say less.
+    """
+    if len(values) < 3:
+        return " and ".join(format(value, form) for value in values)
+    return f"{np.mean(values):{form}} ± {interval(values):{form}}"
+
+
 def repeats(models):
     """Return lists of networks that were trained in the same way, each with a seed of its own.
 

@@ -131,6 +131,7 @@ def export_vti(name, artifact, provenance):
     """
     field = open_field(parse_field(name, ()), artifact)
     grid = artifact.attributes["grid"]
+    # a spline has lattices of its own: it is shown on the cube
     axes = Axes.from_attributes(grid) if "corner" in grid else Axes.of_cube(grid["size"])
     origin = field.frame.to_mesh(np.array(axes.low))
     note = {"field": name, "provenance": provenance}

@@ -83,8 +83,8 @@ class Field:
         raise TypeError(f"{type(self).__name__} must implement answer()")
 
 
-def clamp_to_box(points):
-    """Move points into [-1, 1]³.
+def clamp_to_box(points, low=-1.0, high=1.0):
+    """Move points into a box: [-1, 1]³, or the one between two corners.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def clamp_to_box(points):
         point it is an upper bound that stays positive, so that no field makes
         a ghost contact far from its box.
     """
-    clamped = np.clip(points, -1.0, 1.0)
+    clamped = np.clip(points, low, high)
     with np.errstate(over="ignore"):  # beyond 1e154 the way is as good as infinite
         return clamped, np.linalg.norm(points - clamped, axis=1)
 

@@ -6,7 +6,7 @@ What the nodes hold and which of them are exact: `pandis.grids.dense`.
 import numpy as np
 from scipy.ndimage import spline_filter
 
-from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, normalise
+from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, clamp_to_box, normalise
 from pandis.frame import Frame
 from pandis.grids.axes import Axes
 from pandis.grids.band import Band
@@ -39,7 +39,7 @@ class GridField(Field):
         A force grid knows no distance outside: it answers 0 there, and +z for a normal; so it
         does outside of its own box, in which the surface lies.
         """
-        clamped, outside = self.axes.clamp(points)
+        clamped, outside = self._clamp(points)
         bad = np.isnan(clamped).any(axis=1)
         distance, direction = self._interpolate(np.where(bad[:, None], self.axes.low, clamped))
         if self.content != "force":
@@ -57,12 +57,16 @@ class GridField(Field):
         """
         if self.content == "force":
             return np.ones(len(points))
-        return np.linalg.norm(self._interpolate(self.axes.clamp(points)[0])[1], axis=1)
+        return np.linalg.norm(self._interpolate(self._clamp(points)[0])[1], axis=1)
+
+    def _clamp(self, points):
+        """Move points into the box that the nodes cover; see `clamp_to_box`."""
+        return clamp_to_box(points, self.axes.low, self.axes.high)
 
     def query(self, points):
         """Answer with flags."""
         distance, normal = self.answer(points)
-        clamped, outside = self.axes.clamp(points)
+        clamped, outside = self._clamp(points)
         position = np.nan_to_num(self.axes.position(clamped))
         cell = np.minimum(position.astype(np.int64), len(self.covered) - 1)
         flag = np.where(self.covered[tuple(cell.T)] & (outside == 0), OK, BOUND).astype(np.uint8)

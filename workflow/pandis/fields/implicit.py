@@ -32,7 +32,7 @@ class ImplicitField(GridField):
 
     def _value(self, points):
         """Return the value (n,) at points (n, 3), moved into the box."""
-        return trilinear(self.values, self.axes.position(self.axes.clamp(points)[0]))[:, 0]
+        return trilinear(self.values, self.axes.position(self._clamp(points)[0]))[:, 0]
 
     def _length(self, points, normal, value):
         """Return the spring's length (n,), negative inside; here the value itself."""

@@ -65,9 +65,3 @@ class Axes(NamedTuple):
         """Return where points (n, 3) lie, counted in nodes."""
         per_step = (self.size - 1) / (np.array(self.high) - np.array(self.low))
         return (points - np.array(self.low)) * per_step
-
-    def clamp(self, points):
-        """Move points into the box; see `pandis.fields.base.clamp_to_box`."""
-        clamped = np.clip(points, self.low, self.high)
-        with np.errstate(over="ignore"):
-            return clamped, np.linalg.norm(points - clamped, axis=1)

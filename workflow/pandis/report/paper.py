@@ -2,10 +2,8 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from pandis.catalogue import BOX
-from pandis.evaluation.paths import BASELINES, interval, repeats
+from pandis.evaluation.paths import BASELINES, repeats, spread
 from pandis.evaluation.timing import BRUTE
 from pandis.measure import SETS
 
@@ -220,8 +218,8 @@ def _errors(scans):
         "can press, and the share of the surface that does not push back. The paper names neither "
         "k nor the scale of its meshes, weights by 1/j as printed, and traced its paths with Tri-i "
         "itself: what can be compared is the ratio to Tri-i 64³, on the mesh's own box as in the "
-        "paper. Networks that were trained in the same way with several seeds share a row: the "
-        "mean of the trainings and its 95 % interval (Student's t).",
+        "paper. Networks that were trained in the same way with several seeds share a row: of two "
+        "both figures, of more the mean and its 95 % interval (Student's t).",
     )
 
 
@@ -245,12 +243,12 @@ def _scan_errors(section):
             title,
             _trained([section["models"][name] for name in there if name in section["models"]]),
             "" if paper is None else paper,
-            _spread(means, ".5f"),
+            spread(means, ".5f"),
             "" if paper is None else f"{paper / printed[4]:.2f}",
-            *(_spread([m / base for m in means], ".2f") if base else "" for base in bases),
-            _spread([1e3 * newtons * contact[name]["mean"] for name in there], ".3g"),
-            _spread([100 * contact[name]["missing"] for name in there], ".2g"),
-            _spread([path[name]["eq7"] for name in there], ".4f"),
+            *(spread([m / base for m in means], ".2f") if base else "" for base in bases),
+            spread([1e3 * newtons * contact[name]["mean"] for name in there], ".3g"),
+            spread([100 * contact[name]["missing"] for name in there], ".2g"),
+            spread([path[name]["eq7"] for name in there], ".4f"),
         )
 
 
@@ -264,14 +262,6 @@ def _trained(models):
         said.append("on vertices")
     seeds = f"{len(models)} seed{'s' * (len(models) > 1)}"
     return ", ".join([*said, f"{models[0]['steps']:,} steps", seeds])
-
-
-def _spread(values, form):
-    """Format the mean of values, with its interval if there are several."""
-    if not values:
-        return ""
-    text = format(float(np.mean(values)), form)
-    return f"{text} ± {interval(values):{form}}" if len(values) > 1 else text
 
 
 def _sphere(section):

@@ -94,8 +94,7 @@ class Trainer:
         self.shape["outputs"] = 1 if self.own_gradient else 4
         self.network = Siren(**self.shape, generator=generator).to(self.device)
         self.parameters = list(self.network.parameters())
-        rates = options["learning_rate"], options["matrix_rate"]
-        self.optimiser = Optimiser(self.network, *rates)
+        self.optimiser = Optimiser(self.network, options["learning_rate"], options["matrix_rate"])
         self.step, self.elapsed, self.curve = 0, 0.0, []
         self.slowdown, self.restarts, self.least, self.good = 1.0, 0, math.inf, None
         self._graph, self._eager = None, 0
@@ -167,8 +166,8 @@ class Trainer:
         """Take a step by replaying the recorded kernels: launching them costs more than they do."""
         if self._graph is None:
             self._rows = rows.clone()
-            # not the default stream, which records nothing; and one of our own if there is one:
-            # of new ones the 33rd is the first again, and two records on it would share memory
+            # The default stream cannot be recorded. A stream that the caller has chosen is used
+            # again: torch hands out 32 in turn, and two recordings on one may share memory.
             current = torch.cuda.current_stream()
             own = current != torch.cuda.default_stream()
             side = current if own else torch.cuda.Stream()
