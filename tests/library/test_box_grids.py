@@ -131,6 +131,34 @@ def test_answers_are_those_of_the_definition(kind, name):
     assert compare(kind, MeshDistance(vertices, faces), vertices, 24, 20_000) > 500
 
 
+def test_outside_there_is_no_force_whatever_rounding_left_on_the_box():
+    """A wall of the mesh lies on the box, and a node on it may have come out just inside."""
+    vertices, faces = mesh("box")
+    field = baked("trilinear-box", MeshDistance(vertices, faces), 8, BAND)
+    field.values[-1] = [0.0, 1e-3, 0.0]
+    point = np.array([[1.0, 0.0, 0.0], [0.9, 0.0, 0.0]])
+    assert np.linalg.norm(penalty_force(*field.answer(point)), axis=1) == pytest.approx([0, 1e-3])
+    native = NativeField(native_bytes(field, "trilinear-box", {})).query(FRAME.to_mesh(point))
+    model = Session(grid_graph(field, "trilinear-box").model("g", {}))
+    for distance in (native.distance, model.distance_and_normal(FRAME.to_mesh(point))[0]):
+        assert distance[0] == 0
+    assert native.flag[0] == BOUND
+
+
+@pytest.mark.parametrize("name", ["box", "torus"])
+def test_deep_nodes_are_completed_along_cells_that_are_no_cubes(name):
+    """What is below the band is known to a cell's diagonal, in every direction."""
+    vertices, faces = mesh(name)
+    engine = MeshDistance(vertices, faces)
+    field = baked("trilinear-box", engine, 40, BAND)
+    index = np.argwhere(np.ones((40,) * 3, bool))
+    distance, _ = engine.distance_and_normal(field.axes.nodes(index))
+    deep = distance < -BAND[0] - np.linalg.norm(field.axes.step)
+    depth = np.linalg.norm(field.values.reshape(-1, 3).astype(float), axis=1)
+    assert deep.sum() > 1000
+    assert np.abs(depth + distance)[deep].max() < np.linalg.norm(field.axes.step)
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("name", SCANS)
 def test_answers_on_scans_are_those_of_the_definition(name, meshes):

@@ -86,10 +86,10 @@ def vertex_points(surface, engine):
     """Return the vertices, their distance, zero, and their normals (n, 7), float32.
 
     The normal of a mesh's vertex is that of its faces, weighted by their angles there (Thürmer
-    and Wüthrich 1998); those of a closed form's tessellation are first moved onto it.
+    and Wüthrich 1998); the vertices of a closed form's tessellation lie on it.
     """
-    distance, normal = engine.distance_and_normal(surface.vertices)
-    points = surface.vertices - distance[:, None] * normal
+    points = surface.vertices
+    normal = engine.distance_and_normal(points)[1]
     return np.column_stack([points, np.zeros(len(points)), normal]).astype(np.float32)
 
 
