@@ -46,6 +46,7 @@ def test_means_and_intervals_are_those_of_the_paths():
     values = np.array([1.0, 2.0, 4.0, 9.0])
     low, high = stats.t.interval(0.95, 3, values.mean(), stats.sem(values))
     assert interval(values) == pytest.approx((high - low) / 2)
+    assert interval([6.184e-5] * 3) == 0
 
 
 def test_without_the_baseline_there_are_no_ratios():

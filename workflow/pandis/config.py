@@ -234,7 +234,8 @@ class PaperRecipe(Recipe):
     weighting: Literal["subset", "batch"] = Field(
         "subset",
         description="a term that holds for one half of the points is a mean over that half; or "
-        "over the whole batch, as in SIREN's code, which halves its weight beside the others",
+        "over the whole batch, as in SIREN's code, which halves its weight beside the others: as "
+        "good in short trainings, and better in long ones",
     )
     learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
     clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")
