@@ -1,6 +1,6 @@
 # Two commands do all the set-up:
 #   make all     install into .venv, run the workflow on config/config.yaml
-#   make test    install into .venv, lint, run the tests (20 to 27 minutes on two cores)
+#   make test    install into .venv, lint, run the tests (20 to 28 minutes on two cores)
 # Also: make test-full (no time limit), make lint, make docs, make figures, make clean.
 PYTHON ?= python3
 JOBS ?= 2
@@ -26,11 +26,11 @@ lint: .venv/installed
 
 # regenerate what is generated: the schema, the option tables, the README's figures
 docs: .venv/installed
-	PYTHONPATH=workflow $(BIN)/python -m pandis.reference
+	PYTHONPATH=workflow $(BIN)/python docs/tools/generate.py
 
 # take the figures of the last `make all` into docs/figures first (RUN=sphere: of config/sphere.yaml)
 figures: .venv/installed
-	PYTHONPATH=workflow $(BIN)/python -m pandis.reference figures $(RUN)
+	PYTHONPATH=workflow $(BIN)/python docs/tools/generate.py figures $(RUN)
 
 .venv/installed: constraints.txt
 	$(PYTHON) -m venv .venv

@@ -1,6 +1,6 @@
 # The plan that all rules take their params and inputs from.
-from pandis.catalogue import GRID_FIELDS, MESH_NAME
-from pandis.plan import open_plan
+from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
+from pandis.run.plan import open_plan
 
 plan = open_plan(config, workflow.basedir, workflow.configfiles, workflow.is_main_process)
 

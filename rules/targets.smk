@@ -1,4 +1,4 @@
-# What else can be asked for by name; see TARGETS in workflow/pandis/plan.py.
+# What else can be asked for by name; see the targets in workflow/pandis/run/stages.py.
 rule meshes:
     input:
         plan.target("meshes"),

@@ -1,8 +1,8 @@
 """Fill one grid. Reads mesh.zarr.zip, writes grid-{content}-{size}.zarr.zip."""
 
-from pandis.distance import open_distance
+from pandis.geometry.distance import open_distance
 from pandis.grids.dense import DenseGrid
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

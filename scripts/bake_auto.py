@@ -1,11 +1,11 @@
 """Search the size of one grid, and make it. Writes grid-{kind}-auto.zarr.zip."""
 
-from pandis.distance import open_distance
+from pandis.evaluation.points import Points
 from pandis.fields.sizing import Sizing
-from pandis.physical import Scale
-from pandis.points import Points
-from pandis.sampling import open_surface
-from pandis.stage import stage
+from pandis.geometry.distance import open_distance
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import open_surface
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,9 +1,9 @@
 """Fit one spline. Reads mesh.zarr.zip, writes grid-spline-{size}.zarr.zip."""
 
-from pandis.distance import open_distance
+from pandis.geometry.distance import open_distance
+from pandis.geometry.sampling import open_surface
 from pandis.grids.spline import SplineFit, samples_for
-from pandis.sampling import open_surface
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from pandis.artifact import write_atomically
 from pandis.evaluation.calibration import calibrate
-from pandis.stage import stage
+from pandis.run.artifact import write_atomically
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     table = calibrate(job.progress).encode()

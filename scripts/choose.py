@@ -1,12 +1,12 @@
 """Build the cheapest field that meets the budget. Writes choice.zarr.zip."""
 
-from pandis.choice import Chooser
-from pandis.distance import open_distance
-from pandis.physical import Scale
-from pandis.points import Points
-from pandis.query_times import QueryTimes
-from pandis.sampling import open_surface
-from pandis.stage import stage
+from pandis.evaluation.choice import Chooser
+from pandis.evaluation.points import Points
+from pandis.geometry.distance import open_distance
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import open_surface
+from pandis.run.query_times import QueryTimes
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh, times = job.read("mesh", "mesh"), QueryTimes(job.note_file(job.input.times))

@@ -10,10 +10,10 @@ from pandis.evaluation.smoothness import line_probes, smoothness
 from pandis.evaluation.view import surface_errors
 from pandis.fields.controls import controls
 from pandis.fields.registry import open_fields
-from pandis.measure import draw_contacts
-from pandis.physical import Scale
-from pandis.sampling import open_surface, probes
-from pandis.stage import stage
+from pandis.geometry.measure import draw_contacts
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import open_surface, probes
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,7 +1,7 @@
 """Export one grid field. Reads grid-….zarr.zip, writes export/{field}.onnx."""
 
 from pandis.export.grids import export_grid
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     grid = job.read("grid", "grid")

@@ -1,9 +1,9 @@
 """Export one field for pandis.h. Reads what holds it, writes export/{field}.pandis."""
 
-from pandis.catalogue import parse_field
 from pandis.export.native import export_native
 from pandis.fields.registry import kind_of, open_field
-from pandis.stage import stage
+from pandis.run.catalogue import parse_field
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     name, bits = job.options["field"], job.options["weight_bits"]

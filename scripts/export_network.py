@@ -2,7 +2,7 @@
 
 from pandis.export.networks import export_network
 from pandis.export.programs import export_program
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     model = job.read("model", "model")

@@ -1,7 +1,7 @@
 """Write one grid field as VTK image data. Reads grid-….zarr.zip, writes export/{field}.vti."""
 
 from pandis.export.vti import export_vti
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     grid = job.read("grid", "grid")

@@ -1,7 +1,7 @@
 """Download one mesh. Writes source.{extension}, checked against the configuration's sha256."""
 
 from pandis.mesh.fetch import fetch
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     job.write_file(fetch(job.options["url"], job.options["sha256"], job.progress))

@@ -1,8 +1,8 @@
 """Read and repair one mesh. Reads its source, writes mesh.zarr.zip."""
 
 from pandis.mesh.build import build
-from pandis.sourcing import source_path
-from pandis.stage import stage
+from pandis.run.sourcing import source_path
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     files = [job.note_file(path) for path in job.input]

@@ -1,9 +1,9 @@
 """Draw and label training points. Reads mesh.zarr.zip, writes samples.zarr.zip."""
 
-from pandis.distance import open_distance
-from pandis.sampling import open_surface
-from pandis.stage import stage
-from pandis.strata import Strata
+from pandis.geometry.distance import open_distance
+from pandis.geometry.sampling import open_surface
+from pandis.geometry.strata import Strata
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,7 +1,7 @@
 """Try a scene. Reads its objects' fields, writes scenes/{scene}.zarr.zip, .json and .h."""
 
-from pandis.scenes import try_scene
-from pandis.stage import stage
+from pandis.evaluation.scenes import try_scene
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     files = [job.note_file(path) for path in job.input.fields]

@@ -2,8 +2,8 @@
 
 from pandis.fields.controls import controls
 from pandis.fields.registry import open_fields
-from pandis.sampling import open_surface
-from pandis.stage import stage
+from pandis.geometry.sampling import open_surface
+from pandis.run.stage import stage
 from pandis.stress.suite import Suite, stress
 
 with stage(snakemake) as job:

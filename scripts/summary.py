@@ -1,7 +1,7 @@
 """Collect one row per mesh and field. Writes results/summary.csv."""
 
 from pandis.report.tables import summarise, to_csv
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     inputs = job.input

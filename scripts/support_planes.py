@@ -1,9 +1,9 @@
 """Lay support planes around a mesh. Writes method-support-planes.zarr.zip."""
 
-from pandis.distance import open_distance
-from pandis.frame import Frame
+from pandis.geometry.distance import open_distance
+from pandis.geometry.frame import Frame
 from pandis.grids.planes import build_planes
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

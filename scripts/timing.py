@@ -2,7 +2,7 @@
 
 from pandis.evaluation.timing import time_fields, time_program
 from pandis.fields.registry import open_fields
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,11 +1,11 @@
 """Train one network. Reads mesh.zarr.zip, samples.zarr.zip, writes model-{recipe}.zarr.zip."""
 
-from pandis.distance import open_distance
-from pandis.physical import Scale
-from pandis.points import Points
-from pandis.sampling import open_surface
-from pandis.stage import stage
-from pandis.strata import Strata
+from pandis.evaluation.points import Points
+from pandis.geometry.distance import open_distance
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import open_surface
+from pandis.geometry.strata import Strata
+from pandis.run.stage import stage
 from pandis.training.sizing import train
 
 with stage(snakemake) as job:

@@ -1,9 +1,9 @@
 """Trace the probe's path. Reads mesh.zarr.zip, writes trajectory.zarr.zip."""
 
-from pandis.distance import open_distance
-from pandis.sampling import open_surface
-from pandis.stage import stage
-from pandis.trajectories import trace
+from pandis.geometry.distance import open_distance
+from pandis.geometry.sampling import open_surface
+from pandis.geometry.trajectories import trace
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,11 +1,11 @@
 """Run every exported field of a mesh at the servo rate. Writes hardware.zarr.zip and .json."""
 
 from pandis.fields.exact import ExactField
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import open_surface
 from pandis.hardware.validation import validate_exports
 from pandis.hardware.walls import open_walls
-from pandis.physical import Scale
-from pandis.sampling import open_surface
-from pandis.stage import stage
+from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")

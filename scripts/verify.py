@@ -1,8 +1,8 @@
 """Check the whole chain of results against the configuration; exit 1 on a mismatch."""
 
-from pandis.plan import Plan
-from pandis.stage import stage
-from pandis.verification import verify
+from pandis.run.plan import Plan
+from pandis.run.stage import stage
+from pandis.run.verification import verify
 
 with stage(snakemake) as job:
     verify(Plan(snakemake.config, job.workflow(), job.options["configfiles"]), job.log)

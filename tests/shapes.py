@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from pandis.artifact import Artifact
-from pandis.distance import MeshDistance
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface
 from pandis.mesh import tools
-from pandis.sampling import Surface
+from pandis.run.artifact import Artifact
 from support import artifact
 
 

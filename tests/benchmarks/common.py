@@ -9,9 +9,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "workflow"))
 
-from pandis.config import MeshOptions  # noqa: E402
-from pandis.frame import Frame  # noqa: E402
-from pandis.machine import describe  # noqa: E402
+from pandis.geometry.frame import Frame  # noqa: E402
+from pandis.run.machine import describe  # noqa: E402
+from pandis.run.options import MeshOptions  # noqa: E402
 
 #: The scans that the accuracy bars name.
 SCANS = {

@@ -17,13 +17,13 @@ import igl
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.artifact import ArtifactWriter
-from pandis.config import SampleOptions
-from pandis.distance import MeshDistance
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.sampling import Surface
+from pandis.geometry.strata import Strata
 from pandis.grids.dense import DenseGrid
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
-from pandis.strata import Strata
+from pandis.run.artifact import ArtifactWriter
+from pandis.run.options import SampleOptions
+from pandis.run.stage import silent_progress
 
 COLUMNS = ("what", "case", "value", "unit", "ratio")
 BAND = (0.045, 0.02)

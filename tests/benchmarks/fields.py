@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.artifact import Artifact, ArtifactWriter, write_artifact
-from pandis.catalogue import GRID_FIELDS
-from pandis.distance import MeshDistance
 from pandis.fields.grids import GRID_OPENERS
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface, probes
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
-from pandis.sampling import Surface, probes
-from pandis.stage import silent_progress
+from pandis.run.artifact import Artifact, ArtifactWriter, write_artifact
+from pandis.run.catalogue import GRID_FIELDS
+from pandis.run.stage import silent_progress
 
 COLUMNS = ("mesh", "field", "bytes", "disk_bytes", "build_s", "shallow", "deep", "flagged")
 BAND = (0.045, 0.02)

@@ -20,17 +20,17 @@ from common import ROOT, SCANS, write
 from fields import dense, spline
 from training import Scan, log
 
-from pandis.artifact import Artifact
-from pandis.config import DeviceOptions, TrajectoryOptions
 from pandis.fields.grids import GRID_OPENERS
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
-from pandis.frame import Frame
-from pandis.measure import contact_errors, draw_contacts
-from pandis.physical import Scale
-from pandis.stage import silent_progress
+from pandis.geometry.frame import Frame
+from pandis.geometry.measure import contact_errors, draw_contacts
+from pandis.geometry.physical import Scale
+from pandis.geometry.trajectories import trace
+from pandis.run.artifact import Artifact
+from pandis.run.options import DeviceOptions, TrajectoryOptions
+from pandis.run.stage import silent_progress
 from pandis.training.network import usual_omega
-from pandis.trajectories import trace
 
 SEEDS = range(2, 10)
 POINTS = 50_000

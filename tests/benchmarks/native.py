@@ -22,26 +22,26 @@ import numpy as np
 import torch
 from common import write
 
-from pandis.artifact import Artifact
-from pandis.catalogue import GRID_FIELDS, parse_field
-from pandis.config import MeshOptions, TrajectoryOptions
-from pandis.distance import MeshDistance
 from pandis.export.native import native_bytes
 from pandis.export.networks import network_graph
 from pandis.export.session import Session
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface
+from pandis.geometry.trajectories import trace
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
 from pandis.mesh.build import build
 from pandis.native.compiler import load
 from pandis.native.runtime import NativeField
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
+from pandis.run.artifact import Artifact
+from pandis.run.catalogue import GRID_FIELDS, parse_field
+from pandis.run.options import MeshOptions, TrajectoryOptions
+from pandis.run.stage import silent_progress
 from pandis.training.network import Siren, named_arrays
-from pandis.trajectories import trace
 
 TURNS, QUERIES = 5, 2000
 UNIT = {"frame": Frame((0.0, 0.0, 0.0), 1.0).attributes()}

@@ -15,18 +15,18 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from pandis.artifact import Artifact
-from pandis.distance import MeshDistance
 from pandis.fields.spline import SplineField
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
+from pandis.geometry.thickness import inscribed_radius
 from pandis.grids.spline import SplineFit, samples_for
-from pandis.mesh.shapes import SHAPES
-from pandis.physical import Scale
-from pandis.sampling import Surface
-from pandis.sourcing import source_path
-from pandis.stage import silent_progress
-from pandis.thickness import inscribed_radius
+from pandis.run.artifact import Artifact
+from pandis.run.sourcing import source_path
+from pandis.run.stage import silent_progress
 
 RAYS, STEP, DEEPEST, BYTES = 4000, 0.028e-3, 8.25e-3, 800_000
 SCALE = Scale(0.1, 400.0)

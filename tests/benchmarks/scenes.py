@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from native import bunny, fields
 from pandis.export.clearance import clearance
 from pandis.export.native import native_bytes
-from pandis.frame import UNIT_SIDE
+from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 

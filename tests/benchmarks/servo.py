@@ -12,12 +12,12 @@ import sys
 import numpy as np
 from common import ROOT, write
 
-from pandis.artifact import read_artifact
-from pandis.config import HardwareOptions
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.hardware.load import busy_cores
 from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
+from pandis.run.artifact import read_artifact
+from pandis.run.options import HardwareOptions
 
 HOME = ROOT / "results" / "bunny"
 RATE, DEADLINE = 1000.0, HardwareOptions().deadline

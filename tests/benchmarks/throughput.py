@@ -21,7 +21,7 @@ import torch
 from common import notes
 from training import Scan, log
 
-from pandis.config import ExactRecipe
+from pandis.run.recipes import ExactRecipe
 from pandis.training.exact_loss import exact_loss
 from pandis.training.products import product
 from pandis.training.trainer import Trainer

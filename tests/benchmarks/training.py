@@ -35,18 +35,19 @@ import yaml
 from common import SCANS, load, notes
 from runs import expand
 
-from pandis.artifact import Artifact
-from pandis.config import RECIPES, ExactRecipe, PaperRecipe, SampleOptions, TrajectoryOptions
-from pandis.distance import MeshDistance
 from pandis.errors import PandisError
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
-from pandis.frame import Frame
-from pandis.sampling import Surface, probes
-from pandis.stage import silent_progress
-from pandis.strata import Strata
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface, probes
+from pandis.geometry.strata import Strata
+from pandis.geometry.trajectories import trace
+from pandis.run.artifact import Artifact
+from pandis.run.options import SampleOptions, TrajectoryOptions
+from pandis.run.recipes import RECIPES, ExactRecipe, PaperRecipe
+from pandis.run.stage import silent_progress
 from pandis.training.trainer import Trainer
-from pandis.trajectories import trace
 
 COLUMNS = ("mesh", "recipe", "options", "device", "steps", "seconds", "points_per_s", "bytes")
 COLUMNS += ("shallow", "deep", "trajectory", "ghost", "ghosts", "core", "restarts")

@@ -8,8 +8,8 @@ import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pandis.artifact import ArtifactWriter, read_artifact, write_artifact, write_atomically
 from pandis.errors import ArtifactError, PandisError
+from pandis.run.artifact import ArtifactWriter, read_artifact, write_artifact, write_atomically
 
 ARRAYS = {
     "points": np.arange(30, dtype=np.float32).reshape(10, 3),

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pandis.config import ExactRecipe
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.grids.base import fit_base
-from pandis.stage import silent_progress
+from pandis.run.recipes import ExactRecipe
+from pandis.run.stage import silent_progress
 from pandis.training.trainer import Trainer
 from support import artifact
 from test_training import samples  # noqa: F401  (a fixture)

@@ -5,22 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pandis.artifact import Artifact
-from pandis.config import MeshOptions
-from pandis.distance import MeshDistance, ShapeDistance
 from pandis.export.grids import grid_graph
 from pandis.export.native import native_bytes
 from pandis.export.session import Session
 from pandis.fields.base import BOUND, OK
 from pandis.fields.grids import GRID_OPENERS
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface, probes
+from pandis.geometry.shapes import SHAPES
 from pandis.grids.dense import DenseGrid
 from pandis.mesh.build import build
-from pandis.mesh.shapes import SHAPES
 from pandis.native.runtime import NativeField
-from pandis.sampling import Surface, probes
-from pandis.stage import silent_progress
+from pandis.run.artifact import Artifact
+from pandis.run.options import MeshOptions
+from pandis.run.stage import silent_progress
 from support import box_mesh
 
 FRAME = Frame((3.0, -2.0, 0.5), 0.6)

@@ -3,23 +3,24 @@
 import numpy as np
 import pytest
 
-from pandis import choice
-from pandis.catalogue import DENSE_KINDS
-from pandis.choice import Chooser
-from pandis.config import ExactRecipe, SampleOptions, StressOptions
-from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
+from pandis.evaluation import choice
+from pandis.evaluation.choice import Chooser
+from pandis.evaluation.points import _CHOOSING, _PROMISING, Points
 from pandis.fields import sizing
 from pandis.fields.registry import open_fields
 from pandis.forces import penalty_force
-from pandis.frame import Frame
-from pandis.measure import draw_contacts, promise
-from pandis.mesh.shapes import SHAPES
-from pandis.physical import Scale
-from pandis.points import _CHOOSING, _PROMISING, Points
-from pandis.query_times import QueryTimes
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
+from pandis.geometry.distance import MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.measure import draw_contacts, promise
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
+from pandis.run.catalogue import DENSE_KINDS
+from pandis.run.options import SampleOptions, StressOptions
+from pandis.run.query_times import QueryTimes
+from pandis.run.recipes import ExactRecipe
+from pandis.run.stage import silent_progress
 from shapes import Shape, open_shape
 from support import ROOT, artifact
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from pandis.distance import ShapeDistance
 from pandis.export.clearance import MORE, clearance
 from pandis.fields.base import BOUND, OK
-from pandis.frame import Frame
-from pandis.mesh.shapes import SHAPES
+from pandis.geometry.distance import ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.shapes import SHAPES
 from support import artifact
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)

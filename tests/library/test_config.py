@@ -4,10 +4,11 @@ import re
 import pytest
 import yaml
 
-from pandis import reference
-from pandis.config import check_yaml, load_config, merge
+import generate
 from pandis.errors import PandisError
-from pandis.plan import Plan, stage_seed
+from pandis.run.plan import Plan
+from pandis.run.reading import check_yaml, load_config, merge
+from pandis.run.stages import stage_seed
 from support import ROOT
 
 
@@ -163,14 +164,14 @@ def test_seeds_differ_by_mesh_and_stage_and_stay_the_same():
 
 
 def test_generated_files_are_in_sync():
-    for path, text in reference.generated().items():
+    for path, text in generate.generated().items():
         assert path.read_text() == text, f"{path}: run `make docs`"
 
 
 def test_schema_accepts_the_configs_and_refuses_a_typo():
     import jsonschema
 
-    schema = json.loads(reference.SCHEMA.read_text())
+    schema = json.loads(generate.SCHEMA.read_text())
     for name in ("config", "fast"):
         config = yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())
         jsonschema.validate(config, schema)

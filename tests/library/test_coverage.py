@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pandis.distance import MeshDistance, ShapeDistance
 from pandis.evaluation.coverage import coverage, curvature
-from pandis.frame import Frame
-from pandis.mesh.shapes import SHAPES
-from pandis.sampling import Surface
-from pandis.thickness import inscribed_radius
+from pandis.geometry.distance import MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
+from pandis.geometry.thickness import inscribed_radius
 from support import box_mesh
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)

@@ -4,8 +4,8 @@ import igl
 import numpy as np
 import pytest
 
+from pandis.geometry.shapes import SHAPES
 from pandis.mesh.diagnosis import FAULTS, diagnose
-from pandis.mesh.shapes import SHAPES
 from pandis.mesh.winding import WindingNumber
 from support import box_mesh, octahedron
 

@@ -7,14 +7,14 @@ import mpmath
 import numpy as np
 import pytest
 
-from pandis.distance import SURFACE_DISTANCE, TIE_ANGLE, MeshDistance, ShapeDistance
 from pandis.errors import PandisError
-from pandis.frame import Frame
+from pandis.geometry.distance import SURFACE_DISTANCE, TIE_ANGLE, MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
 from pandis.mesh.intake import read_mesh
-from pandis.mesh.shapes import SHAPES
 from pandis.native import compiler
 from pandis.native.bvh import INVALID, ON_SURFACE, TIED, Bvh
-from pandis.sampling import Surface
 from support import box_mesh, octahedron
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -200,7 +200,7 @@ def test_answers_do_not_depend_on_batch_order_or_threads(monkeypatch, threads):
     few = [engine.label(points[i : i + 7]) for i in range(0, 700, 7)]
     parts = [np.concatenate(column) for column in zip(*few, strict=True)]
     assert all(np.array_equal(a[:700], b) for a, b in zip(whole, parts, strict=True))
-    monkeypatch.setattr("pandis.distance.CHUNK", 501)
+    monkeypatch.setattr("pandis.geometry.distance.CHUNK", 501)
     distance, normal = engine.distance_and_normal(points)
     assert np.array_equal(distance, whole.distance)
     assert np.array_equal(normal, whole.normal)

@@ -5,24 +5,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pandis.config import HardwareOptions, TimingOptions
 from pandis.errors import PandisError
 from pandis.evaluation.beyond import beyond
 from pandis.evaluation.errors import UNNORMALISED, evaluate, statistics
 from pandis.evaluation.smoothness import force_steps, line_probes, smoothness
 from pandis.evaluation.timing import summarise, time_queries
 from pandis.fields.base import Field
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
+from pandis.geometry.measure import SETS, ContactSet, Probes
+from pandis.geometry.sampling import Surface
 from pandis.hardware.load import busy_cores
 from pandis.hardware.validation import NO_ATTACHED, _longest_run, validate
-from pandis.machine import describe
-from pandis.measure import SETS, ContactSet, Probes
 from pandis.native.runtime import SHAPE, NativeField, pack
 from pandis.native.servo import run_ticks
 from pandis.report.render import render
 from pandis.report.tables import COLUMNS, summary_rows, to_csv
-from pandis.sampling import Surface
-from pandis.stage import Progress, silent_progress
+from pandis.run.machine import describe
+from pandis.run.options import HardwareOptions, TimingOptions
+from pandis.run.stage import Progress, silent_progress
 from support import box_mesh
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.5)
@@ -344,7 +344,7 @@ def test_render_hides_what_lies_behind():
 
 def test_progress_reports_rate_and_what_is_left(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr("pandis.stage.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("pandis.run.stage.time.monotonic", lambda: now[0])
     lines = []
     progress = Progress(lines.append, "labels", 1000, "points")
     for second, done in ((1, 100), (6, 600), (7, 700), (10, 1000)):

@@ -5,9 +5,6 @@ import onnx
 import pytest
 import torch
 
-from pandis.artifact import read_artifact
-from pandis.catalogue import GRID_FIELDS, parse_field
-from pandis.distance import ShapeDistance
 from pandis.errors import ArtifactError, PandisError
 from pandis.export.check import DISTANCE, FORCE, check, check_points
 from pandis.export.grids import export_grid
@@ -20,11 +17,14 @@ from pandis.fields.grids import open_field
 from pandis.fields.registry import open_fields
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.geometry.distance import ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.shapes import SHAPES
 from pandis.grids.base import fit_base
 from pandis.grids.dense import DenseGrid
-from pandis.mesh.shapes import SHAPES
-from pandis.stage import silent_progress
+from pandis.run.artifact import read_artifact
+from pandis.run.catalogue import GRID_FIELDS, parse_field
+from pandis.run.stage import silent_progress
 from pandis.training.network import Siren
 from support import ROOT, artifact
 

@@ -3,24 +3,24 @@
 import numpy as np
 import pytest
 
-from pandis.artifact import Artifact, ArtifactWriter, read_artifact
-from pandis.catalogue import GRID_FIELDS
-from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
+from pandis.evaluation.points import Points
 from pandis.export.vti import export_vti, read_note, read_vti
 from pandis.fields.base import BOUND, INVALID, OK, normalise
 from pandis.fields.grids import GRID_OPENERS
 from pandis.fields.sizing import Sizing
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
 from pandis.grids import spline as splines
 from pandis.grids.band import Band, find_cells, needed_nodes
 from pandis.grids.dense import CHANNELS, DenseGrid
-from pandis.mesh.shapes import SHAPES
-from pandis.physical import Scale
-from pandis.points import Points
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
+from pandis.run.artifact import Artifact, ArtifactWriter, read_artifact
+from pandis.run.catalogue import GRID_FIELDS
+from pandis.run.stage import silent_progress
 from support import box_mesh
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)

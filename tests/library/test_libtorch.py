@@ -5,12 +5,12 @@ import shutil
 import numpy as np
 import pytest
 
-from pandis.artifact import Artifact
 from pandis.errors import PandisError
 from pandis.evaluation import libtorch, timing
 from pandis.export.networks import export_network
 from pandis.export.programs import export_program
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
+from pandis.run.artifact import Artifact
 from test_fields_and_export import FRAME, model
 
 

@@ -5,12 +5,12 @@ import sys
 
 import pytest
 
-from pandis.limits import _beyond, limited, resident_megabytes
+from pandis.run.limits import _beyond, limited, resident_megabytes
 from support import ROOT, environment
 
 BODY = """
 import sys
-from pandis.limits import limited
+from pandis.run.limits import limited
 with limited("bake", {minutes}, {megabytes}, print, sys.stderr):
     {body}
 print("done")

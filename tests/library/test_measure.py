@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from pandis.budget import Limits, amount
-from pandis.distance import MeshDistance
 from pandis.errors import PandisError
 from pandis.fields.base import Field
 from pandis.fields.controls import GAP, controls, demand_failure
 from pandis.fields.exact import ExactField
 from pandis.forces import penalty_force
-from pandis.frame import Frame
-from pandis.measure import (
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.measure import (
     JUDGED,
     MISSING_LIMIT,
     OF_RADIUS,
@@ -23,9 +22,10 @@ from pandis.measure import (
     shares,
     stratify,
 )
-from pandis.physical import Scale
-from pandis.sampling import Surface
-from pandis.thickness import inscribed_radius
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import Surface
+from pandis.geometry.thickness import inscribed_radius
+from pandis.run.budget import Limits, amount
 from shapes import SHAPES, open_shape
 
 SCALE = Scale(0.1, 400.0)

@@ -5,21 +5,21 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pandis.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
-from pandis.config import TrajectoryOptions
-from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
 from pandis.fields.base import BOUND
 from pandis.fields.proxy import ProxyField
 from pandis.fields.registry import open_field
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
+from pandis.geometry.trajectories import trace
 from pandis.grids.dense import DenseGrid
 from pandis.grids.planes import build_planes, icosphere
-from pandis.mesh.shapes import SHAPES
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
-from pandis.trajectories import trace
+from pandis.run.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.run.options import TrajectoryOptions
+from pandis.run.stage import silent_progress
 from support import artifact, box_mesh
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pandis.errors import PandisError
-from pandis.physical import Scale
-from pandis.points import Points
-from pandis.stage import silent_progress
+from pandis.evaluation.points import Points
+from pandis.geometry.physical import Scale
+from pandis.run.stage import silent_progress
 from pandis.training.sizing import WIDTHS, train
 from pandis.training.trainer import Trainer
 from test_training import recipe, same, samples  # noqa: F401  (a fixture)

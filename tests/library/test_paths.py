@@ -6,7 +6,7 @@ from scipy import stats
 
 from pandis.evaluation.paths import interval, over_paths, repeats, verdict
 from pandis.fields.base import Field
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 
 NORMAL = np.array([0.0, 0.0, 1.0])
 

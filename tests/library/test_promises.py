@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from pandis import choice
-from pandis.catalogue import DENSE_KINDS
-from pandis.choice import Chooser
-from pandis.config import SampleOptions
 from pandis.errors import PandisError
+from pandis.evaluation import choice
+from pandis.evaluation.choice import Chooser
+from pandis.evaluation.points import Points
 from pandis.fields.controls import controls
 from pandis.fields.siren import SirenField
 from pandis.fields.sizing import Grids, grid_bytes
 from pandis.forces import penalty_force
-from pandis.measure import draw_contacts, promise
-from pandis.points import Points
+from pandis.geometry.measure import draw_contacts, promise
+from pandis.run.catalogue import DENSE_KINDS
+from pandis.run.options import SampleOptions
 from shapes import open_shape, opened
 from support import artifact
 from test_choice import SCALE, TORUS, chooser

@@ -2,7 +2,7 @@ import ast
 
 import pytest
 
-from pandis.provenance import CodeDigests, _tree_digest
+from pandis.run.provenance import CodeDigests, _tree_digest
 from support import ROOT, edit
 
 
@@ -79,4 +79,4 @@ def test_real_stages_have_digests():
     assert "pandis.training.paper_loss" in digests.modules("train")
     assert "pandis.fields.grid" not in digests.modules("train")
     for stage in ("mesh", "sample", "train", "bake", "evaluate"):
-        assert not {"pandis.config", "pandis.plan"} & set(digests.modules(stage))
+        assert not {"pandis.run.config", "pandis.run.plan"} & set(digests.modules(stage))

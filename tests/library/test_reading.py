@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from pandis.errors import PandisError
+from pandis.geometry.shapes import find_shape
 from pandis.mesh import tools
 from pandis.mesh.cleanup import clean, orient
 from pandis.mesh.declared import Declared, declared
 from pandis.mesh.diagnosis import diagnose
 from pandis.mesh.intake import check_arrays, choose, find_file, read_mesh
 from pandis.mesh.polygons import triangulate_polygons
-from pandis.mesh.shapes import find_shape
 from support import box_mesh, octahedron, write_obj
 from validity import assert_valid, volume
 

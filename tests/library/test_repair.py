@@ -4,8 +4,8 @@ import igl
 import numpy as np
 import pytest
 
-from pandis.config import MeshOptions
 from pandis.errors import PandisError
+from pandis.geometry.shapes import SHAPES
 from pandis.mesh import repair as ladder
 from pandis.mesh import tools
 from pandis.mesh.build import build
@@ -15,7 +15,7 @@ from pandis.mesh.diagnosis import diagnose
 from pandis.mesh.holes import fill_holes
 from pandis.mesh.intake import read_mesh
 from pandis.mesh.remesh import orient_by_sight, winding_remesh
-from pandis.mesh.shapes import SHAPES
+from pandis.run.options import MeshOptions
 from support import box_mesh, octahedron
 from test_diagnosis import copies
 from validity import assert_valid, volume

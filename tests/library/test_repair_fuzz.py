@@ -7,11 +7,11 @@ case that ever failed; `make test-full` runs 2,000.
 import numpy as np
 import pytest
 
-from pandis.config import MeshOptions
 from pandis.errors import PandisError
+from pandis.geometry.shapes import SHAPES
 from pandis.mesh import repair, tools
 from pandis.mesh.intake import check_arrays
-from pandis.mesh.shapes import SHAPES
+from pandis.run.options import MeshOptions
 from support import box_mesh, octahedron
 from test_diagnosis import copies
 from test_repair import ball

@@ -2,17 +2,17 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pandis.config import SampleOptions, TrajectoryOptions
-from pandis.distance import MeshDistance, ShapeDistance
 from pandis.forces import penalty_force
-from pandis.frame import Frame
-from pandis.mesh.shapes import SHAPES as CLOSED_FORMS
+from pandis.geometry.distance import MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import PROBE_DEPTHS, Surface, bending, blue_noise, probes
+from pandis.geometry.shapes import SHAPES as CLOSED_FORMS
+from pandis.geometry.strata import STRATA
+from pandis.geometry.thickness import inscribed_radius
+from pandis.geometry.trajectories import trace
 from pandis.native.bvh import TIED
-from pandis.sampling import PROBE_DEPTHS, Surface, bending, blue_noise, probes
-from pandis.stage import silent_progress
-from pandis.strata import STRATA
-from pandis.thickness import inscribed_radius
-from pandis.trajectories import trace
+from pandis.run.options import SampleOptions, TrajectoryOptions
+from pandis.run.stage import silent_progress
 from shapes import SHAPES, open_shape
 from support import box_mesh, sample
 
@@ -97,7 +97,7 @@ def test_same_seed_same_samples(torus):
 
 def test_shards_do_not_show(torus, monkeypatch):
     """Fewer points at once: other random numbers, but strata of the same law, in one order."""
-    monkeypatch.setattr("pandis.strata.SHARD", 256)
+    monkeypatch.setattr("pandis.geometry.strata.SHARD", 256)
     arrays, attributes = sample(*torus, SMALL.model_dump() | {"seed": 5}, silent_progress)
     assert all(len(a) == 14_000 for a in arrays.values())
     start, stop = attributes["strata"]["surface"]

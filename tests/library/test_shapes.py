@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from pandis.geometry.shapes import SHAPES
 from pandis.mesh.diagnosis import diagnose
-from pandis.mesh.shapes import SHAPES
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
 from pandis.fields.base import OK, Answer, Field
 from pandis.fields.controls import controls
 from pandis.fields.grids import GRID_OPENERS
 from pandis.forces import penalty_force
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.measure import Stratified
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
 from pandis.grids.dense import DenseGrid
-from pandis.measure import Stratified
-from pandis.mesh.shapes import SHAPES
-from pandis.physical import Scale
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
+from pandis.run.stage import silent_progress
 from pandis.stress.contact import holding, wanted_force
 from pandis.stress.coupled import LADDER, simulate, stable_stiffness
 from pandis.stress.physical import Device

@@ -5,14 +5,14 @@ import pytest
 import torch
 from scipy.spatial import cKDTree
 
-from pandis.config import ExactRecipe, PaperRecipe
-from pandis.distance import MeshDistance, ShapeDistance
 from pandis.errors import PandisError
-from pandis.frame import Frame
-from pandis.mesh.shapes import SHAPES
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
-from pandis.strata import Strata
+from pandis.geometry.distance import MeshDistance, ShapeDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
+from pandis.geometry.strata import Strata
+from pandis.run.recipes import ExactRecipe, PaperRecipe
+from pandis.run.stage import silent_progress
 from pandis.training import exact_loss, vectors
 from pandis.training import paper_loss as losses
 from pandis.training import trainer as trainer_module

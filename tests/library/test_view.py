@@ -6,13 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from pandis.distance import MeshDistance
 from pandis.evaluation.view import DEPTHS, coarsen, surface_errors
 from pandis.fields.base import Field
-from pandis.frame import Frame
-from pandis.mesh.shapes import SHAPES
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.shapes import SHAPES
 from pandis.report.view import DECADES, view
-from pandis.stage import silent_progress
+from pandis.run.stage import silent_progress
 from support import artifact
 
 

@@ -5,21 +5,21 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pandis.catalogue import GRID_FIELDS, parse_field
-from pandis.distance import open_distance
 from pandis.export.clearance import clearance
 from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
-from pandis.frame import Frame
+from pandis.geometry.distance import open_distance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
 from pandis.grids.base import fit_base
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
-from pandis.mesh.shapes import SHAPES
 from pandis.native.runtime import RULES
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
+from pandis.run.catalogue import GRID_FIELDS, parse_field
+from pandis.run.stage import silent_progress
 from support import artifact
 
 #: A frame that is not the unit frame, so that forgetting it shows.

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import pandis
+from pandis.geometry.physical import Scale
 from pandis.native import device as hdapi
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
-from pandis.physical import Scale
 from pandis.stress import coupled
 from pandis.stress.physical import Device
 

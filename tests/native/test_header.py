@@ -588,7 +588,7 @@ def test_a_user_loads_a_field_and_asks_for_forces(files, fields):
 
 def test_the_format_is_as_documented():
     """What docs/format.md says of the header, byte by byte."""
-    from pandis.frame import Frame
+    from pandis.geometry.frame import Frame
 
     frame = Frame((1.0, 2.0, 3.0), 0.5)
     data = pack(5, frame, [0], [2.0], {}, {})

@@ -12,15 +12,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import pandis
-from pandis.distance import open_distance
 from pandis.errors import PandisError
+from pandis.evaluation.scenes import try_scene
 from pandis.export.clearance import clearance
 from pandis.export.native import native_bytes
 from pandis.fields.base import INVALID
+from pandis.geometry.distance import open_distance
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
-from pandis.scenes import try_scene
-from pandis.stage import silent_progress
+from pandis.run.stage import silent_progress
 
 NATIVE = Path(pandis.__file__).parent / "native"
 #: Way of a tick at 0.5 m/s (m).

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from test_devices import RADIUS, compile_stand_in
 
-from pandis.config import HardwareOptions, TrajectoryOptions
 from pandis.fields.controls import controls
 from pandis.fields.exact import ExactField
 from pandis.forces import penalty_force
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import Surface
+from pandis.geometry.trajectories import trace
 from pandis.hardware.attached import run_attached, stiffness_for
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.pressing import Hand, contact, press
@@ -19,10 +21,8 @@ from pandis.hardware.verdict import device_sentence, judge, machine_sentence
 from pandis.hardware.walls import compare, open_walls
 from pandis.native.device import Order
 from pandis.native.runtime import NativeField
-from pandis.physical import Scale
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
-from pandis.trajectories import trace
+from pandis.run.options import HardwareOptions, TrajectoryOptions
+from pandis.run.stage import silent_progress
 from shapes import open_shape
 
 HAND = {"stiffness": 20.0, "damping": 3.0, "press": 0.5, "delay": 0}

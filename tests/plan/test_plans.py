@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from pandis.errors import PandisError
-from pandis.plan import Plan
+from pandis.run.plan import Plan
 from support import ROOT, edit, plan, snakemake
 
 FAST = "config/fast.yaml"
@@ -119,7 +119,7 @@ def test_evaluation_option_trains_nothing(rerun):
 
 
 def test_library_module_restales_its_importers_only(rerun):
-    edit(rerun / "workflow/pandis/trajectories.py", "_TRIES = 24", "_TRIES = 25")
+    edit(rerun / "workflow/pandis/geometry/trajectories.py", "_TRIES = 24", "_TRIES = 25")
     assert plan(rerun) == all_of("trajectory", *DOWNSTREAM) | LAST
 
 
@@ -180,7 +180,7 @@ def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
 def test_config_module_edited_reruns_nothing(rerun):
     """Options reach a stage through its params: the module that reads them is not a part of it."""
     edit(
-        rerun / "workflow/pandis/config.py",
+        rerun / "workflow/pandis/run/reading.py",
         "def merge(base, override):",
         "def merge(base, override=()):",
     )

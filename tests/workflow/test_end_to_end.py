@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from pandis.artifact import read_artifact
-from pandis.plan import Plan
+from pandis.run.artifact import read_artifact
+from pandis.run.plan import Plan
 from support import ROOT, box_mesh, copy_workflow, results, snakemake, write_obj
 
 FAST = ("--configfile", "config/fast.yaml")

@@ -121,10 +121,10 @@ def test_verify_without_snakemakes_records(rerun):
 
 
 def test_verify_names_the_module_that_changed(rerun):
-    edit(rerun / "workflow/pandis/trajectories.py", "_TRIES = 24", "_TRIES = 23")
+    edit(rerun / "workflow/pandis/geometry/trajectories.py", "_TRIES = 24", "_TRIES = 23")
     done = verify(rerun)
     assert done.returncode == 1
-    assert "stale: code changed (pandis.trajectories)" in done.stdout
+    assert "stale: code changed (pandis.geometry.trajectories)" in done.stdout
 
 
 @pytest.mark.parametrize("damage", ["flip", "truncate", "remove", "swap"])

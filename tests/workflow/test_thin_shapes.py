@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from pandis.artifact import read_artifact
 from pandis.evaluation.front import may_be_used
+from pandis.run.artifact import read_artifact
 from shapes import MADE
 from support import snakemake, write_obj
 

@@ -10,8 +10,8 @@ import numpy as np
 import trimesh
 import yaml
 
-from pandis.artifact import read_artifact, write_artifact
-from pandis.sourcing import SourceDigests, source_digest, source_fault, source_files
+from pandis.run.artifact import read_artifact, write_artifact
+from pandis.run.sourcing import SourceDigests, source_digest, source_fault, source_files
 from support import box_mesh, edit, plan, snakemake, write_obj
 
 CONFIG = "config/scene.yaml"
@@ -123,9 +123,9 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
         ),
         "a module changed": (
             lambda: edit(
-                workspace / "workflow/pandis/trajectories.py", "_TRIES = 24", "_TRIES = 23"
+                workspace / "workflow/pandis/geometry/trajectories.py", "_TRIES = 24", "_TRIES = 23"
             ),
-            r"trajectory.zarr.zip +stale: code changed \(pandis.trajectories\)",
+            r"trajectory.zarr.zip +stale: code changed \(pandis.geometry.trajectories\)",
         ),
         "a buffer of the source replaced": (replace_numbers, "mesh.zarr.zip +stale: its source"),
         "the source replaced by an older file": (
@@ -211,7 +211,7 @@ def test_what_is_wrong_with_a_source_is_known_before_anything_runs(tmp_path, mon
 
 def test_a_mesh_inside_a_package_is_a_source_too(tmp_path, monkeypatch):
     """Replaced there, its digest is another: that alone told nobody."""
-    monkeypatch.setattr("pandis.sourcing.shipped_folder", lambda: tmp_path)
+    monkeypatch.setattr("pandis.run.sourcing.shipped_folder", lambda: tmp_path)
     write_obj(tmp_path / "bunny.obj", *box_mesh())
     digests = SourceDigests(tmp_path / "memory.json")
     before = digests.of("pymeshlab:bunny.obj")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pandis.forces import penalty_force
-from pandis.sampling import PROBE_DEPTHS
+from pandis.geometry.sampling import PROBE_DEPTHS
 
 POINTS = 50_000
 
@@ -15,7 +15,7 @@ def beyond(fields, engine, seed):
     ----------
     fields : list of pandis.fields.base.Field
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     seed : int
 
     Returns

@@ -6,22 +6,22 @@ import io
 import numpy as np
 import torch
 
-from pandis.artifact import Artifact
-from pandis.catalogue import DENSE_KINDS, GRID_FIELDS, parse_field
-from pandis.distance import MeshDistance
 from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
-from pandis.frame import Frame
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
 from pandis.grids.base import fit_base
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
-from pandis.machine import describe
-from pandis.mesh.shapes import SHAPES
 from pandis.native.runtime import NativeField
-from pandis.sampling import Surface
-from pandis.stage import silent_progress
+from pandis.run.artifact import Artifact
+from pandis.run.catalogue import DENSE_KINDS, GRID_FIELDS, parse_field
+from pandis.run.machine import describe
+from pandis.run.stage import silent_progress
 from pandis.training.network import Siren, named_arrays
 
 #: What is timed: tessellations (faces), nodes per axis, bytes, units per layer.
@@ -43,12 +43,12 @@ def calibrate(progress):
     Parameters
     ----------
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Returns
     -------
     str
-        The text of a CSV file for `pandis.query_times.QueryTimes`.
+        The text of a CSV file for `pandis.run.query_times.QueryTimes`.
     """
     vertices, faces = SHAPES["torus"].tessellation()
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pandis.thickness import inscribed_radius
+from pandis.geometry.thickness import inscribed_radius
 
 #: Surface points that the tenths are taken of, and neighbours that curvature is taken from.
 PLACES, NEIGHBOURS = 4000, 9
@@ -17,9 +17,9 @@ def coverage(surface, engine, paths, seed):
 
     Parameters
     ----------
-    surface : pandis.sampling.Surface
+    surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     paths : ndarray, shape (p, m, 3), unit frame
     seed : int
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pandis.fields.controls import demand_failure
 from pandis.forces import penalty_force
-from pandis.measure import MISSING_LIMIT, contact_errors, shares
+from pandis.geometry.measure import MISSING_LIMIT, contact_errors, shares
 
 #: Ending of the row with the paper's own force, in which Ψ keeps its length.
 UNNORMALISED = " (‖Ψ‖ kept)"
@@ -53,16 +53,16 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
         Exact, unit frame.
     probe_sets : dict of str to tuple
         Likewise.
-    contacts : pandis.measure.ContactSet
+    contacts : pandis.geometry.measure.ContactSet
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Returns
     -------
     arrays, attributes : dict
         As stored in ``evaluation.zarr.zip``. Forces are of the unit frame at k = 1. ``errors``: by
         set and field, on the trajectory and the contact sets with the shares of
-        `pandis.measure.shares`; ``controls``: by control and contact set.
+        `pandis.geometry.measure.shares`; ``controls``: by control and contact set.
     """
     sets = {"trajectory": trajectory} | probe_sets
     arrays, scale = {}, {}

@@ -1,6 +1,6 @@
 """Which field to use: what no other beats, and the best for a given error."""
 
-from pandis.measure import MISSING_LIMIT
+from pandis.geometry.measure import MISSING_LIMIT
 
 #: Errors that a user may allow: percent of the mean force on the contact set.
 ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)

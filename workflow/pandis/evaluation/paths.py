@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from pandis.forces import penalty_force
-from pandis.trajectories import trace
+from pandis.geometry.trajectories import trace
 
 #: What the paper's claim is about: its own network against its best grid, on the box around the
 #: surface as in the paper, and on the cube that all other grids lie on.
@@ -58,11 +58,11 @@ def several(first, surface, engine, options, progress):
     first : tuple (points, distance, normal)
         Exact, unit frame.
     surface, engine
-        See `pandis.trajectories.trace`.
+        See `pandis.geometry.trajectories.trace`.
     options : dict
         ``paths``: how many in all; ``trajectory``, ``seed``.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
     """
     paths = [first]
     for index in range(1, options["paths"]):

@@ -9,8 +9,8 @@ edge, or is a defect of the field.
 import numpy as np
 
 from pandis.forces import penalty_force
-from pandis.frame import UNIT_SIDE
-from pandis.sampling import PROBE_DEPTHS
+from pandis.geometry.frame import UNIT_SIDE
+from pandis.geometry.sampling import PROBE_DEPTHS
 
 #: Length of a line (m, in the device's workspace), and its steps.
 LENGTH, STEPS = 1e-3, 100
@@ -25,7 +25,7 @@ def line_probes(surface, count, size, seed):
 
     Parameters
     ----------
-    surface : pandis.sampling.Surface
+    surface : pandis.geometry.sampling.Surface
     count : int
     size : float
         Metres of the object's longest side in the device's workspace.
@@ -71,7 +71,7 @@ def smoothness(fields, engine, lines):
     ----------
     fields : list of pandis.fields.base.Field
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     lines : ndarray, shape (m, s + 1, 3)
 
     Returns

@@ -4,15 +4,15 @@ import time
 
 import numpy as np
 
-from pandis.distance import open_distance
 from pandis.errors import PandisError
 from pandis.evaluation import libtorch
 from pandis.export.check import FORCE
 from pandis.export.session import Session
 from pandis.forces import penalty_force
-from pandis.frame import Frame
-from pandis.machine import describe
+from pandis.geometry.distance import open_distance
+from pandis.geometry.frame import Frame
 from pandis.native.runtime import CACHES, NativeField
+from pandis.run.machine import describe
 
 #: The exact field without a tree, as the paper's ground truth: every face at every query. Its
 #: single queries, and no batches.
@@ -45,12 +45,12 @@ def time_fields(fields, exports, natives, mesh, points, options, progress):
         ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
     natives : list of Path
         ``{field}.pandis``: run by ``pandis.h``, timed in C.
-    mesh : pandis.artifact.Artifact
+    mesh : pandis.run.artifact.Artifact
     points : ndarray, shape (m, 3), unit frame
     options : dict
-        See `pandis.config.TimingOptions`.
+        See `pandis.run.options.TimingOptions`.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def time_native(field, points, options):
     points : ndarray, shape (m, 3), mesh units
         The trajectory.
     options : dict
-        See `pandis.config.TimingOptions`.
+        See `pandis.run.options.TimingOptions`.
 
     Returns
     -------

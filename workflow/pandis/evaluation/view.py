@@ -4,7 +4,7 @@ import igl
 import numpy as np
 
 from pandis.forces import penalty_force
-from pandis.sampling import PROBE_DEPTHS
+from pandis.geometry.sampling import PROBE_DEPTHS
 
 #: Faces of the mesh that is shown, about.
 FACES = 16_000
@@ -32,11 +32,11 @@ def surface_errors(fields, engine, vertices, faces, progress):
     ----------
     fields : list of pandis.fields.base.Field
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     vertices, faces : ndarray
         The whole mesh, unit frame.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Returns
     -------

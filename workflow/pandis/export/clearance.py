@@ -26,7 +26,7 @@ def clearance(answer, engine, seed=0):
     ----------
     answer : callable
         The field: distances (n,) and flags (n,) at points (n, 3), unit frame.
-    engine : pandis.distance.MeshDistance or ShapeDistance
+    engine : pandis.geometry.distance.MeshDistance or ShapeDistance
 
     Returns
     -------

@@ -3,12 +3,12 @@
 import numpy as np
 from onnx import TensorProto
 
-from pandis.catalogue import BOX, parse_field
 from pandis.export.check import FORCE_LENGTH, check
 from pandis.export.graphs import Graph, enter, leave, split
 from pandis.export.session import Session
 from pandis.export.splines import tricubic
 from pandis.fields.grids import open_field
+from pandis.run.catalogue import BOX, parse_field
 
 
 def grid_graph(field, kind):
@@ -138,7 +138,7 @@ def export_grid(name, artifact, provenance, log):
     ----------
     name : str
         ``nearest-…``, ``trilinear-…``, ``trilinear-normal-…`` or ``tricubic-…``.
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``grid``.
     provenance : dict
     log : callable

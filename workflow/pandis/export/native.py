@@ -7,8 +7,6 @@ import copy
 
 import numpy as np
 
-from pandis.catalogue import BOX
-from pandis.distance import ShapeDistance, open_distance
 from pandis.errors import PandisError
 from pandis.export.check import FORCE_LENGTH, check, check_points
 from pandis.export.clearance import clearance
@@ -17,6 +15,7 @@ from pandis.fields.grid import GridField
 from pandis.fields.siren import SirenField
 from pandis.fields.spline import SplineField
 from pandis.forces import penalty_force
+from pandis.geometry.distance import ShapeDistance, open_distance
 from pandis.native.bvh import LEAF_BYTES, NODE_BYTES
 from pandis.native.runtime import (
     GRID,
@@ -29,6 +28,7 @@ from pandis.native.runtime import (
     NativeField,
     pack,
 )
+from pandis.run.catalogue import BOX
 
 #: Sums of a network run in so many lanes; rows of weights are padded to whole ones.
 _LANES = 16
@@ -43,7 +43,7 @@ def native_bytes(field, kind, provenance, weight_bits=32, safe=None):
     ----------
     field : pandis.fields.base.Field
     kind : str
-        As in `pandis.catalogue.FieldSpec`; of a grid, how it is interpolated.
+        As in `pandis.run.catalogue.FieldSpec`; of a grid, how it is interpolated.
     provenance : dict
     weight_bits : {32, 16}
         Of a network's hidden layers.
@@ -160,7 +160,7 @@ def export_native(field, kind, provenance, weight_bits, mesh, log):
     ----------
     field, kind, provenance, weight_bits
         As for `native_bytes`.
-    mesh : pandis.artifact.Artifact
+    mesh : pandis.run.artifact.Artifact
         What the field is of: how far its distances are off there goes with it.
     log : callable
 

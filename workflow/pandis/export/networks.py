@@ -10,7 +10,7 @@ from pandis.export.session import Session
 from pandis.export.splines import tricubic
 from pandis.fields.base import clamp_to_box, normalise
 from pandis.fields.siren import load_base, load_layers
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.training.network import Siren
 
 
@@ -19,7 +19,7 @@ def network_graph(artifact):
 
     Parameters
     ----------
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``model``.
 
     Returns
@@ -74,7 +74,7 @@ def compare(answer, artifact, what, log):
     ----------
     answer : callable
         See `pandis.export.check.check`.
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``model``.
     what : str
         What is compared, for the log.
@@ -122,7 +122,7 @@ def export_network(name, artifact, provenance, log):
     ----------
     name : str
         The recipe.
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``model``.
     provenance : dict
     log : callable

@@ -5,12 +5,12 @@ import json
 
 import torch
 
-from pandis.artifact import seal_zip
 from pandis.export.networks import compare, describe
 from pandis.export.splines import AROUND, BASIS, SLOPE
 from pandis.fields.siren import load_base, load_layers
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.native.spline import EDGE
+from pandis.run.artifact import seal_zip
 
 
 class Spline(torch.nn.Module):
@@ -59,7 +59,7 @@ class Program(torch.nn.Module):
 
     Parameters
     ----------
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``model``.
     """
 
@@ -112,7 +112,7 @@ def export_program(name, artifact, provenance, log):
     ----------
     name : str
         The recipe.
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``model``.
     provenance : dict
     log : callable

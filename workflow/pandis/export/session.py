@@ -8,9 +8,9 @@ from typing import NamedTuple
 import onnx
 import onnxruntime
 
-from pandis.artifact import check_seal
 from pandis.errors import ArtifactError, PandisError
 from pandis.export.graphs import unsealed_digest
+from pandis.run.artifact import check_seal
 
 
 class Export(NamedTuple):

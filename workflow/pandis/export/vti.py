@@ -11,10 +11,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from pandis.catalogue import parse_field
 from pandis.errors import PandisError
 from pandis.fields.grids import open_field
 from pandis.grids.axes import Axes
+from pandis.run.catalogue import parse_field
 
 _MARK = b"<!-- sha256:"
 _TYPES = {"Float32": np.dtype("<f4"), "UInt8": np.dtype("u1")}
@@ -124,7 +124,7 @@ def export_vti(name, artifact, provenance):
     Parameters
     ----------
     name : str
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``grid``.
     provenance : dict
         Put into a comment.

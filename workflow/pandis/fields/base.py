@@ -35,7 +35,7 @@ class Field:
     ----------
     name : str
         As in the configuration.
-    frame : pandis.frame.Frame
+    frame : pandis.geometry.frame.Frame
     bytes : int
         What a program must hold in memory to answer.
     ordered : bool

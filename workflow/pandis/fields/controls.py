@@ -6,12 +6,12 @@ ends its stage.
 
 import numpy as np
 
-from pandis.distance import SURFACE_DISTANCE, MeshDistance
 from pandis.errors import PandisError
 from pandis.fields.base import Field
-from pandis.measure import JUDGED, OF_RADIUS, THICKEST
+from pandis.geometry.distance import SURFACE_DISTANCE, MeshDistance
+from pandis.geometry.measure import JUDGED, OF_RADIUS, THICKEST
+from pandis.geometry.thickness import inscribed_radius
 from pandis.native.bvh import Bvh
-from pandis.thickness import inscribed_radius
 
 #: Share of the judged area on which `control-gap` has no force: four times what may be missing.
 GAP = 0.02
@@ -37,15 +37,15 @@ class ControlZero(Field):
 class ControlGap(Field):
     """The exact field, without force at the thinnest two hundredths of the surface.
 
-    Of the area that is judged (see `pandis.measure`), those with the smallest inscribed radius at
-    the closest point of the surface; among equal radii the first by face and place in it, so that
-    also a ball or a plate has a gap.
+    Of the area that is judged (see `pandis.geometry.measure`), those with the smallest inscribed
+    radius at the closest point of the surface; among equal radii the first by face and place in it,
+    so that a ball or a plate has a gap, too.
 
     Parameters
     ----------
     exact : pandis.fields.exact.ExactField
-    surface : pandis.sampling.Surface
-    scale : pandis.physical.Scale
+    surface : pandis.geometry.sampling.Surface
+    scale : pandis.geometry.physical.Scale
     """
 
     def __init__(self, exact, surface, scale):

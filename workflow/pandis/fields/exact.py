@@ -1,8 +1,8 @@
 """The exact field: the paper's GT, but through a tree instead of brute force."""
 
-from pandis.distance import open_distance
 from pandis.fields.base import Field
-from pandis.frame import Frame
+from pandis.geometry.distance import open_distance
+from pandis.geometry.frame import Frame
 
 
 class ExactField(Field):

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import spline_filter
 
 from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, clamp_to_box, normalise
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.grids.axes import Axes
 from pandis.grids.band import Band
 from pandis.grids.dense import REACH, complete, covered_cells
@@ -20,7 +20,7 @@ class GridField(Field):
     Parameters
     ----------
     name : str
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``grid``.
     """
 

@@ -20,5 +20,5 @@ GRID_OPENERS = {
 
 
 def open_field(spec, artifact):
-    """Return the grid field of a `pandis.catalogue.FieldSpec`."""
+    """Return the grid field of a `pandis.run.catalogue.FieldSpec`."""
     return GRID_OPENERS[spec.kind](spec.name, artifact)

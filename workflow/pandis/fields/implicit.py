@@ -11,7 +11,7 @@ import numpy as np
 from pandis.errors import PandisError
 from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.fields.grid import GridField, trilinear
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.grids.axes import Axes
 
 #: Halvings of the last cell of a march: to a millionth of it.

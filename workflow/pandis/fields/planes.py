@@ -3,12 +3,12 @@
 import numpy as np
 
 from pandis.fields.base import Field, clamp_to_box, normalise
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.grids.planes import plane_axes
 
 
 class PlanesField(Field):
-    """Support planes, in three readings by name: see `pandis.catalogue.PLANE_FIELDS`.
+    """Support planes, in three readings by name: see `pandis.run.catalogue.PLANE_FIELDS`.
 
     ``support-planes-only`` answers the nearest plane; ``support-planes-distance`` the depth below
     it, along its normal; ``support-planes`` tilts the normal by the slope of the map. It is a
@@ -17,7 +17,7 @@ class PlanesField(Field):
     Parameters
     ----------
     name : str
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``planes``.
     """
 

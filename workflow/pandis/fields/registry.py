@@ -1,16 +1,16 @@
 """Opens any field by its name, for evaluation, stress, timing, report and native export alone.
 
-A new field is one module beside this one, its options in `pandis.config`, its
-name in `pandis.catalogue`, and one line here.
+A new field is one module beside this one, its options in `pandis.run.config`, its
+name in `pandis.run.catalogue`, and one line here.
 """
 
-from pandis.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, parse_field
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import GRID_OPENERS
 from pandis.fields.implicit import AlgebraicField
 from pandis.fields.planes import PlanesField
 from pandis.fields.proxy import ProxyField
 from pandis.fields.siren import SirenField
+from pandis.run.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, parse_field
 
 _OPENERS = GRID_OPENERS | {"exact": ExactField, "network": SirenField, ALGEBRAIC: AlgebraicField}
 _OPENERS |= dict.fromkeys(PLANE_FIELDS, PlanesField)
@@ -31,8 +31,8 @@ def open_fields(names, mesh, artifacts):
     ----------
     names : list of str
         As in the configuration.
-    mesh : pandis.artifact.Artifact
-    artifacts : iterable of pandis.artifact.Artifact
+    mesh : pandis.run.artifact.Artifact
+    artifacts : iterable of pandis.run.artifact.Artifact
         What holds the other fields: grids and models.
 
     Returns
@@ -49,7 +49,7 @@ def open_fields(names, mesh, artifacts):
 
 
 def open_field(spec, artifact):
-    """Return the field of a `pandis.catalogue.FieldSpec`, from the artifact that holds it."""
+    """Return the field of a `pandis.run.catalogue.FieldSpec`, from the artifact that holds it."""
     if spec.through:
         return ProxyField(spec.name, open_field(spec.through, artifact))
     return _OPENERS[kind_of(spec, artifact)](spec.name, artifact)

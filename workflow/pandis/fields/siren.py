@@ -7,7 +7,7 @@ and sines, so that neither evaluation nor a user's program has to load torch.
 import numpy as np
 
 from pandis.fields.base import Field, clamp_to_box, normalise
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.grids.base import BaseSpline
 
 

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pandis.artifact import Artifact
-from pandis.catalogue import BOX, GRID_FIELDS
 from pandis.errors import PandisError
 from pandis.fields.base import Field
 from pandis.fields.grids import GRID_OPENERS
 from pandis.forces import penalty_force
 from pandis.grids.dense import CHANNELS, DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
+from pandis.run.artifact import Artifact
+from pandis.run.catalogue import BOX, GRID_FIELDS
 
 #: Nodes per axis that are tried, coarse to fine; bytes of the splines.
 SIZES = (16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256)
@@ -45,13 +45,13 @@ class Grids:
 
     Parameters
     ----------
-    points : pandis.points.Points
+    points : pandis.evaluation.points.Points
     frame : dict
         Attributes of the mesh's frame.
     band : tuple of float
         See `pandis.grids.band.Band`.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
     largest : int
         Bytes of the largest spline that may be asked for.
     """
@@ -73,7 +73,7 @@ class Grids:
         Parameters
         ----------
         kind : str
-            A key of `pandis.catalogue.GRID_FIELDS`.
+            A key of `pandis.run.catalogue.GRID_FIELDS`.
         size : int
             Nodes per axis; bytes of a spline.
         """
@@ -106,7 +106,7 @@ def hopeless(size, figures, limits, other, kind):
     size, other : int
         Of the one that was measured, and of the other.
     figures : dict
-    limits : pandis.budget.Limits
+    limits : pandis.run.budget.Limits
     kind : str
     """
     finer = (other / size) ** (0.5 if kind == "spline" else 1.0)
@@ -119,14 +119,14 @@ class Sizing:
     Parameters
     ----------
     kind : str
-        A key of `pandis.catalogue.GRID_FIELDS`.
-    points : pandis.points.Points
+        A key of `pandis.run.catalogue.GRID_FIELDS`.
+    points : pandis.evaluation.points.Points
     frame : dict
         Attributes of the mesh's frame.
     options : dict
-        ``band``, and what `pandis.config.GridTarget` has.
+        ``band``, and what `pandis.run.options.GridTarget` has.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
     log : callable
     """
 

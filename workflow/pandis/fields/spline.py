@@ -3,7 +3,7 @@
 import numpy as np
 
 from pandis.fields.base import BOUND, INVALID, OK, Answer, Field, clamp_to_box, normalise
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.grids.band import Band
 from pandis.grids.spline import box_lattice
 from pandis.native.spline import BLOCK, EDGE, Lattice, SparseSpline, block_count
@@ -20,7 +20,7 @@ class SplineField(Field):
     Parameters
     ----------
     name : str
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``grid``, with the content ``spline``.
     """
 

@@ -33,7 +33,7 @@ class Axes(NamedTuple):
         ----------
         size : int
         engine : object
-            From `pandis.distance.open_distance`.
+            From `pandis.geometry.distance.open_distance`.
         """
         low, high = engine.bounds
         return cls(size, tuple(low.tolist()), tuple(high.tolist()))

@@ -29,7 +29,7 @@ def find_cells(engine, size, band, low, step):
     Parameters
     ----------
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     size : int
         Nodes per axis.
     band : Band

@@ -33,7 +33,7 @@ def fit_base(engine, cells):
     Parameters
     ----------
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     cells : int
         Per axis.
 

@@ -22,10 +22,10 @@ not stored at all.
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from pandis.catalogue import BOX
 from pandis.forces import penalty_force
 from pandis.grids.axes import Axes
 from pandis.grids.band import Band, find_cells, needed_nodes
+from pandis.run.catalogue import BOX
 
 CHANNELS = {"force": 3, "normal": 4, "distance": 1}
 #: What a chunk that is not stored holds.
@@ -43,13 +43,13 @@ class DenseGrid:
     Parameters
     ----------
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     content : {"force", "force-box", "normal", "distance"}
     size : int
         Nodes per axis.
     band : pandis.grids.band.Band
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
     """
 
     def __init__(self, engine, content, size, band, progress):
@@ -86,7 +86,7 @@ class DenseGrid:
         return (self.size,) * 3 + ((channels,) if channels > 1 else ())
 
     def column(self, chunk):
-        """Return how the values are declared to `pandis.artifact.ArtifactWriter`."""
+        """Return how the values are declared to `pandis.run.artifact.ArtifactWriter`."""
         chunks = (min(chunk, self.size),) * 3 + self.shape[3:]
         return {
             "shape": self.shape,

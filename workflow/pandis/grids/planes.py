@@ -61,9 +61,9 @@ def build_planes(vertices, engine, progress):
     ----------
     vertices : ndarray, shape (V, 3), unit frame
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Returns
     -------

@@ -47,8 +47,8 @@ class SplineFit:
     Parameters
     ----------
     engine : object
-        From `pandis.distance.open_distance`.
-    surface : pandis.sampling.Surface
+        From `pandis.geometry.distance.open_distance`.
+    surface : pandis.geometry.sampling.Surface
     band : pandis.grids.band.Band
     seed : int
     count : int
@@ -118,7 +118,7 @@ class SplineFit:
         budget : float or None
             Bytes; None keeps the worthwhile share of the fine blocks.
         progress : callable
-            Makes a `pandis.stage.Progress`.
+            Makes a `pandis.run.stage.Progress`.
 
         Returns
         -------

@@ -74,7 +74,7 @@ def run_attached(field, size, asked, options, pressed=None, walls=None, sound=Tr
     size, asked : float
         Metres of the longest side; N/m: see `stiffness_for`.
     options : dict
-        See `pandis.config.AttachedOptions`, and ``seconds`` and ``deadline``.
+        See `pandis.run.options.AttachedOptions`, and ``seconds`` and ``deadline``.
     pressed, walls, sound
         See `stiffness_for`; without the first two no force is sent.
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pandis.frame import UNIT_SIDE
+from pandis.geometry.frame import UNIT_SIDE
 from pandis.hardware.devices import RAMP
 from pandis.native.device import DONE, Order, run_simulated
 from pandis.native.scene import NativeScene, Placed
@@ -72,7 +72,7 @@ def contact(trajectory, places, size):
     ----------
     trajectory : dict of str to ndarray
         ``points``, ``distance`` and ``normal`` in the unit frame.
-    places : pandis.measure.Stratified
+    places : pandis.geometry.measure.Stratified
         Surface points to press on, unit frame.
     size : float
         Metres of the longest side.

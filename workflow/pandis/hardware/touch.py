@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pandis.config import HardwareOptions
 from pandis.errors import PandisError
-from pandis.frame import UNIT_SIDE
+from pandis.geometry.frame import UNIT_SIDE
 from pandis.hardware.attached import run_attached, stiffness_for
 from pandis.hardware.devices import DEVICES
 from pandis.native.device import Order, run_simulated
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
+from pandis.run.options import HardwareOptions
 
 #: The hand that holds the simulated device: N/m and Ns/m.
 HAND = (300.0, 6.0)

@@ -5,17 +5,17 @@ import json
 
 import numpy as np
 
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
+from pandis.geometry.measure import MISSING_LIMIT
 from pandis.hardware.attached import run_attached
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.load import busy_cores
 from pandis.hardware.pressing import Hand, contact, press
 from pandis.hardware.verdict import device_sentence, judge, machine_passes, paragraph
 from pandis.hardware.walls import compare
-from pandis.machine import describe, governor
-from pandis.measure import MISSING_LIMIT
 from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
+from pandis.run.machine import describe, governor
 
 #: Largest difference from the library's own force that passes (unit frame, k = 1).
 AGREEMENT = 2e-5
@@ -47,13 +47,13 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         ``{field}.pandis``.
     walls : pandis.hardware.walls.Walls
         Where forces are compared with the exact ones, and where devices press.
-    trajectory, evaluation : pandis.artifact.Artifact
+    trajectory, evaluation : pandis.run.artifact.Artifact
     mesh : str
         Its name.
     options : dict
-        See `pandis.config.HardwareOptions`.
+        See `pandis.run.options.HardwareOptions`.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def validate(field, frame, points, reference, walls, options):
     Parameters
     ----------
     field : pandis.native.runtime.NativeField
-    frame : pandis.frame.Frame
+    frame : pandis.geometry.frame.Frame
     points : ndarray, shape (m, 3), mesh units
         The evaluation trajectory.
     reference : ndarray, shape (m, 3)
@@ -166,7 +166,7 @@ def validate(field, frame, points, reference, walls, options):
     walls : dict
         From `pandis.hardware.walls.compare`.
     options : dict
-        See `pandis.config.HardwareOptions`.
+        See `pandis.run.options.HardwareOptions`.
 
     Returns
     -------

@@ -6,7 +6,7 @@ import numpy as np
 
 from pandis.fields.controls import controls, demand_failure
 from pandis.forces import penalty_force
-from pandis.measure import (
+from pandis.geometry.measure import (
     JUDGED,
     MISSING_LIMIT,
     Probes,
@@ -16,7 +16,7 @@ from pandis.measure import (
     shares,
     stratify,
 )
-from pandis.sampling import PROBE_DEPTHS
+from pandis.geometry.sampling import PROBE_DEPTHS
 
 #: Surface points that forces are compared at; and that a simulated device presses on.
 POINTS, PRESSED = 2000, 10
@@ -27,15 +27,15 @@ class Walls(NamedTuple):
 
     Attributes
     ----------
-    places : pandis.measure.Stratified
+    places : pandis.geometry.measure.Stratified
         Of every class of inscribed radius as many; unit frame.
-    probes : pandis.measure.Probes
+    probes : pandis.geometry.measure.Probes
         Below them, at the depth min(0.04, 0.9 r).
-    pressed : pandis.measure.Stratified
+    pressed : pandis.geometry.measure.Stratified
         The few that a simulated device presses on.
-    pressed_probes : pandis.measure.Probes
+    pressed_probes : pandis.geometry.measure.Probes
         Below those.
-    scale : pandis.physical.Scale
+    scale : pandis.geometry.physical.Scale
     """
 
     places: Stratified
@@ -51,8 +51,8 @@ def open_walls(exact, surface, scale, seed):
     Parameters
     ----------
     exact : pandis.fields.exact.ExactField
-    surface : pandis.sampling.Surface
-    scale : pandis.physical.Scale
+    surface : pandis.geometry.sampling.Surface
+    scale : pandis.geometry.physical.Scale
     seed : int
 
     Returns
@@ -89,9 +89,10 @@ def compare(force_at, walls):
     Returns
     -------
     dict
-        ``missing``, ``felt``, ``judged``: shares of area, see `pandis.measure.shares`; ``points``:
-        how many were compared; ``pressed_missing``: at how many of those that a device presses on
-        the force is missing; ``holds``: nowhere it is pressed, and on at most 0.5 % of the area.
+        ``missing``, ``felt``, ``judged``: shares of area, see `pandis.geometry.measure.shares`;
+        ``points``: how many were compared; ``pressed_missing``: at how many of those that a device
+        presses on the force is missing; ``holds``: nowhere it is pressed, and on at most 0.5 % of
+        the area.
     """
     newtons = walls.scale.newtons
     found = shares(force_at(walls.probes.points), walls.probes.force, newtons, walls.places.weight)

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
+from pandis.geometry.shapes import find_shape
 from pandis.mesh.declared import declared_unit
 from pandis.mesh.diagnosis import diagnose
 from pandis.mesh.intake import find_file, read_mesh
 from pandis.mesh.repair import repair
-from pandis.mesh.shapes import find_shape
 
 
 def build(options, source_file, log):
@@ -16,7 +16,7 @@ def build(options, source_file, log):
     Parameters
     ----------
     options : dict
-        See `pandis.config.MeshOptions`; and ``source``, ``sha256``, ``seed``.
+        See `pandis.run.options.MeshOptions`; and ``source``, ``sha256``, ``seed``.
     source_file : path-like or None
         The file to read, where the workflow has fetched or found one.
     log : callable

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pandis.artifact import file_digest
 from pandis.errors import PandisError
 from pandis.mesh import tools
 from pandis.mesh.declared import compression, declared
-from pandis.sourcing import FORMATS, format_of, source_path
+from pandis.run.artifact import file_digest
+from pandis.run.sourcing import FORMATS, format_of, source_path
 
 READERS = ("trimesh", "pymeshlab", "libigl")
 

@@ -23,7 +23,7 @@ class Ladder:
     vertices, faces : ndarray
         The mesh as it is now.
     options : dict
-        See `pandis.config.MeshOptions`; and ``seed``.
+        See `pandis.run.options.MeshOptions`; and ``seed``.
     log : callable
     now : Diagnosis
         Of the mesh as it is now.

@@ -41,7 +41,7 @@ def repair(vertices, faces, options, log=print):
     vertices : ndarray, shape (V, 3), float64, mesh units
     faces : ndarray, shape (F, 3), int64
     options : dict
-        See `pandis.config.MeshOptions`; and ``seed``.
+        See `pandis.run.options.MeshOptions`; and ``seed``.
     log : callable
         Takes a line of text.
 

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from pandis.catalogue import PROXY, parse_field
+from pandis.run.catalogue import PROXY, parse_field
 
 #: By the first word of an artifact's name: how the file of its job begins.
 _JOBS = {"grid": "bake", "model": "train", "method": "", "choice": "choose"}

@@ -5,11 +5,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from pandis.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, PROXY
 from pandis.evaluation.front import may_be_used, pareto
 from pandis.forces import penalty_force
 from pandis.report.picture import save
 from pandis.report.render import VIEW, render
+from pandis.run.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, PROXY
 
 _COLOURS = {
     "exact": "#111111",
@@ -158,7 +158,7 @@ def samples(artifact, limit=4000):
 
     Parameters
     ----------
-    artifact : pandis.artifact.Artifact
+    artifact : pandis.run.artifact.Artifact
         Of kind ``samples``.
     limit : int
         Points shown on the plane.

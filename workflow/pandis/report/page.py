@@ -1,25 +1,55 @@
 """The report: one HTML file that needs nothing else."""
 
+from concurrent.futures import ProcessPoolExecutor
 from importlib import resources
+from multiprocessing import get_context
 
 import jinja2
 import numpy as np
 
 from pandis import __version__
-from pandis.budget import Limits, told, told_figures
-from pandis.catalogue import GRID_FIELDS, parse_field
 from pandis.evaluation.beyond import POINTS
 from pandis.evaluation.front import PRICES, may_be_used, recommend
 from pandis.evaluation.paths import BASELINES, verdict
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures, paper
 from pandis.report.builds import build_seconds
 from pandis.report.tables import COLUMNS, CONTACT, control_rows, summary_rows
 from pandis.report.view import view
+from pandis.run.budget import Limits, told, told_figures
+from pandis.run.catalogue import GRID_FIELDS, parse_field
 from pandis.stress.suite import QUESTIONS
+
+
+def mesh_sections(meshes, read, threads, progress):
+    """Prepare all meshes, as many at a time as there are threads, each in a process of its own.
+
+    Parameters
+    ----------
+    meshes : dict of str to list
+        The arguments of `mesh_section` after the name: paths of the artifacts, and names of fields.
+    read : callable
+        Opens an artifact's path.
+    threads : int
+    progress : callable
+        Makes a `pandis.run.stage.Progress`.
+
+    Returns
+    -------
+    list of dict
+        In the order of ``meshes``.
+    """
+    told, sections = progress("pages", len(meshes), "meshes"), []
+    work = [(name, list(map(read, paths)), fields) for name, (paths, fields) in meshes.items()]
+    # drawing holds Python's lock; a fork has read and imported everything already
+    with ProcessPoolExecutor(min(threads, len(work)), get_context("fork")) as pool:
+        for section in pool.map(mesh_section, *zip(*work, strict=True)):
+            sections.append(section)
+            told.update(len(sections))
+    return sections
 
 
 def mesh_section(name, artifacts, field_names):
@@ -28,7 +58,7 @@ def mesh_section(name, artifacts, field_names):
     Parameters
     ----------
     name : str
-    artifacts : list of pandis.artifact.Artifact
+    artifacts : list of pandis.run.artifact.Artifact
         Mesh, trajectory, evaluation, stress, timing, hardware, the artifact of every field, and the
         samples where there are networks.
     field_names : list of str

@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
-from pandis.catalogue import BOX
 from pandis.evaluation.paths import BASELINES, repeats, spread
 from pandis.evaluation.timing import BRUTE
-from pandis.measure import SETS
+from pandis.geometry.measure import SETS
+from pandis.run.catalogue import BOX
 
 #: The columns of Tables 2 to 4, as the paper calls them; its grids lie on the mesh's own box.
 METHODS = {

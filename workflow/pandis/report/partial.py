@@ -8,14 +8,14 @@ import json
 import sys
 from pathlib import Path
 
-from pandis.artifact import read_artifact, write_atomically
 from pandis.errors import PandisError
-from pandis.plan import Plan
 from pandis.report.page import build, mesh_section
 from pandis.report.seal import seal
 from pandis.report.tables import summarise, to_csv
-from pandis.stage import INTERRUPTED
-from pandis.verification import Checker
+from pandis.run.artifact import read_artifact, write_atomically
+from pandis.run.plan import Plan
+from pandis.run.stage import INTERRUPTED
+from pandis.run.verification import Checker
 
 #: What every section of the report is made from, beside the artifacts of the fields.
 _STEMS = ("evaluation", "timing", "stress", "hardware")
@@ -26,7 +26,7 @@ def write_partial(plan):
 
     Parameters
     ----------
-    plan : pandis.plan.Plan
+    plan : pandis.run.plan.Plan
 
     Returns
     -------

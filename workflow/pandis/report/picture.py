@@ -45,8 +45,11 @@ def save(figure, numbers=None, dpi=110):
     dpi : int
         Of the parts that are pixels.
     """
-    svg = _written(figure, "svg", dpi, Date=None).decode()
-    pdf = _written(figure, "pdf", dpi, CreationDate=None)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # what was laid out stays, for both files
+    box = figure.get_tightbbox().padded(mpl.rcParams["savefig.pad_inches"])
+    svg = _written(figure, "svg", dpi, box, Date=None).decode()
+    pdf = _written(figure, "pdf", dpi, box, CreationDate=None)
     return Picture(
         f"data:image/svg+xml,{quote(svg, safe=_SAFE)}",
         f"data:application/pdf;base64,{base64.b64encode(pdf).decode()}",
@@ -54,9 +57,9 @@ def save(figure, numbers=None, dpi=110):
     )
 
 
-def _written(figure, form, dpi, **metadata):
+def _written(figure, form, dpi, box, **metadata):
     stream = io.BytesIO()
-    figure.savefig(stream, format=form, dpi=dpi, metadata=metadata, bbox_inches="tight")
+    figure.savefig(stream, format=form, dpi=dpi, metadata=metadata, bbox_inches=box)
     return stream.getvalue()
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pandis.sampling import Surface
+from pandis.geometry.sampling import Surface
 
 #: A view from the front, a little from the left and from above.
 VIEW = (0.45, 0.35, 1.0)

@@ -66,7 +66,7 @@ def summarise(evaluations, timings, stresses, hardware):
 
     Parameters
     ----------
-    evaluations, timings, stresses, hardware : list of pandis.artifact.Artifact
+    evaluations, timings, stresses, hardware : list of pandis.run.artifact.Artifact
         One of each per mesh, in the same order. The folder is the mesh's name.
     """
     rows = []

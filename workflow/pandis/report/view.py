@@ -16,7 +16,7 @@ def view(evaluation, names, first):
 
     Parameters
     ----------
-    evaluation : pandis.artifact.Artifact
+    evaluation : pandis.run.artifact.Artifact
         Of kind ``evaluation``.
     names : list of str
         Fields whose errors can be chosen.

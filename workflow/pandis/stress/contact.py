@@ -3,8 +3,8 @@
 import numpy as np
 
 from pandis.forces import penalty_force
-from pandis.measure import JUDGED, MISSING_LIMIT, shares
-from pandis.sampling import PROBE_DEPTHS
+from pandis.geometry.measure import JUDGED, MISSING_LIMIT, shares
+from pandis.geometry.sampling import PROBE_DEPTHS
 
 #: Share of the free space next to the surface in which a ghost may push with 0.05 N or more.
 GHOSTS = 0.005
@@ -60,7 +60,7 @@ def absence(answer, contacts):
     Returns
     -------
     dict
-        What `pandis.measure.shares` counts; ``limit``, ``passed``.
+        What `pandis.geometry.measure.shares` counts; ``limit``, ``passed``.
     """
     probes = contacts.pressed
     found = shares(penalty_force(*answer(probes.points)), probes.force, contacts.newtons)
@@ -75,8 +75,8 @@ def holding(answer, places, scale, device):
     Parameters
     ----------
     answer : callable
-    places : pandis.measure.Stratified
-    scale : pandis.physical.Scale
+    places : pandis.geometry.measure.Stratified
+    scale : pandis.geometry.physical.Scale
     device : pandis.stress.physical.Device
     """
     deepest = _DEEPER * device.force_limit / scale.newtons
@@ -100,10 +100,10 @@ def hold(answer, places, wanted, scale, device):
     Parameters
     ----------
     answer : callable
-    places : pandis.measure.Stratified
+    places : pandis.geometry.measure.Stratified
     wanted : ndarray, shape (n,)
         From `wanted_force`.
-    scale : pandis.physical.Scale
+    scale : pandis.geometry.physical.Scale
     device : pandis.stress.physical.Device
 
     Returns

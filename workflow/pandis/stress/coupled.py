@@ -113,7 +113,7 @@ def simulate(answer, points, normals, stiffness, scale, device, press, ticks=TIC
         The hand presses against the normal there.
     stiffness : ndarray, shape (n,)
         N/m.
-    scale : pandis.physical.Scale
+    scale : pandis.geometry.physical.Scale
     device : pandis.stress.physical.Device
     press : ndarray, shape (n,)
         With how many newtons the hand presses.
@@ -197,7 +197,7 @@ def closed_loop(answer, places, wanted, calm, rests, scale, device):
     Parameters
     ----------
     answer : callable
-    places : pandis.measure.Stratified
+    places : pandis.geometry.measure.Stratified
     wanted : ndarray, shape (n,)
         How hard walls must hold, N: see `pandis.stress.contact.wanted_force`.
     calm : ndarray, shape (2, n), bool
@@ -205,7 +205,7 @@ def closed_loop(answer, places, wanted, calm, rests, scale, device):
         through, no field is to blame.
     rests : float
         The exact field's largest stable stiffness.
-    scale : pandis.physical.Scale
+    scale : pandis.geometry.physical.Scale
     device : pandis.stress.physical.Device
 
     Returns

@@ -27,7 +27,7 @@ def jumps(answer, exact, shell, along, scale, device):
         Where ways begin.
     along : ndarray, shape (n, 3)
         Unit vectors along them. All are taken over 0.1 mm, a tenth over the other ways.
-    scale : pandis.physical.Scale
+    scale : pandis.geometry.physical.Scale
     device : pandis.stress.physical.Device
 
     Returns

@@ -24,10 +24,10 @@ def shell_points(places, count, deepest, rng):
 
     Parameters
     ----------
-    places : pandis.measure.Stratified
+    places : pandis.geometry.measure.Stratified
     count : int
     deepest : float
-        Unit frame; less where the part is thin: see `pandis.measure.Stratified.depth`.
+        Unit frame; less where the part is thin: see `pandis.geometry.measure.Stratified.depth`.
     rng : numpy.random.Generator
     """
     times = max(1, round(count / len(places.feet)))

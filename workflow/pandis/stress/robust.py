@@ -5,10 +5,10 @@ import itertools
 
 import numpy as np
 
-from pandis.distance import MeshDistance
 from pandis.fields.base import OK
 from pandis.forces import penalty_force
-from pandis.frame import UNIT_SIDE, Frame
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.stress.probes import excess
 
 #: Points of a long run that are asked at once; and again at its end.

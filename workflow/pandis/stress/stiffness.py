@@ -28,7 +28,7 @@ def stiffness(answer, exact, shell, scale, device):
     answer, exact : callable
         Answer (distance, normal) at points (n, 3), unit frame.
     shell : pandis.stress.probes.Shell
-    scale : pandis.physical.Scale
+    scale : pandis.geometry.physical.Scale
     device : pandis.stress.physical.Device
 
     Returns

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.fields.controls import demand_failure
-from pandis.measure import draw_contacts, stratify
-from pandis.physical import Scale
+from pandis.geometry.measure import draw_contacts, stratify
+from pandis.geometry.physical import Scale
+from pandis.geometry.thickness import inscribed_radius
 from pandis.stress.contact import absence, ghosts, hold, wanted_force
 from pandis.stress.coupled import closed_loop, presses, stable_stiffness
 from pandis.stress.jumps import jumps
@@ -24,7 +25,6 @@ from pandis.stress.robust import (
 )
 from pandis.stress.stiffness import stiffness
 from pandis.stress.work import loops, work
-from pandis.thickness import inscribed_radius
 
 
 class Question(NamedTuple):
@@ -116,13 +116,13 @@ class Suite:
 
     Parameters
     ----------
-    mesh : pandis.artifact.Artifact
+    mesh : pandis.run.artifact.Artifact
         Of kind ``mesh``.
-    surface : pandis.sampling.Surface
+    surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     options : dict
-        See `pandis.config.StressOptions`; and ``size``, ``stiffness``, ``seed``.
+        See `pandis.run.options.StressOptions`; and ``size``, ``stiffness``, ``seed``.
     """
 
     def __init__(self, mesh, surface, engine, options):
@@ -166,7 +166,7 @@ class Suite:
         ----------
         field : pandis.fields.base.Field
         progress : callable
-            Makes a `pandis.stage.Progress`.
+            Makes a `pandis.run.stage.Progress`.
         first : bool
             Ask no more after the first question that the field fails.
 
@@ -218,7 +218,7 @@ def stress(fields, controls, suite, progress):
         From `pandis.fields.controls.controls`: asked until they fail a question, as each must.
     suite : Suite
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Returns
     -------

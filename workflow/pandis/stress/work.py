@@ -23,9 +23,9 @@ def loops(places, engine, rng):
 
     Parameters
     ----------
-    places : pandis.measure.Stratified
+    places : pandis.geometry.measure.Stratified
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     rng : numpy.random.Generator
 
     Returns

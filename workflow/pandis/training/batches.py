@@ -101,7 +101,7 @@ def fresh_batches(strata, base, size, seed, device):
 
     Parameters
     ----------
-    strata : pandis.strata.Strata
+    strata : pandis.geometry.strata.Strata
     base : pandis.grids.base.BaseSpline or None
         See `with_base`.
     """

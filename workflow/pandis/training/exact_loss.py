@@ -18,7 +18,7 @@ def exact_loss(phi, direction, distance, normal, options):
     distance : Tensor, shape (n,)
     normal : Tensor, shape (n, 3)
     options : dict
-        ``near``, ``far`` and ``normal_weight`` of `pandis.config.ExactRecipe`.
+        ``near``, ``far`` and ``normal_weight`` of `pandis.run.recipes.ExactRecipe`.
     """
     near, far = options["near"], options["far"]
     weight = near / (near + distance.abs())

@@ -61,7 +61,8 @@ def paper_loss(on, on_gradient, off, off_gradient, normal, options):
     normal : Tensor, shape (n, 3)
         The mesh's normal at the surface points.
     options : dict
-        ``weights``, ``alpha``, ``stop_gradient``, ``weighting`` of `pandis.config.PaperRecipe`.
+        ``weights``, ``alpha``, ``stop_gradient``, ``weighting`` of
+        `pandis.run.recipes.PaperRecipe`.
     """
     here, there = 1.0, 1.0
     if options["weighting"] == "batch":

@@ -15,13 +15,13 @@ def train(options, samples, strata, points, checkpoint, progress, log):
     Parameters
     ----------
     options : dict
-        See `pandis.config.PaperRecipe` and `ExactRecipe`; and ``seed``.
+        See `pandis.run.recipes.PaperRecipe` and `ExactRecipe`; and ``seed``.
     samples, strata, checkpoint, log
         See `pandis.training.trainer.Trainer`.
-    points : pandis.points.Points or None
+    points : pandis.evaluation.points.Points or None
         What the error is measured on; only with ``force_error``.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Returns
     -------
@@ -79,8 +79,8 @@ def narrowest(options, widths, samples, strata, checkpoint, progress, log, judge
         As for `train`.
     widths : list of int
     judge : callable
-        Returns a `pandis.points.Measured` for trainer, arrays and attributes: taken if its
-        ``why`` is empty.
+        Returns a `pandis.evaluation.points.Measured` for trainer, arrays and attributes: taken if
+        its ``why`` is empty.
 
     Returns
     -------

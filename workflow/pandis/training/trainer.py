@@ -51,10 +51,10 @@ class Trainer:
     Parameters
     ----------
     options : dict
-        See `pandis.config.PaperRecipe` and `ExactRecipe`; and ``seed``.
-    samples : pandis.artifact.Artifact
+        See `pandis.run.recipes.PaperRecipe` and `ExactRecipe`; and ``seed``.
+    samples : pandis.run.artifact.Artifact
         Of kind ``samples``.
-    strata : pandis.strata.Strata
+    strata : pandis.geometry.strata.Strata
         Draws fresh points, for recipes on exact distances.
     checkpoint : path-like
         Where to keep the state of an unfinished run.
@@ -195,7 +195,7 @@ class Trainer:
         Parameters
         ----------
         progress : callable
-            Makes a `pandis.stage.Progress`.
+            Makes a `pandis.run.stage.Progress`.
 
         Returns
         -------

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.errors import ArtifactError
-from pandis.frame import Frame
+from pandis.geometry.frame import Frame
 from pandis.native.compiler import load as load_library
 
 #: What a file can hold; numbers of docs/format.md.
@@ -55,7 +55,7 @@ def library():
 class NativeField:
     """A field in a ``.pandis`` file, answered by ``pandis.h``.
 
-    Its ``frame`` is the `pandis.frame.Frame` that it was made in.
+    Its ``frame`` is the `pandis.geometry.frame.Frame` that it was made in.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
     Parameters
     ----------
     kind : int
-    frame : pandis.frame.Frame
+    frame : pandis.geometry.frame.Frame
     wholes, reals : sequence of int, of float
         The numbers of the header, at most 14 and 16.
     sections : dict of str to ndarray or bytes

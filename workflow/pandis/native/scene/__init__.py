@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.frame import UNIT_SIDE
+from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.compiler import load
 from pandis.native.runtime import NativeField
 from pandis.native.runtime import library as runtime

@@ -11,10 +11,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pandis import config, measured
-from pandis.machine import describe
+import yaml
+
+import tables
 from pandis.native.sources import included
-from pandis.provenance import CodeDigests
+from pandis.run import config, options, recipes
+from pandis.run.machine import describe
+from pandis.run.provenance import CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
@@ -25,30 +28,32 @@ BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
 STALENESS = ROOT / "docs" / "staleness.md"
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
+FLOORS = ROOT / "docs" / "floors.yaml"
 NATIVE = ROOT / "workflow" / "pandis" / "native"
 HEADER = NATIVE / "pandis.h"
 #: What pandis.h is joined from, in this order: `native/parts`.
 PARTS = (
     *("opening", "types", "interface", "basis", "sines", "bsplines", "mesh", "network", "grid"),
-    *("spline", "shape", "query", "scene", "file"),
+    *("spline", "shape", "query", "scene", "sections", "file"),
 )
 END = "<!-- end of generated -->"
 
 _SECTIONS = {
-    "device": config.DeviceOptions,
-    "mesh": config.MeshOptions,
-    "samples": config.SampleOptions,
-    "train.{recipe}, loss: exact": config.ExactRecipe,
-    "train.{recipe}, loss: paper": config.PaperRecipe,
-    "budget": config.BudgetOptions,
-    "bake": config.BakeOptions,
-    "export": config.ExportOptions,
-    "trajectory": config.TrajectoryOptions,
-    "evaluation": config.EvaluationOptions,
-    "stress": config.StressOptions,
-    "timing": config.TimingOptions,
-    "hardware": config.HardwareOptions,
-    "hardware.attached": config.AttachedOptions,
+    "device": options.DeviceOptions,
+    "mesh": options.MeshOptions,
+    "samples": options.SampleOptions,
+    "train.{recipe}, loss: exact": recipes.ExactRecipe,
+    "train.{recipe}, loss: paper": recipes.PaperRecipe,
+    "budget": options.BudgetOptions,
+    "bake": options.BakeOptions,
+    "export": options.ExportOptions,
+    "trajectory": options.TrajectoryOptions,
+    "evaluation": options.EvaluationOptions,
+    "stress": options.StressOptions,
+    "timing": options.TimingOptions,
+    "hardware": options.HardwareOptions,
+    "hardware.attached": options.AttachedOptions,
     "scenes.{scene}": config.SceneOptions,
     "scenes.{scene}.objects.{object}": config.SceneObject,
 }
@@ -94,8 +99,8 @@ def _cell(text):
 
 def _default(model, key, field):
     if key == "steps":
-        kind = "paper" if model is config.PaperRecipe else "exact"
-        return f"`{config.DEFAULT_STEPS[kind]}` if neither budget is given"
+        kind = "paper" if model is recipes.PaperRecipe else "exact"
+        return f"`{recipes.DEFAULT_STEPS[kind]}` if neither budget is given"
     if field.is_required():
         return "must be given"
     default = field.get_default(call_default_factory=True)
@@ -119,32 +124,44 @@ def generated():
         SCHEMA: schema_text(),
         HEADER: header_text(),
         OPTIONS: with_generated(OPTIONS, options=option_tables()),
-        README: with_generated(README, bunny=measured.bunny_table()),
-        SPHERE: with_generated(SPHERE, sphere=measured.sphere_table()),
-        REPAIR: with_generated(REPAIR, repair=measured.repair_table()),
+        README: with_generated(README, bunny=tables.bunny_table()),
+        SPHERE: with_generated(SPHERE, sphere=tables.sphere_table()),
+        REPAIR: with_generated(REPAIR, repair=tables.repair_table()),
         BENCHMARKS: with_generated(
             BENCHMARKS,
-            distances=measured.distance_table(),
-            fields=measured.field_table(),
-            order=measured.order_table(),
-            full=measured.full_table(),
-            native=measured.native_table(),
-            times=measured.time_table(),
-            front=measured.front_table(),
-            scenes=measured.scene_table(),
-            servo=measured.servo_table(),
+            distances=tables.distance_table(),
+            fields=tables.field_table(),
+            order=tables.order_table(),
+            full=tables.full_table(),
+            native=tables.native_table(),
+            times=tables.time_table(),
+            front=tables.front_table(),
+            scenes=tables.scene_table(),
+            servo=tables.servo_table(),
         ),
         STALENESS: with_generated(STALENESS, staleness=stale_table()),
+        ARCHITECTURE: with_generated(ARCHITECTURE, floors=floor_table()),
         TRAINING: with_generated(
             TRAINING,
-            training=measured.training_table(),
-            ablation=measured.ablation_table(),
-            untuned=measured.training_table("untuned"),
-            budgets=measured.budget_table(),
-            base=measured.base_table(),
-            throughput=measured.throughput_table(),
+            training=tables.training_table(),
+            ablation=tables.ablation_table(),
+            untuned=tables.training_table("untuned"),
+            budgets=tables.budget_table(),
+            base=tables.base_table(),
+            throughput=tables.throughput_table(),
         ),
     }
+
+
+def floor_table():
+    """Return the table of docs/architecture.md: rooms and modules by floor, from the ground up."""
+    lines = ["| floor | room or module | what for |", "|--:|---|---|"]
+    for level, floor in enumerate(yaml.safe_load(FLOORS.read_text(encoding="utf-8"))):
+        for name, purpose in floor.items():
+            path = name.replace(".", "/")
+            folder = (ROOT / "workflow" / "pandis" / path).is_dir()
+            lines.append(f"| {level} | `{path}{'/' if folder else '.py'}` | {purpose} |")
+    return "\n".join(lines)
 
 
 def stale_table():
@@ -192,7 +209,7 @@ def take_figures(name):
         f"commit: {commit}",
     ]
     text = "".join(f"# {note}\n" for note in notes) + summary
-    (measured.FOLDER / f"{name}.csv").write_text(text, encoding="utf-8")
+    (tables.FOLDER / f"{name}.csv").write_text(text, encoding="utf-8")
 
 
 def main(arguments):

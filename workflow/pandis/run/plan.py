@@ -5,7 +5,6 @@ targets their file lists, and `verify` compares it with what lies in results/.
 Ground floor: no torch, no trimesh.
 """
 
-import hashlib
 import json
 import os
 import subprocess
@@ -15,31 +14,19 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from pandis.catalogue import AUTO, GRID_FIELDS, PLANE_FIELDS, parse_field
-from pandis.config import check_yaml, load_config, plain, recipe_options, results_folder
 from pandis.errors import PandisError
-from pandis.placing import STAGES as SCENE_STAGES
-from pandis.placing import load_scenes, needed, scene_options
-from pandis.provenance import CodeDigests, unused_modules
-from pandis.sourcing import ANALYTIC, SHIPPED, SourceDigests, source_fault, url_extension
+from pandis.run.catalogue import parse_field
+from pandis.run.config import plain
+from pandis.run.placing import load_scenes, needed, scene_options
+from pandis.run.provenance import CodeDigests, unused_modules
+from pandis.run.reading import check_yaml, load_config, results_folder
+from pandis.run.sourcing import ANALYTIC, SHIPPED, SourceDigests, source_fault, url_extension
+from pandis.run.stages import STAGES, Job, field_holders, field_specs
 
-#: Named targets and the stages whose outputs they ask for.
-TARGETS = {
-    "meshes": ("mesh",),
-    "samples": ("sample",),
-    "models": ("train", "choose"),
-    "exports": ("export_grid", "export_network", "export_native", "export_vti"),
-    "grids": ("bake", "bake_spline", "bake_auto", "support_planes"),
-    "evaluations": ("trajectory", "evaluate", "stress", "timing"),
-    "hardware": ("validate",),
-    "scenes": ("scene",),
-}
+#: Named targets: the stages' own, and that of scenes.
+TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
 DEFAULT_CONFIG = "config/config.yaml"
 QUERY_TIMES = "config/query-times.csv"
-#: The recipe of networks that `fields: auto` may come to.
-CHOSEN_RECIPE = "pandis-exact"
-#: The scale that errors are told at where nothing depends on the device's: no option goes stale.
-NOMINAL = {"size": 0.10, "stiffness": 400.0}
 
 
 class Output(NamedTuple):
@@ -145,19 +132,19 @@ class Plan:
     def recipes(self):
         """Names of all recipes that some mesh trains."""
         entries = [*self.entries.values(), *self.needed.values()]
-        specs = (spec for entry in entries for spec in _held(entry))
+        specs = (spec for entry in entries for spec in field_holders(entry))
         return sorted({spec.name for spec in specs if spec.kind == "network"})
 
     def specs(self, mesh):
         """Return the FieldSpec of every field of a mesh."""
-        return _specs(self.entries[mesh])
+        return field_specs(self.entries[mesh])
 
     def held(self, mesh):
         """Return one FieldSpec for each artifact that holds a field, but for the mesh itself.
 
         A contact point's field is among them.
         """
-        return _held(self.entries[mesh])
+        return field_holders(self.entries[mesh])
 
     # --- outputs ---------------------------------------------------------------
 
@@ -167,56 +154,11 @@ class Plan:
         ``entry`` stands in for the mesh's own, with other fields.
         """
         entry = entry or self.entries[mesh]
-        home, made = f"{self.folder}/{mesh}", []
-
-        def add(path, stage, **wildcards):
-            made.append(Output(f"{home}/{path}", stage, {"mesh": mesh} | wildcards))
-
-        extension = url_extension(entry.source)
-        if extension:
-            add(f"source.{extension}", "fetch", extension=extension)
-        add("mesh.zarr.zip", "mesh")
-        specs, held = _specs(entry), _held(entry)
-        if any(spec.kind == "network" for spec in held):
-            add("samples.zarr.zip", "sample")
-        for spec in held:
-            if spec.kind == "network":
-                add(f"{spec.artifact}.zarr.zip", "train", recipe=spec.name)
-        for spec in specs:
-            if spec.kind == "network":
-                for ending in ("onnx", "pt2"):
-                    add(f"export/{spec.name}.{ending}", "export_network", recipe=spec.name)
-        for spec in held:
-            path, content = f"{spec.artifact}.zarr.zip", GRID_FIELDS.get(spec.kind)
-            if spec.kind == AUTO:
-                add(path, "choose")
-            if spec.kind in PLANE_FIELDS:
-                add(path, "support_planes")
-            if content is None:
-                continue
-            if spec.size == "auto":
-                add(path, "bake_auto", kind=spec.kind)
-            elif content == "spline":
-                add(path, "bake_spline", size=str(spec.size))
-            else:
-                add(path, "bake", content=content, size=str(spec.size))
-        for spec in specs:
-            if spec.kind not in GRID_FIELDS:
-                continue
-            if "onnx" in spec.exports:
-                add(f"export/{spec.name}.onnx", "export_grid", field=spec.name)
-            if entry.bake.vti:
-                add(f"export/{spec.name}.vti", "export_vti", field=spec.name)
-        for spec in specs:
-            if spec.native:
-                add(f"export/{spec.name}.pandis", "export_native", name=spec.name)
-        add("trajectory.zarr.zip", "trajectory")
-        add("evaluation.zarr.zip", "evaluate")
-        add("stress.zarr.zip", "stress")
-        add("timing.zarr.zip", "timing")
-        add("hardware.zarr.zip", "validate")
-        add("hardware.json", "validate")
-        return made
+        return [
+            Output(f"{self.folder}/{mesh}/{path}", stage, {"mesh": mesh} | wildcards)
+            for stage, row in STAGES.items()
+            for path, wildcards in row.outputs(entry)
+        ]
 
     def target(self, name):
         """Return the files of a named target; ``all`` lists every file there is.
@@ -229,7 +171,7 @@ class Plan:
             return [output.path for output in self.everything()]
         every = [output for mesh in self.entries for output in self.outputs(mesh)]
         every += self.scene_outputs()
-        wanted = [o.path for o in every if o.stage in TARGETS[name]]
+        wanted = [o.path for o in every if _target(o.stage) == name]
         return wanted + [o.path for o in self.refusals() if name != "scenes"]
 
     def everything(self):
@@ -237,7 +179,7 @@ class Plan:
         every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
         if not self.scenes:
             return [*every, *self.refusals(), *self.final]
-        return [*(o for o in every if o.stage in SCENE_STAGES), *self.scene_outputs()]
+        return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
 
     def refusals(self):
         """Return the outputs that meshes stand for that cannot be built: none is ever made."""
@@ -373,81 +315,7 @@ class Plan:
             return {"fields": {name: entry.fields for name, entry in self.entries.items()}}
         if stage == "refuse":
             return {"why": self.refused[mesh]}
-        entry = self.entries[mesh]
-        seed = stage_seed(entry.seed, mesh, stage)
-        size, stiffness = entry.device.size, entry.device.stiffness
-        band = [entry.bake.inside, entry.bake.outside]
-        match stage:
-            case "fetch":
-                return {"url": entry.source, "sha256": entry.sha256}
-            case "mesh":
-                source = {"source": entry.source, "sha256": entry.sha256}
-                return source | entry.mesh.model_dump() | {"seed": seed}
-            case "sample":
-                return entry.samples.model_dump() | {"seed": seed}
-            case "train":
-                recipe = wildcards["recipe"]
-                seed = stage_seed(entry.seed, mesh, stage, recipe)
-                own = recipe_options(entry, recipe) | {"recipe": recipe, "seed": seed}
-                return own | ({"size": size, "stiffness": stiffness} if _asks(own) else {})
-            case "bake":
-                grid = {"content": wildcards["content"], "size": int(wildcards["size"])}
-                return grid | {"band": band, "chunk": entry.bake.chunk}
-            case "bake_spline":
-                return {"size": int(wildcards["size"]), "band": band, "seed": seed}
-            case "support_planes":
-                return {}
-            case "bake_auto":
-                kind = wildcards["kind"]
-                own = entry.bake.auto[kind].model_dump() | {
-                    "kind": kind,
-                    "band": band,
-                    "seed": seed,
-                }
-                return own | ({"size": size, "stiffness": stiffness} if _asks(own) else NOMINAL)
-            case "choose":
-                recipe = recipe_options(entry, CHOSEN_RECIPE) | {"recipe": CHOSEN_RECIPE}
-                law = entry.samples.model_dump()
-                own = {"budget": entry.budget.model_dump(), "recipe": recipe, "samples": law}
-                own["stress"] = entry.stress.model_dump() | {"size": size, "stiffness": stiffness}
-                own["weight_bits"] = entry.export.weight_bits
-                return own | {"band": band, "seed": seed}
-            case "export_network":
-                return {"field": wildcards["recipe"]}
-            case "export_grid" | "export_vti":
-                return {"field": wildcards["field"]}
-            case "export_native":
-                return {"field": wildcards["name"]} | entry.export.model_dump()
-            case "trajectory":
-                return entry.trajectory.model_dump() | {"seed": seed}
-            case "evaluate":
-                several = entry.evaluation.paths > 1
-                return {
-                    **entry.evaluation.model_dump(),
-                    "trajectory": entry.trajectory.model_dump() if several else None,
-                    "fields": entry.fields,
-                    "seed": seed,
-                    "size": size,
-                    "stiffness": stiffness,
-                }
-            case "stress":
-                own = {"fields": entry.fields, "seed": seed, "size": size, "stiffness": stiffness}
-                return entry.stress.model_dump() | own
-            case "timing":
-                own = [spec.name for spec in self.specs(mesh) if not spec.exports]
-                return entry.timing.model_dump() | {"in_python": own}
-            case "validate":
-                own = ("hand_stiffness", "hand_damping", "press", "delay")
-                hand = {key.removeprefix("hand_"): getattr(entry.stress, key) for key in own}
-                return {
-                    **entry.hardware.model_dump(),
-                    "hand": hand,
-                    "fields": [spec.name for spec in self.specs(mesh) if spec.native],
-                    "size": size,
-                    "stiffness": stiffness,
-                    "seed": seed,
-                }
-        raise KeyError(stage)
+        return STAGES[stage].options(Job(stage, mesh, self.entries[mesh], wildcards))
 
     # --- the last words of a run ---------------------------------------------------
 
@@ -525,23 +393,6 @@ class Plan:
         return int(self.entries[wildcards.mesh].train[wildcards.recipe].device != "cpu")
 
 
-def _asks(options):
-    """Tell whether a field is asked for by its error, which depends on the device's scale."""
-    return options.get("force_error") is not None
-
-
-def _specs(entry):
-    """Return the FieldSpec of every field of a mesh's options."""
-    return [parse_field(name, entry.train) for name in entry.fields]
-
-
-def _held(entry):
-    """Return one FieldSpec for each artifact that holds a field, but for the mesh itself."""
-    specs = [spec.through or spec for spec in _specs(entry)]
-    return [s for s in {s.artifact: s for s in specs}.values() if s.artifact != "mesh"]
-
-
-def stage_seed(root, *names):
-    """Return the seed of a stage: a hash of the configuration's seed and the names."""
-    text = "\0".join([str(root), *names])
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "little")
+def _target(stage):
+    """Return the named target that asks for a stage's outputs."""
+    return STAGES[stage].target if stage in STAGES else f"{stage}s"

@@ -75,7 +75,7 @@ class Limits(NamedTuple):
         Parameters
         ----------
         figures : dict
-            ``mean``, ``p99`` and ``missing``: see `pandis.measure.contact_errors`.
+            ``mean``, ``p99`` and ``missing``: see `pandis.geometry.measure.contact_errors`.
         """
         pairs = zip((figures["mean"], figures["p99"], figures["missing"]), self, strict=True)
         ratios = [value / limit for value, limit in pairs]

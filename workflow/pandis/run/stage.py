@@ -16,17 +16,17 @@ import warnings
 from contextlib import contextmanager
 from pathlib import Path
 
-from pandis.artifact import (
+from pandis.errors import PandisError
+from pandis.run.artifact import (
     ArtifactWriter,
     file_digest,
     read_artifact,
     write_artifact,
     write_atomically,
 )
-from pandis.errors import PandisError
-from pandis.limits import limited
-from pandis.provenance import CodeDigests, combine, provenance, unused_modules
-from pandis.sourcing import source_digest, source_files
+from pandis.run.limits import limited
+from pandis.run.provenance import CodeDigests, combine, provenance, unused_modules
+from pandis.run.sourcing import source_digest, source_files
 
 PROGRESS_SECONDS = 5.0
 #: What a job that was stopped says.
@@ -122,7 +122,7 @@ class Job:
 
     def check_code(self):
         """Refuse to run with other code than the plan has digested."""
-        here = Path(__file__).resolve().parent
+        here = Path(__file__).resolve().parents[1]
         wanted = self.workflow() / "pandis"
         if here != wanted:
             raise PandisError(
@@ -199,7 +199,7 @@ class Job:
         ----------
         kind : str
         columns : dict of str to dict
-            What `pandis.artifact.ArtifactWriter.declare` is told of every array.
+            What `pandis.run.artifact.ArtifactWriter.declare` is told of every array.
         pieces : iterable of dict of str to ndarray
             The next rows of every array.
         attributes : dict

@@ -7,8 +7,8 @@ has to be in memory twice and no count of threads shows in the result.
 
 import numpy as np
 
+from pandis.geometry.sampling import PROBE_DEPTHS
 from pandis.native.bvh import TIED
-from pandis.sampling import PROBE_DEPTHS
 
 STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
 #: Depths of the shallow stratum: from just outside to somewhat beyond the shallow probes.
@@ -35,11 +35,11 @@ class Strata:
 
     Parameters
     ----------
-    surface : pandis.sampling.Surface
+    surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     options : dict
-        See `pandis.config.SampleOptions`; and ``seed``.
+        See `pandis.run.options.SampleOptions`; and ``seed``.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Strata:
         self.count = ends[-1]
 
     def columns(self):
-        """Return how every array is declared to `pandis.artifact.ArtifactWriter`."""
+        """Return how every array is declared to `pandis.run.artifact.ArtifactWriter`."""
         return {
             name: {
                 "shape": (self.count, *shape),
@@ -89,7 +89,7 @@ class Strata:
         Parameters
         ----------
         progress : callable
-            Makes a `pandis.stage.Progress`.
+            Makes a `pandis.run.stage.Progress`.
         """
         report, done = progress("points", self.count), 0
         for index, (name, (low, high)) in enumerate(self.ranges.items()):

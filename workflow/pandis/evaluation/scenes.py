@@ -11,10 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pandis.errors import PandisError
-from pandis.frame import UNIT_SIDE
-from pandis.machine import describe
+from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
+from pandis.run.machine import describe
 
 #: Ticks that are compared with asking every object, at most so many questions at a time.
 _PIECE = 200_000
@@ -29,9 +29,9 @@ def try_scene(name, files, options, progress, log):
     files : list of Path
         ``results/{mesh}/export/{field}.pandis`` of all objects.
     options : dict
-        See `pandis.placing.scene_options`.
+        See `pandis.run.placing.scene_options`.
     progress, log : callable
-        Of a `pandis.stage.Job`.
+        Of a `pandis.run.stage.Job`.
 
     Returns
     -------

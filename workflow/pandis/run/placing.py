@@ -1,18 +1,13 @@
 """Scenes in the configuration: which objects lie where, and what has to be built for them.
 
-This module stands on the ground floor, as `pandis.config` does.
+This module stands on the ground floor, as `pandis.run.config` does.
 """
 
 import re
 
-from pandis.catalogue import MESH_NAME, parse_field
-from pandis.config import SceneOptions, faults_of, name_faults, raise_faults
-
-#: The stages that an object of a scene needs; the scene's own comes last.
-STAGES = (
-    "fetch", "mesh", "sample", "train", "choose", "bake", "bake_spline", "bake_auto",
-    "support_planes", "export_native",
-)  # fmt: skip
+from pandis.run.catalogue import MESH_NAME, parse_field
+from pandis.run.config import SceneOptions
+from pandis.run.faults import faults_of, name_faults, raise_faults
 
 
 def load_scenes(raw, entries):
@@ -22,11 +17,11 @@ def load_scenes(raw, entries):
     ----------
     raw : dict
         The parsed YAML.
-    entries : dict of str to pandis.config.MeshEntry
+    entries : dict of str to pandis.run.config.MeshEntry
 
     Returns
     -------
-    dict of str to pandis.config.SceneOptions
+    dict of str to pandis.run.config.SceneOptions
 
     Raises
     ------

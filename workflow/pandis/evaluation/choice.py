@@ -8,18 +8,18 @@ passes the stress suite, and is answered by ``pandis.h`` as by the library.
 
 from typing import NamedTuple
 
-from pandis.artifact import Artifact
-from pandis.catalogue import DENSE_KINDS, parse_field
 from pandis.errors import PandisError
+from pandis.evaluation.points import Measured
 from pandis.export.native import export_native
 from pandis.fields.controls import controls, demand_failure
 from pandis.fields.exact import ExactField
 from pandis.fields.registry import open_field
 from pandis.fields.sizing import SIZES, SPLINE_BYTES, Grids, grid_bytes, hopeless
 from pandis.forces import penalty_force
-from pandis.measure import promise
-from pandis.points import Measured
-from pandis.strata import Strata
+from pandis.geometry.measure import promise
+from pandis.geometry.strata import Strata
+from pandis.run.artifact import Artifact
+from pandis.run.catalogue import DENSE_KINDS, parse_field
 from pandis.stress.suite import QUESTIONS, Suite, failures
 from pandis.training.sizing import narrowest, widths_up_to
 
@@ -48,19 +48,20 @@ class Chooser:
 
     Parameters
     ----------
-    mesh : pandis.artifact.Artifact
+    mesh : pandis.run.artifact.Artifact
         Of kind ``mesh``.
-    points : pandis.points.Points
+    points : pandis.evaluation.points.Points
         Of that mesh.
     options : dict
-        ``budget`` (`pandis.config.BudgetOptions`), ``band``, ``seed``, ``samples``
-        (`pandis.config.SampleOptions`), ``recipe`` (`pandis.config.ExactRecipe`), ``stress``
-        (`pandis.config.StressOptions`; and ``size``, ``stiffness``), ``weight_bits``.
-    times : pandis.query_times.QueryTimes
+        ``budget`` (`pandis.run.options.BudgetOptions`), ``band``, ``seed``, ``samples``
+        (`pandis.run.options.SampleOptions`), ``recipe`` (`pandis.run.recipes.ExactRecipe`),
+        ``stress`` (`pandis.run.options.StressOptions`; and ``size``, ``stiffness``),
+        ``weight_bits``.
+    times : pandis.run.query_times.QueryTimes
     checkpoint : path-like
         Where training keeps its state.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
     log : callable
     """
 
@@ -223,7 +224,7 @@ class Chooser:
 
         Returns
         -------
-        measured : pandis.points.Measured, or None
+        measured : pandis.evaluation.points.Measured, or None
             None if it does not cover the band.
         made : pandis.fields.sizing.Candidate, or None
         """

@@ -8,7 +8,7 @@ with ``zarr.open_group(zarr.storage.ZipStore(path, mode="r"))``. On top of zarr:
 - the zip comment is the SHA-256 of everything before it, so that no flipped
   bit, not even in an unused header field, goes unnoticed;
 - the group's attributes name the kind of artifact, the digest of every array
-  and the provenance (see `pandis.provenance`).
+  and the provenance (see `pandis.run.provenance`).
 """
 
 import errno
@@ -87,7 +87,7 @@ def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
     attributes : dict
         JSON values without NaN; numpy scalars and arrays are converted.
     provenance : dict
-        From `pandis.provenance.provenance`.
+        From `pandis.run.provenance.provenance`.
     chunks : mapping of str to tuple of int, optional
         Chunk shape of the arrays that do not want the default (4 MB along the first axis).
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.forces import penalty_force
-from pandis.sampling import PROBE_DEPTHS, blue_noise
-from pandis.thickness import inscribed_radius
+from pandis.geometry.sampling import PROBE_DEPTHS, blue_noise
+from pandis.geometry.thickness import inscribed_radius
 
 #: Points lie no deeper than this share of the inscribed radius: short of where the force turns.
 OF_RADIUS = 0.9
@@ -87,10 +87,10 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
 
     Parameters
     ----------
-    surface : pandis.sampling.Surface
+    surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.distance.open_distance`.
-    scale : pandis.physical.Scale
+        From `pandis.geometry.distance.open_distance`.
+    scale : pandis.geometry.physical.Scale
     count : int
         Surface points; those left out are not replaced.
     rng : numpy.random.Generator

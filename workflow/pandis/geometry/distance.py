@@ -13,8 +13,8 @@ of it is the formula.
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.frame import Frame
-from pandis.mesh.shapes import find_shape
+from pandis.geometry.frame import Frame
+from pandis.geometry.shapes import find_shape
 from pandis.native.bvh import INVALID, ON_SURFACE, TIED, Bvh, Labels
 
 #: Closer than this (unit frame) the quotient (q - c) / d has lost too many digits.
@@ -147,7 +147,7 @@ class ShapeDistance:
     Parameters
     ----------
     shape : object
-        From `pandis.mesh.shapes`.
+        From `pandis.geometry.shapes`.
     frame : Frame
     """
 
@@ -207,7 +207,7 @@ def open_distance(mesh):
 
     Parameters
     ----------
-    mesh : pandis.artifact.Artifact
+    mesh : pandis.run.artifact.Artifact
         Of kind ``mesh``.
     """
     frame = Frame.from_attributes(mesh.attributes["frame"])

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pandis.budget import Limits, told, told_figures
-from pandis.measure import draw_contacts, promise
-from pandis.sampling import HELD_OUT
+from pandis.geometry.measure import draw_contacts, promise
+from pandis.geometry.sampling import HELD_OUT
+from pandis.run.budget import Limits, told, told_figures
 
 #: Points that a promise rests on.
 PROMISED = 2 * HELD_OUT
@@ -44,10 +44,10 @@ class Points:
 
     Parameters
     ----------
-    surface : pandis.sampling.Surface
+    surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.distance.open_distance`.
-    scale : pandis.physical.Scale
+        From `pandis.geometry.distance.open_distance`.
+    scale : pandis.geometry.physical.Scale
     seed : int
     """
 
@@ -75,7 +75,7 @@ class Points:
         return float(force.mean()) if len(force) else 0.0
 
     def limits(self, target):
-        """Return the `pandis.budget.Limits` of a target."""
+        """Return the `pandis.run.budget.Limits` of a target."""
         return Limits.of(target, self.scale.newtons, self.mean_force)
 
     def told(self, figures):
@@ -95,7 +95,7 @@ class Points:
         ----------
         force_at : callable
             Answers the force (n, 3) at points (n, 3), unit frame, k = 1.
-        limits : pandis.budget.Limits, optional
+        limits : pandis.run.budget.Limits, optional
 
         Returns
         -------

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from pandis.frame import UNIT_SIDE
+from pandis.geometry.frame import UNIT_SIDE
 
 
 class Scale(NamedTuple):

@@ -8,16 +8,16 @@ import csv
 import json
 from pathlib import Path
 
-from pandis.artifact import file_digest, read_artifact
 from pandis.errors import PandisError
 from pandis.export.session import read_export, read_program_metadata
 from pandis.export.vti import read_note
 from pandis.native.runtime import read_provenance
-from pandis.plan import DEFAULT_CONFIG
-from pandis.provenance import unused_modules
 from pandis.report.seal import read_seal
 from pandis.report.tables import summarise, to_csv
-from pandis.sourcing import source_digest, source_files, source_path, url_extension
+from pandis.run.artifact import file_digest, read_artifact
+from pandis.run.plan import DEFAULT_CONFIG
+from pandis.run.provenance import unused_modules
+from pandis.run.sourcing import source_digest, source_files, source_path, url_extension
 
 
 def verify(plan, log):
@@ -25,7 +25,7 @@ def verify(plan, log):
 
     Parameters
     ----------
-    plan : pandis.plan.Plan
+    plan : pandis.run.plan.Plan
     log : callable
         Takes a line of text.
 

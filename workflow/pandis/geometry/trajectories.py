@@ -3,8 +3,8 @@
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.mesh.shapes import Sphere
-from pandis.thickness import inscribed_radius
+from pandis.geometry.shapes import Sphere
+from pandis.geometry.thickness import inscribed_radius
 
 _TRIES = 24
 #: A path that follows the thickness is no deeper than this share of the inscribed radius.
@@ -24,13 +24,13 @@ def trace(surface, engine, options, progress):
 
     Parameters
     ----------
-    surface : pandis.sampling.Surface
+    surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     options : dict
-        See `pandis.config.TrajectoryOptions`; and ``seed``.
+        See `pandis.run.options.TrajectoryOptions`; and ``seed``.
     progress : callable
-        Makes a `pandis.stage.Progress`.
+        Makes a `pandis.run.stage.Progress`.
 
     Where no part of the mesh is thick enough for the depths asked for, the depth follows the
     thickness: it is nowhere more than 0.8 of the inscribed radius.

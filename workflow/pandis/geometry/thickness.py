@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pandis.frame import UNIT_SIDE
+from pandis.geometry.frame import UNIT_SIDE
 
 #: A ball touches its own point if the surface is no nearer to its centre than this (unit frame).
 _SAME = 1e-6
@@ -22,7 +22,7 @@ def inscribed_radius(engine, points, normals, largest=UNIT_SIDE / 2):
     Parameters
     ----------
     engine : object
-        From `pandis.distance.open_distance`.
+        From `pandis.geometry.distance.open_distance`.
     points, normals : ndarray, shape (n, 3), unit frame
         On the surface, outward.
     largest : float

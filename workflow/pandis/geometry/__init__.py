@@ -1,0 +1,1 @@
+"""A body in its frame: exact distance, points on and below it, thickness, a probe's path."""

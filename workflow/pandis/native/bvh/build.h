@@ -1,0 +1,267 @@
+/* Building the tree: a part of bvh.c. */
+
+/* A face and where it lies; moved as a whole, so that a range is read from one end to the other. */
+typedef struct {
+    float low[3], high[3], centroid[3];
+    int32_t face;
+} Item;
+
+typedef struct {
+    Bvh *tree;
+    Item *items;
+    int node_room, leaf_room, failed;
+} Builder;
+
+typedef struct {
+    int32_t start, count;
+    float low[3], high[3], area;
+} Range;
+
+static float half_area(const float *low, const float *high) {
+    float x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
+    return x * y + y * z + z * x;
+}
+
+static void bound(Builder *b, Range *r) {
+    for (int k = 0; k < 3; k++) r->low[k] = INFINITY, r->high[k] = -INFINITY;
+    for (int32_t i = r->start; i < r->start + r->count; i++) {
+        const Item *item = b->items + i;
+        for (int k = 0; k < 3; k++) {
+            if (item->low[k] < r->low[k]) r->low[k] = item->low[k];
+            if (item->high[k] > r->high[k]) r->high[k] = item->high[k];
+        }
+    }
+    r->area = half_area(r->low, r->high);
+}
+
+/* Split by the binned surface area heuristic; halve where that finds nothing. */
+static void split(Builder *b, const Range *r, int depth, Range *left, Range *right) {
+    float low[3], high[3], best = INFINITY;
+    int best_axis = -1, best_bin = 0;
+    for (int k = 0; k < 3; k++) low[k] = INFINITY, high[k] = -INFINITY;
+    for (int32_t i = r->start; i < r->start + r->count; i++) {
+        const float *c = b->items[i].centroid;
+        for (int k = 0; k < 3; k++) {
+            if (c[k] < low[k]) low[k] = c[k];
+            if (c[k] > high[k]) high[k] = c[k];
+        }
+    }
+    for (int axis = 0; axis < 3 && depth < MEDIAN_DEPTH; axis++) {
+        if (!(high[axis] > low[axis])) continue;
+        float bin_low[BINS][3], bin_high[BINS][3], area[BINS];
+        int32_t count[BINS] = {0};
+        float factor = BINS * 0.9999f / (high[axis] - low[axis]);
+        for (int i = 0; i < BINS; i++)
+            for (int k = 0; k < 3; k++) bin_low[i][k] = INFINITY, bin_high[i][k] = -INFINITY;
+        for (int32_t i = r->start; i < r->start + r->count; i++) {
+            const Item *item = b->items + i;
+            int bin = (int)((item->centroid[axis] - low[axis]) * factor);
+            count[bin]++;
+            for (int k = 0; k < 3; k++) {
+                if (item->low[k] < bin_low[bin][k]) bin_low[bin][k] = item->low[k];
+                if (item->high[k] > bin_high[bin][k]) bin_high[bin][k] = item->high[k];
+            }
+        }
+        float l[3] = {INFINITY, INFINITY, INFINITY}, h[3] = {-INFINITY, -INFINITY, -INFINITY};
+        for (int i = BINS - 1; i > 0; i--) { /* area of all bins from i on */
+            for (int k = 0; k < 3; k++) {
+                if (bin_low[i][k] < l[k]) l[k] = bin_low[i][k];
+                if (bin_high[i][k] > h[k]) h[k] = bin_high[i][k];
+            }
+            area[i] = h[0] >= l[0] ? half_area(l, h) : 0;
+        }
+        int32_t before = 0;
+        for (int k = 0; k < 3; k++) l[k] = INFINITY, h[k] = -INFINITY;
+        for (int i = 0; i < BINS - 1; i++) {
+            before += count[i];
+            for (int k = 0; k < 3; k++) {
+                if (bin_low[i][k] < l[k]) l[k] = bin_low[i][k];
+                if (bin_high[i][k] > h[k]) h[k] = bin_high[i][k];
+            }
+            if (!before || before == r->count) continue;
+            float cost = half_area(l, h) * (float)before + area[i + 1] * (float)(r->count - before);
+            if (cost < best) best = cost, best_axis = axis, best_bin = i;
+        }
+    }
+    int32_t middle = r->start + r->count / 2;
+    if (best_axis >= 0) {
+        float factor = BINS * 0.9999f / (high[best_axis] - low[best_axis]);
+        int32_t i = r->start, j = r->start + r->count;
+        while (i < j) {
+            float c = b->items[i].centroid[best_axis];
+            if ((int)((c - low[best_axis]) * factor) <= best_bin) {
+                i++;
+            } else {
+                Item swap = b->items[--j];
+                b->items[j] = b->items[i];
+                b->items[i] = swap;
+            }
+        }
+        middle = i;
+    }
+    *left = (Range){.start = r->start, .count = middle - r->start};
+    *right = (Range){.start = middle, .count = r->start + r->count - middle};
+    bound(b, left);
+    bound(b, right);
+}
+
+static int32_t add_leaf(Builder *b, const Range *r) {
+    Bvh *t = b->tree;
+    if (t->leaf_count == b->leaf_room) {
+        int room = b->leaf_room * 2;
+        Leaf *grown = realloc(t->leaves, (size_t)room * sizeof(Leaf));
+        if (!grown) return b->failed = 1, 0;
+        t->leaves = grown, b->leaf_room = room;
+    }
+    Leaf *leaf = t->leaves + t->leaf_count;
+    memset(leaf, 0, sizeof *leaf);
+    leaf->count = r->count;
+    for (int lane = 0; lane < LEAF; lane++) {
+        int32_t face = b->items[r->start + (lane < r->count ? lane : 0)].face;
+        const double *p = corner(t, face, 0), *q = corner(t, face, 1), *s = corner(t, face, 2);
+        double ab[3], ac[3], bc[3];
+        for (int k = 0; k < 3; k++) {
+            ab[k] = q[k] - p[k], ac[k] = s[k] - p[k], bc[k] = s[k] - q[k];
+            leaf->a[k][lane] = p[k], leaf->ab[k][lane] = ab[k], leaf->ac[k][lane] = ac[k];
+        }
+        double aa = dot(ab, ab), cc = dot(ac, ac), bb = dot(bc, bc), mix = dot(ab, ac), n[3];
+        cross(ab, ac, n);
+        double det = dot(n, n);
+        leaf->per_ab[lane] = aa > 0 ? 1 / aa : 0;
+        leaf->per_ac[lane] = cc > 0 ? 1 / cc : 0;
+        leaf->per_bc[lane] = bb > 0 ? 1 / bb : 0;
+        /* without an area no point projects into it: NaN fails every comparison */
+        leaf->gram_ab[lane] = det > 0 ? aa / det : NAN;
+        leaf->gram_mix[lane] = det > 0 ? mix / det : NAN;
+        leaf->gram_ac[lane] = det > 0 ? cc / det : NAN;
+        leaf->face[lane] = face;
+    }
+    return t->leaf_count++;
+}
+
+static int32_t add_node(Builder *b, Range root, int depth) {
+    Bvh *t = b->tree;
+    if (t->node_count == b->node_room) {
+        int room = b->node_room * 2;
+        Node *nodes = realloc(t->nodes, (size_t)room * sizeof(Node));
+        if (nodes) t->nodes = nodes;
+        Cluster *clusters = realloc(t->clusters, (size_t)room * sizeof(Cluster));
+        if (clusters) t->clusters = clusters;
+        if (!nodes || !clusters) return b->failed = 1, 0;
+        b->node_room = room;
+    }
+    int32_t index = t->node_count++;
+    Range part[WIDTH];
+    int count = 1;
+    part[0] = root;
+    while (count < WIDTH) {
+        int widest = -1;
+        for (int i = 0; i < count; i++)
+            if (part[i].count > LEAF && (widest < 0 || part[i].area > part[widest].area)) widest = i;
+        if (widest < 0) break;
+        Range left, right;
+        split(b, &part[widest], depth, &left, &right);
+        part[widest] = left, part[count++] = right;
+    }
+    Node node;
+    Cluster cluster;
+    memset(&node, 0, sizeof node), memset(&cluster, 0, sizeof cluster);
+    /* the float box of a point may be off by half a unit in the last place of the coordinates */
+    float pad = (float)(t->scale * 4e-7);
+    for (int i = 0; i < WIDTH; i++) {
+        for (int k = 0; k < 3; k++) {
+            node.low[k][i] = i < count ? part[i].low[k] - pad : INFINITY;
+            node.high[k][i] = i < count ? part[i].high[k] + pad : -INFINITY;
+        }
+        if (i >= count) continue;
+        double area = 0, centre[3] = {0}, dipole[3] = {0};
+        for (int32_t j = part[i].start; j < part[i].start + part[i].count; j++) {
+            int32_t face = b->items[j].face;
+            const double *p = corner(t, face, 0), *q = corner(t, face, 1), *s = corner(t, face, 2);
+            double ab[3], ac[3], n[3];
+            for (int k = 0; k < 3; k++) ab[k] = q[k] - p[k], ac[k] = s[k] - p[k];
+            cross(ab, ac, n);
+            double twice = sqrt(dot(n, n));
+            area += twice;
+            for (int k = 0; k < 3; k++) {
+                dipole[k] += n[k] / 2;
+                centre[k] += twice * (p[k] + q[k] + s[k]) / 3;
+            }
+        }
+        double reach = 0;
+        for (int k = 0; k < 3; k++)
+            centre[k] = area > 0 ? centre[k] / area : (part[i].low[k] + part[i].high[k]) / 2;
+        for (int32_t j = part[i].start; j < part[i].start + part[i].count; j++)
+            for (int c = 0; c < 3; c++) {
+                const double *p = corner(t, b->items[j].face, c);
+                double d = 0;
+                for (int k = 0; k < 3; k++) d += (p[k] - centre[k]) * (p[k] - centre[k]);
+                if (d > reach) reach = d;
+            }
+        for (int k = 0; k < 3; k++) {
+            cluster.centre[k][i] = (float)centre[k];
+            cluster.dipole[k][i] = (float)dipole[k];
+        }
+        cluster.reach[i] = (float)(reach * 1.0001 + 1e-30);
+    }
+    for (int i = 0; i < count && !b->failed; i++)
+        node.child[i] = part[i].count <= LEAF ? ~add_leaf(b, &part[i]) : add_node(b, part[i], depth + 1);
+    t->nodes[index] = node, t->clusters[index] = cluster;
+    return index;
+}
+
+/* The face across each edge: half-edges bucketed by their lower vertex. */
+static int find_neighbours(Bvh *t) {
+    size_t halves = 3 * (size_t)t->face_count;
+    int64_t *start = calloc((size_t)t->vertex_count + 2, sizeof *start);
+    int32_t *bucket = malloc(halves * sizeof *bucket);
+    if (!start || !bucket) return free(start), free(bucket), 0;
+    for (size_t h = 0; h < halves; h++) {
+        int32_t u = t->faces[h], v = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+        start[(u < v ? u : v) + 2]++;
+    }
+    for (int32_t v = 0; v < t->vertex_count; v++) start[v + 2] += start[v + 1];
+    for (size_t h = 0; h < halves; h++) {
+        int32_t u = t->faces[h], v = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+        bucket[start[(u < v ? u : v) + 1]++] = (int32_t)h;
+        t->neighbours[h] = -1;
+    }
+    for (int32_t v = 0; v < t->vertex_count; v++)
+        for (int64_t i = start[v]; i < start[v + 1]; i++)
+            for (int64_t j = i + 1; j < start[v + 1]; j++) {
+                size_t g = (size_t)bucket[i], h = (size_t)bucket[j];
+                int32_t g1 = t->faces[g % 3 == 2 ? g - 2 : g + 1], h1 = t->faces[h % 3 == 2 ? h - 2 : h + 1];
+                if (t->faces[g] == h1 && t->faces[h] == g1 && t->neighbours[g] < 0 && t->neighbours[h] < 0) {
+                    t->neighbours[g] = (int32_t)(h / 3);
+                    t->neighbours[h] = (int32_t)(g / 3);
+                }
+            }
+    free(start), free(bucket);
+    return 1;
+}
+
+static void find_vertex_normals(Bvh *t) {
+    pandis__mesh m = view(t);
+    memset(t->vertex_normals, 0, 3 * (size_t)t->vertex_count * sizeof(double));
+    for (int32_t f = 0; f < t->face_count; f++) {
+        double n[3];
+        if (!pandis__face_normal(&m, f, n)) continue;
+        for (int k = 0; k < 3; k++) {
+            const double *p = corner(t, f, k), *q = corner(t, f, (k + 1) % 3), *s = corner(t, f, (k + 2) % 3);
+            double u[3], v[3], c[3];
+            for (int i = 0; i < 3; i++) u[i] = q[i] - p[i], v[i] = s[i] - p[i];
+            cross(u, v, c);
+            double angle = atan2(sqrt(dot(c, c)), dot(u, v));
+            double *sum = t->vertex_normals + 3 * (size_t)t->faces[3 * (ptrdiff_t)f + k];
+            for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
+        }
+    }
+    for (int32_t v = 0; v < t->vertex_count; v++) normalise(t->vertex_normals + 3 * (size_t)v);
+}
+
+void bvh_free(Bvh *t) {
+    if (!t) return;
+    free(t->vertices), free(t->faces), free(t->neighbours), free(t->vertex_normals);
+    free(t->nodes), free(t->clusters), free(t->leaves);
+    free(t);
+}

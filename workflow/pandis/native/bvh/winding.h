@@ -1,0 +1,92 @@
+/* Winding numbers: a part of bvh.c. */
+
+/* Half the solid angle of a triangle seen from the origin. */
+static double half_angle(const double *a, const double *b, const double *c) {
+    double n[3];
+    cross(b, c, n);
+    double la = sqrt(dot(a, a)), lb = sqrt(dot(b, b)), lc = sqrt(dot(c, c));
+    return atan2(dot(a, n), la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb);
+}
+
+static double exact_winding(const Bvh *t, const double *p) {
+    double sum = 0;
+    for (int32_t f = 0; f < t->face_count; f++) {
+        double c[3][3];
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) c[i][k] = corner(t, f, i)[k] - p[k];
+        sum += half_angle(c[0], c[1], c[2]);
+    }
+    return sum / 6.283185307179586;
+}
+
+/* atan2 to 2e-6, without branches, so that four go at once. */
+static double rough_atan2(double y, double x) {
+    double ax = fabs(x), ay = fabs(y);
+    double high = ax > ay ? ax : ay, low = ax > ay ? ay : ax;
+    double z = low / (high > 0 ? high : 1), q = z * z;
+    double r = z * (0.99997726 + q * (-0.33262347 + q * (0.19354346 + q * (-0.11643287 + q * (0.05265332 - q * 0.01172120)))));
+    r = ay > ax ? 1.5707963267948966 - r : r;
+    r = x < 0 ? 3.141592653589793 - r : r;
+    return y < 0 ? -r : r;
+}
+
+static double leaf_winding(const Leaf *restrict f, const double *restrict p) {
+    double sum[LEAF];
+    for (int i = 0; i < LEAF; i++) {
+        double ax = f->a[0][i] - p[0], ay = f->a[1][i] - p[1], az = f->a[2][i] - p[2];
+        double bx = ax + f->ab[0][i], by = ay + f->ab[1][i], bz = az + f->ab[2][i];
+        double cx = ax + f->ac[0][i], cy = ay + f->ac[1][i], cz = az + f->ac[2][i];
+        double la = sqrt(ax * ax + ay * ay + az * az), lb = sqrt(bx * bx + by * by + bz * bz);
+        double lc = sqrt(cx * cx + cy * cy + cz * cz);
+        double det = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
+        double down = la * lb * lc + (ax * bx + ay * by + az * bz) * lc + (bx * cx + by * cy + bz * cz) * la +
+                      (cx * ax + cy * ay + cz * az) * lb;
+        sum[i] = i < f->count ? rough_atan2(det, down) : 0;
+    }
+    return (sum[0] + sum[1] + sum[2] + sum[3]) / 6.283185307179586;
+}
+
+/* Clusters farther than `beta` radii count as dipoles. */
+static double rough_winding(const Bvh *t, const double *p, float beta) {
+    int32_t stack[STACK];
+    int top = 0;
+    double sum = 0;
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
+    stack[top++] = 0;
+    while (top) {
+        int32_t index = stack[--top];
+        if (index < 0) {
+            sum += leaf_winding(t->leaves + ~index, p);
+            continue;
+        }
+        const Cluster *restrict c = t->clusters + index;
+        const Node *node = t->nodes + index;
+        float part[WIDTH], distance[WIDTH];
+        for (int i = 0; i < WIDTH; i++) {
+            float x = c->centre[0][i] - q[0], y = c->centre[1][i] - q[1], z = c->centre[2][i] - q[2];
+            float d = x * x + y * y + z * z;
+            distance[i] = d;
+            float safe = d > 1e-20f ? d : 1e-20f;
+            part[i] = (c->dipole[0][i] * x + c->dipole[1][i] * y + c->dipole[2][i] * z) / (safe * sqrtf(safe));
+        }
+        for (int i = 0; i < WIDTH; i++) {
+            if (node->low[0][i] > node->high[0][i]) continue;
+            if (distance[i] > beta * beta * c->reach[i]) {
+                sum += (double)part[i] / 12.566370614359172;
+            } else {
+                stack[top++] = node->child[i];
+            }
+        }
+    }
+    return sum;
+}
+
+/* -1 inside, 1 outside: as roughly as it may be, as exactly as it must. */
+static double find_side(const Bvh *t, const double *p) {
+    double w = rough_winding(t, p, ROUGH_BETA);
+    if (fabs(w - 0.5) < 0.3) {
+        w = rough_winding(t, p, FINE_BETA);
+        if (fabs(w - 0.5) < 0.3) w = exact_winding(t, p);
+    }
+    return w > 0.5 ? -1 : 1;
+}

@@ -1,0 +1,1 @@
+"""How a run is planned, carried out and checked: configuration, stages, artifacts, provenance."""

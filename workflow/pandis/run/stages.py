@@ -1,0 +1,297 @@
+"""The stages of a mesh: what each one makes, what it is asked, and which target asks for it.
+
+A stage is one rule and one script of its name. Outputs, options, named targets and what scenes
+need are read off `STAGES`, and nothing else says them again.
+"""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pandis.run.catalogue import AUTO, GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.run.config import MeshEntry
+from pandis.run.recipes import recipe_options
+from pandis.run.sourcing import url_extension
+
+#: The recipe of networks that `fields: auto` may come to.
+CHOSEN_RECIPE = "pandis-exact"
+#: The scale that errors are told at where nothing depends on the device's: no option goes stale.
+NOMINAL = {"size": 0.10, "stiffness": 400.0}
+
+
+def field_specs(entry):
+    """Return the FieldSpec of every field of a mesh's options."""
+    return [parse_field(name, entry.train) for name in entry.fields]
+
+
+def field_holders(entry):
+    """Return one FieldSpec for each artifact that holds a field, but for the mesh itself.
+
+    The field that a contact point's runs through is among them.
+    """
+    specs = [spec.through or spec for spec in field_specs(entry)]
+    return [s for s in {s.artifact: s for s in specs}.values() if s.artifact != "mesh"]
+
+
+def stage_seed(root, *names):
+    """Return the seed of a stage: a hash of the configuration's seed and the names."""
+    text = "\0".join([str(root), *names])
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "little")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One job of a stage: of which mesh, with which options of the user and which wildcards."""
+
+    stage: str
+    mesh: str
+    entry: MeshEntry
+    wildcards: dict
+
+    @property
+    def seed(self):
+        """The seed of the stage; of a recipe's training one of its own."""
+        recipe = [self.wildcards["recipe"]] if self.stage == "train" else []
+        return stage_seed(self.entry.seed, self.mesh, self.stage, *recipe)
+
+    @property
+    def seeded(self):
+        """The seed as an option."""
+        return {"seed": self.seed}
+
+    @property
+    def scale(self):
+        """The scale of the device as options."""
+        return self.entry.device.model_dump()
+
+    @property
+    def band(self):
+        """How far a grid reaches into the surface and out of it."""
+        return [self.entry.bake.inside, self.entry.bake.outside]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A row of the table.
+
+    Attributes
+    ----------
+    outputs : callable
+        Yields, for a mesh's options, the path of each output below the mesh's folder and the
+        wildcards of its rule, besides the mesh.
+    options : callable
+        Returns what a `Job` is asked, and nothing else: whatever changes here makes it stale.
+    target : str or None
+        The named target that asks for the outputs.
+    in_scenes : bool
+        Whether the objects of a scene need it.
+    """
+
+    outputs: Callable
+    options: Callable
+    target: str | None = None
+    in_scenes: bool = False
+
+
+# --- what a stage makes ---------------------------------------------------------
+
+
+def _file(name):
+    """Return the function that yields one file that every mesh has."""
+    return lambda entry: [(name, {})]
+
+
+def _source(entry):
+    extension = url_extension(entry.source)
+    return [(f"source.{extension}", {"extension": extension})] if extension else []
+
+
+def _networks(entry):
+    return [spec for spec in field_holders(entry) if spec.kind == "network"]
+
+
+def _samples(entry):
+    return [("samples.zarr.zip", {})] if _networks(entry) else []
+
+
+def _models(entry):
+    return [(f"{s.artifact}.zarr.zip", {"recipe": s.name}) for s in _networks(entry)]
+
+
+def _programs(entry):
+    networks = [spec for spec in field_specs(entry) if spec.kind == "network"]
+    return [
+        (f"export/{spec.name}.{ending}", {"recipe": spec.name})
+        for spec in networks
+        for ending in ("onnx", "pt2")
+    ]
+
+
+def _holders(wanted, wildcards=lambda spec: {}):
+    """Return the function that yields the artifacts that hold the wanted fields."""
+    return lambda entry: [
+        (f"{spec.artifact}.zarr.zip", wildcards(spec))
+        for spec in field_holders(entry)
+        if wanted(spec)
+    ]
+
+
+def _is_sized(spec):
+    return spec.kind in GRID_FIELDS and spec.size != AUTO
+
+
+def _is_dense(spec):
+    return _is_sized(spec) and GRID_FIELDS[spec.kind] != "spline"
+
+
+def _is_spline(spec):
+    return _is_sized(spec) and GRID_FIELDS[spec.kind] == "spline"
+
+
+def _is_searched(spec):
+    return spec.kind in GRID_FIELDS and spec.size == AUTO
+
+
+def _grids(entry):
+    return [spec for spec in field_specs(entry) if spec.kind in GRID_FIELDS]
+
+
+def _graphs(entry):
+    grids = [spec for spec in _grids(entry) if "onnx" in spec.exports]
+    return [(f"export/{spec.name}.onnx", {"field": spec.name}) for spec in grids]
+
+
+def _images(entry):
+    grids = _grids(entry) if entry.bake.vti else []
+    return [(f"export/{spec.name}.vti", {"field": spec.name}) for spec in grids]
+
+
+def _native(entry):
+    native = [spec for spec in field_specs(entry) if spec.native]
+    return [(f"export/{spec.name}.pandis", {"name": spec.name}) for spec in native]
+
+
+def _hardware(entry):
+    return [("hardware.zarr.zip", {}), ("hardware.json", {})]
+
+
+# --- what a stage is asked ------------------------------------------------------
+
+
+def _at_scale(options, job, otherwise):
+    """Add the device's scale to a target that is an error: newtons depend on it."""
+    asks = options.get("force_error") is not None
+    return options | (job.scale if asks else otherwise)
+
+
+def _fetch(job):
+    return {"url": job.entry.source, "sha256": job.entry.sha256}
+
+
+def _mesh(job):
+    source = {"source": job.entry.source, "sha256": job.entry.sha256}
+    return source | job.entry.mesh.model_dump() | job.seeded
+
+
+def _sample(job):
+    return job.entry.samples.model_dump() | job.seeded
+
+
+def _train(job):
+    recipe = job.wildcards["recipe"]
+    options = recipe_options(job.entry, recipe) | {"recipe": recipe} | job.seeded
+    return _at_scale(options, job, {})
+
+
+def _bake(job):
+    grid = {"content": job.wildcards["content"], "size": int(job.wildcards["size"])}
+    return grid | {"band": job.band, "chunk": job.entry.bake.chunk}
+
+
+def _bake_spline(job):
+    return {"size": int(job.wildcards["size"]), "band": job.band} | job.seeded
+
+
+def _bake_auto(job):
+    kind = job.wildcards["kind"]
+    target = job.entry.bake.auto[kind].model_dump()
+    return _at_scale(target | {"kind": kind, "band": job.band} | job.seeded, job, NOMINAL)
+
+
+def _choose(job):
+    entry = job.entry
+    return {
+        "budget": entry.budget.model_dump(),
+        "recipe": recipe_options(entry, CHOSEN_RECIPE) | {"recipe": CHOSEN_RECIPE},
+        "samples": entry.samples.model_dump(),
+        "stress": entry.stress.model_dump() | job.scale,
+        "weight_bits": entry.export.weight_bits,
+        "band": job.band,
+        **job.seeded,
+    }
+
+
+def _export_native(job):
+    return {"field": job.wildcards["name"]} | job.entry.export.model_dump()
+
+
+def _trajectory(job):
+    return job.entry.trajectory.model_dump() | job.seeded
+
+
+def _evaluate(job):
+    entry = job.entry
+    several = entry.evaluation.paths > 1
+    trajectory = entry.trajectory.model_dump() if several else None
+    options = entry.evaluation.model_dump() | {"trajectory": trajectory, "fields": entry.fields}
+    return options | job.seeded | job.scale
+
+
+def _stress(job):
+    return job.entry.stress.model_dump() | {"fields": job.entry.fields} | job.seeded | job.scale
+
+
+def _timing(job):
+    in_python = [spec.name for spec in field_specs(job.entry) if not spec.exports]
+    return job.entry.timing.model_dump() | {"in_python": in_python}
+
+
+def _validate(job):
+    entry = job.entry
+    keys = ("hand_stiffness", "hand_damping", "press", "delay")
+    hand = {key.removeprefix("hand_"): getattr(entry.stress, key) for key in keys}
+    native = [spec.name for spec in field_specs(entry) if spec.native]
+    options = entry.hardware.model_dump() | {"hand": hand, "fields": native}
+    return options | job.scale | job.seeded
+
+
+#: All stages of a mesh in building order. What a scene needs comes in the same order.
+STAGES = {
+    "fetch": Stage(_source, _fetch, in_scenes=True),
+    "mesh": Stage(_file("mesh.zarr.zip"), _mesh, "meshes", in_scenes=True),
+    "sample": Stage(_samples, _sample, "samples", in_scenes=True),
+    "train": Stage(_models, _train, "models", in_scenes=True),
+    "export_network": Stage(_programs, lambda job: {"field": job.wildcards["recipe"]}, "exports"),
+    "choose": Stage(_holders(lambda s: s.kind == AUTO), _choose, "models", in_scenes=True),
+    "support_planes": Stage(
+        _holders(lambda s: s.kind in PLANE_FIELDS), lambda job: {}, "grids", in_scenes=True
+    ),
+    "bake_auto": Stage(
+        _holders(_is_searched, lambda s: {"kind": s.kind}), _bake_auto, "grids", in_scenes=True
+    ),
+    "bake_spline": Stage(
+        _holders(_is_spline, lambda s: {"size": str(s.size)}), _bake_spline, "grids", in_scenes=True
+    ),
+    "bake": Stage(
+        _holders(_is_dense, lambda s: {"content": GRID_FIELDS[s.kind], "size": str(s.size)}),
+        _bake, "grids", in_scenes=True,
+    ),
+    "export_grid": Stage(_graphs, lambda job: {"field": job.wildcards["field"]}, "exports"),
+    "export_vti": Stage(_images, lambda job: {"field": job.wildcards["field"]}, "exports"),
+    "export_native": Stage(_native, _export_native, "exports", in_scenes=True),
+    "trajectory": Stage(_file("trajectory.zarr.zip"), _trajectory, "evaluations"),
+    "evaluate": Stage(_file("evaluation.zarr.zip"), _evaluate, "evaluations"),
+    "stress": Stage(_file("stress.zarr.zip"), _stress, "evaluations"),
+    "timing": Stage(_file("timing.zarr.zip"), _timing, "evaluations"),
+    "validate": Stage(_hardware, _validate, "hardware"),
+}  # fmt: skip
