@@ -1,4 +1,5 @@
 import ast
+import shutil
 
 import pytest
 
@@ -48,6 +49,24 @@ def test_change_elsewhere_does_not(tree):
     before = digests(tree)
     edit(tree / "workflow/pandis/other.py", "3", "4")
     assert digests(tree) == before
+
+
+def test_what_is_remembered_of_a_text_is_what_it_is(tree, monkeypatch):
+    cache = tree / "cache"
+    monkeypatch.setenv("PANDIS_CACHE", str(cache))
+    first = digests(tree)
+    with monkeypatch.context() as patch:
+        patch.setattr(ast, "parse", lambda source: pytest.fail("was parsed again"))
+        assert digests(tree) == first
+    edit(tree / "workflow/pandis/c.py", "import x", "import y")
+    assert digests(tree)["pandis.c"] != first["pandis.c"]
+    edit(tree / "workflow/pandis/c.py", "import y", "import x")
+    for path in (cache / "texts").iterdir():
+        path.write_text(path.read_text()[:-5])
+    assert digests(tree) == first
+    shutil.rmtree(cache)
+    cache.write_text("no folder")
+    assert digests(tree) == first
 
 
 def test_files_of_an_editor_do_not_count(tree):

@@ -3,6 +3,8 @@
 import hashlib
 import re
 
+from pandis.native.cache import remembered
+
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"', re.M)
 #: Comments; texts and characters; names and numbers; line ends; spaces; operators.
 _TOKEN = re.compile(
@@ -66,7 +68,12 @@ def tokens(text):
 
 def digest(source):
     """Return a digest (hex) of a source and what it includes, comments and layout aside."""
-    total = hashlib.sha256()
-    for path in included(source):
-        total.update("\0".join([path.name, *tokens(path.read_text("utf-8"))]).encode() + b"\0\0")
-    return total.hexdigest()
+    texts = [(path.name, path.read_text("utf-8")) for path in included(source)]
+
+    def of_tokens():
+        total = hashlib.sha256()
+        for name, text in texts:
+            total.update("\0".join([name, *tokens(text)]).encode() + b"\0\0")
+        return total.hexdigest()
+
+    return remembered(__file__, repr(texts).encode(), of_tokens)
