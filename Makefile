@@ -13,7 +13,7 @@ all: .venv/installed
 	$(BIN)/snakemake -j$(JOBS) all
 
 test: lint
-	$(BIN)/pytest -n $(JOBS) --dist worksteal --durations 15
+	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 --durations 40
 
 test-full: lint
 	$(BIN)/pytest -m "" -n $(JOBS) --dist worksteal --durations 15

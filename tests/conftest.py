@@ -8,10 +8,17 @@ import pytest
 
 import support
 
+#: The longest tests of all, which begin before the others.
+LONGEST = ("test_twelve_kinds", "test_every_kind_of_grid", "test_open_mesh_with_two_networks")
+
 
 def pytest_collection_modifyitems(items):
-    """Put whole runs first: the longest, so that none is left to one worker at the end."""
-    items.sort(key=lambda item: item.path.parent.name != "workflow")
+    """Put long tests first, so that none is left to one worker at the end: whole runs are long."""
+
+    def place(item):
+        return not item.name.startswith(LONGEST), item.path.parent.name != "workflow"
+
+    items.sort(key=place)
 
 
 @pytest.fixture

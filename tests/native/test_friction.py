@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from test_devices import TOUCH, order
 
 from pandis.native import device as hdapi
@@ -85,3 +86,46 @@ def test_above_breakaway_it_moves(moved, files):
     push = 1.05 * FRICTION * np.array([1.0, 0.0, 0.0])
     path = moved(files, np.zeros(3), np.zeros(3), push, 400)
     assert path[-1] > 0.5 * 0.05 * FRICTION / SPRING
+
+
+def naive_step(device, dt, position, speed, push):
+    """One step of one mass, as the equations stand."""
+    state = np.zeros((3, 3))
+    damping = device.damping + device.hand_damping
+    state[0, 1] = 1
+    state[1] = -device.hand_stiffness / device.mass, -damping / device.mass, 1 / device.mass
+    after = expm(state * dt)
+    fast = np.linalg.norm(speed)
+    along = speed if fast > 0 else push - device.hand_stiffness * position
+    size = np.linalg.norm(along)
+    if fast == 0 and size <= device.friction:
+        return position, speed
+    push = push - device.friction * along / max(size, 1e-300)
+    to, then = (row @ np.array([position, speed, push]) for row in after[:2])
+    if fast > 0 and speed @ then <= 0:
+        share = fast / (fast + np.linalg.norm(then))
+        return position + speed * share * dt / 2, np.zeros(3)
+    return to, then
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.26])
+@pytest.mark.parametrize("steps", [1, 4])
+def test_steps_in_c_are_those_of_the_equations(friction, steps):
+    rng = np.random.default_rng(5)
+    device = Device(MASS, 1.5, friction, 0.0, 0, 3.3, SPRING, 0.7, 0.0)
+    state = rng.normal(0, [[[0.002]], [[0.05]], [[0.5]]], (3, 300, 3))
+    state[1, ::3] = 0  # at rest
+    state[2, ::6], state[0, ::6] = 0.01, 0.0  # and held there
+    position, speed, push = state
+    wanted = []
+    for place, fast, pushed in zip(position, speed, push, strict=True):
+        moved = place, fast
+        for _ in range(steps):
+            moved = naive_step(device, TICK / 4, *moved, pushed)
+        wanted.append(moved)
+    before = state.copy()
+    found = Mass(device, TICK / 4).step(position, speed, push, steps)
+    assert np.transpose(found, (1, 0, 2)) == pytest.approx(np.array(wanted), rel=1e-12, abs=1e-15)
+    assert (state == before).all()
+    if friction:
+        assert (found[0][::6] == position[::6]).all()

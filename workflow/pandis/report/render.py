@@ -30,8 +30,13 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
         RGBA; transparent where there is no mesh.
     """
     axes = camera(view, up)
-    surface = Surface(vertices, faces)
-    position, normal, face, _ = surface.draw(10 * size * size, np.random.default_rng(0))
+    whole = Surface(vertices, faces)
+    # what faces away is hidden: the solid is closed
+    front = np.flatnonzero(whole.normals @ axes[2] > 0)
+    surface = Surface(vertices, np.asarray(faces)[front])
+    count = round(10 * size * size * surface.areas.sum() / whole.areas.sum())
+    position, normal, face, _ = surface.draw(count, np.random.default_rng(0))
+    face = front[face]
     row, column, depth = project(position, axes, size)
     # far to near: of all points in a pixel the nearest is written last
     order = np.argsort(depth, kind="stable")

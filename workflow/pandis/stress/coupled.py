@@ -14,6 +14,7 @@ from scipy.linalg import expm
 from scipy.ndimage import uniform_filter1d
 
 from pandis.forces import penalty_force
+from pandis.native.mass import mass_steps
 from pandis.stress.physical import TICK
 
 #: Stiffnesses that are tried, as shares of the one asked for.
@@ -57,26 +58,12 @@ class Mass:
         state = np.zeros((3, 3))
         state[0, 1] = 1
         state[1] = -device.hand_stiffness / device.mass, -damping / device.mass, 1 / device.mass
-        (self._xx, self._xv, self._xu), (self._vx, self._vv, self._vu), _ = expm(state * dt)
-        self._friction, self._stiffness, self._dt = device.friction, device.hand_stiffness, dt
+        after = expm(state * dt)
+        self._oscillator = [*after[0], *after[1], device.friction, device.hand_stiffness, dt]
 
-    def step(self, position, speed, push):
-        """Return position and speed (n, 3) a step later, under a push (n, 3)."""
-        if self._friction > 0:
-            fast = np.linalg.norm(speed, axis=1, keepdims=True)
-            along = np.where(fast > 0, speed, push - self._stiffness * position)
-            size = np.linalg.norm(along, axis=1, keepdims=True)
-            stuck = (fast == 0) & (size <= self._friction)
-            push = push - self._friction * along / np.maximum(size, 1e-300)
-        to = self._xx * position + self._xv * speed + self._xu * push
-        then = self._vx * position + self._vv * speed + self._vu * push
-        if self._friction > 0:
-            ends = (fast > 0) & ((speed * then).sum(axis=1, keepdims=True) <= 0)
-            after = np.linalg.norm(then, axis=1, keepdims=True)
-            share = fast / np.maximum(fast + after, 1e-300)
-            to = np.where(ends, position + speed * share * self._dt / 2, to)
-            to, then = np.where(stuck, position, to), np.where(stuck | ends, 0.0, then)
-        return to, then
+    def step(self, position, speed, push, steps=1):
+        """Return positions and speeds (n, 3) so many steps later, under pushes (n, 3)."""
+        return mass_steps(self._oscillator, position, speed, push, steps)
 
 
 class Press(NamedTuple):
@@ -140,8 +127,7 @@ def simulate(answer, points, normals, stiffness, scale, device, press, ticks=TIC
         late.append(force)
         force = late.popleft()
         before = position
-        for _ in range(_SUBSTEPS):
-            position, speed = mass.step(position, speed, force + pressing)
+        position, speed = mass.step(position, speed, force + pressing, _SUBSTEPS)
         energy -= (force * (position - before)).sum(axis=1)
         if tick >= ticks * 2 // 3:
             path.append(position)
