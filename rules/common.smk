@@ -1,4 +1,5 @@
 # The plan that all rules take their params and inputs from.
+from pandis.run import ending
 from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
 from pandis.run.plan import open_plan
 

@@ -8,6 +8,7 @@ rule train:
         "<results>/logs/{mesh}/train-{recipe}.log",
     benchmark:
         "<results>/benchmarks/{mesh}/train-{recipe}.jsonl"
+    priority: plan.train_priority
     conda:
         "../workflow/envs/pandis.yaml"
     threads: plan.train_threads

@@ -124,11 +124,12 @@ def generated():
         SCHEMA: schema_text(),
         HEADER: header_text(),
         OPTIONS: with_generated(OPTIONS, options=option_tables()),
-        README: with_generated(README, bunny=tables.bunny_table()),
+        README: with_generated(README, which=tables.which_table()),
         SPHERE: with_generated(SPHERE, sphere=tables.sphere_table()),
         REPAIR: with_generated(REPAIR, repair=tables.repair_table()),
         BENCHMARKS: with_generated(
             BENCHMARKS,
+            bunny=tables.bunny_table(),
             distances=tables.distance_table(),
             fields=tables.field_table(),
             order=tables.order_table(),

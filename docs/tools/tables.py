@@ -4,6 +4,7 @@ import csv
 from pathlib import Path
 
 from pandis.evaluation.paths import spread
+from pandis.stress.suite import QUESTIONS as ASKED
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "figures"
@@ -18,8 +19,36 @@ def _noted(lines, notes):
     return "\n".join([*lines, "", f"({'; '.join(notes)}.)"])
 
 
+#: What somebody may want of a field, and the one of the default run to take.
+_WISHES = {
+    "the truth": "exact",
+    "a small field": "spline-auto",
+    "a network": "pandis-exact",
+    "the paper's network": "pandis",
+}
+
+
+def which_table():
+    """Return the README's table: which field to take, with figures of the default run's bunny."""
+    notes, rows = _bunny()
+    by_name = {row["field"]: row for row in rows}
+    table = [
+        "| you want | take | KB | force error, mean | surface without force | failed questions "
+        "| one query, median |",
+        "|---|---|--:|--:|--:|--:|--:|",
+    ]
+    for wish, field in _WISHES.items():
+        row = by_name[field]
+        error = f"{float(row['contact_millinewtons']):.3g} mN "
+        error += f"({float(row['contact_percent']):.2g} %)"
+        cells = [wish, f"`{field}`", f"{int(row['bytes']) / 1000:,.0f}", error]
+        cells += [f"{float(row['missing_percent']):.2g} %", f"{row['stress']} of {len(ASKED)}"]
+        table.append(_row([*cells, f"{float(row['native_p50_us']):.2g} µs"]))
+    return _noted(table, notes)
+
+
 def bunny_table():
-    """Return the README's table: the default run's figures for ``bunny``."""
+    """Return the default run's figures for ``bunny``."""
     notes, rows = _bunny()
     table = [
         "| field | bytes | contact error | of the mean force | surface missing | questions failed "

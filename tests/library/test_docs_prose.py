@@ -14,7 +14,7 @@ import pytest
 
 from support import ROOT
 
-DOCS = ("README.md", "docs/benchmarks.md", "docs/training.md", "docs/sphere.md")
+DOCS = ("docs/using.md", "docs/benchmarks.md", "docs/training.md", "docs/sphere.md")
 FIGURE = re.compile(r"([\d,]*\.?\d+(?:e-?\d+)?)(?: ?%)?<!-- (.*?) -->")
 TERM = re.compile(r"(\w+)\.(\w+)\(([^)]*)\)")
 

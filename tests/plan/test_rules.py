@@ -30,7 +30,8 @@ def test_rule_has_the_common_shape(name):
     body = RULES[name]
     directives = re.findall(r"^    (\w+):", body, re.M)
     order = [
-        "input", "output", "log", "benchmark", "retries", "conda", "threads",
+        "input", "output", "log", "benchmark", "retries", "conda", "priority",
+        "threads",
         "resources", "params", "message", "script",
     ]  # fmt: skip
     assert [d for d in order if d in directives] == directives

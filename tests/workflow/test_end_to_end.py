@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -247,11 +248,27 @@ def test_snakemakes_own_report_builds(rerun):
 
 
 def test_plan_of_the_default_config():
-    """Three meshes, eleven fields: what the README promises."""
+    """Eleven fields of the bunny, five of the sphere, one chosen for the holed bunny."""
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     files = Plan(config, ROOT / "workflow").target("all")
-    assert len(files) == 3 * 38 + 2
-    assert "results/bunny-holes/export/trilinear-normal-64.onnx" in files
+    assert "results/bunny/export/trilinear-normal-64.onnx" in files
+    assert sum("/bunny/" in file for file in files) == 38
+    assert sum("/sphere/" in file for file in files) == 22
+    chosen = {file.removeprefix("results/bunny-holes/") for file in files if "-holes/" in file}
+    assert chosen == {
+        "mesh.zarr.zip", "choice.zarr.zip", "export/auto.pandis", "trajectory.zarr.zip",
+        "evaluation.zarr.zip", "stress.zarr.zip", "timing.zarr.zip", "hardware.zarr.zip",
+        "hardware.json",
+    }  # fmt: skip
+    assert set(files[-2:]) == {"results/summary.csv", "results/report.html"}
+
+
+def test_the_longest_training_goes_first():
+    config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    plan = Plan(config, ROOT / "workflow")
+    named = [("bunny", "pandis"), ("bunny", "pandis-exact"), ("sphere", "pandis")]
+    order = [plan.train_priority(SimpleNamespace(mesh=m, recipe=r)) for m, r in named]
+    assert order == [3000, 1500, 600]
 
 
 OPEN = """

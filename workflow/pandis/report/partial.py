@@ -13,6 +13,7 @@ from pandis.report.page import build, mesh_section
 from pandis.report.seal import seal
 from pandis.report.tables import summarise, to_csv
 from pandis.run.artifact import read_artifact, write_atomically
+from pandis.run.ending import partial_note
 from pandis.run.plan import Plan
 from pandis.run.stage import INTERRUPTED
 from pandis.run.verification import Checker
@@ -56,7 +57,7 @@ def write_partial(plan):
     columns = ([read_artifact(f"{plan.folder}/{mesh}/{stem}.zarr.zip") for mesh in good]
                for stem in _STEMS)  # fmt: skip
     # the note first: where it is, the others are no results
-    write_atomically(plan.partial_note, (json.dumps(refused, indent=2) + "\n").encode())
+    write_atomically(partial_note(plan), (json.dumps(refused, indent=2) + "\n").encode())
     write_atomically(plan.summary, to_csv(summarise(*columns), refused).encode())
     write_atomically(plan.report, seal(build(sections, refused), why).encode())
     return refused

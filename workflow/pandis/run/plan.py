@@ -5,9 +5,7 @@ targets their file lists, and `verify` compares it with what lies in results/.
 Ground floor: no torch, no trimesh.
 """
 
-import json
 import os
-import subprocess
 import sys
 import time
 from functools import partial
@@ -17,9 +15,11 @@ from typing import NamedTuple
 from pandis.errors import PandisError
 from pandis.run.catalogue import parse_field
 from pandis.run.config import plain
+from pandis.run.ending import forget_partial_report
 from pandis.run.placing import load_scenes, needed, scene_options
 from pandis.run.provenance import CodeDigests, unused_modules
 from pandis.run.reading import check_yaml, load_config, results_folder
+from pandis.run.recipes import recipe_options
 from pandis.run.sourcing import ANALYTIC, SHIPPED, SourceDigests, source_fault, url_extension
 from pandis.run.stages import STAGES, Job, field_holders, field_specs
 
@@ -51,7 +51,7 @@ def open_plan(config, root, files, aloud=True):
     if aloud:
         for mesh, why in plan.refused.items():
             print(f"refused: {mesh}: {why}", file=sys.stderr)
-        plan.forget_partial_report()
+        forget_partial_report(plan)
     return plan
 
 
@@ -89,7 +89,8 @@ class Plan:
         self.digests = CodeDigests(root)
         self.sources = SourceDigests()
         self._options, self._codes = {}, {}
-        self._start = time.time()
+        #: When planning began, seconds since the epoch.
+        self.start = time.time()
 
     def _buildable(self, entries):
         """Return the meshes whose source is there and of a known format; note the others."""
@@ -317,76 +318,17 @@ class Plan:
             return {"why": self.refused[mesh]}
         return STAGES[stage].options(Job(stage, mesh, self.entries[mesh], wildcards))
 
-    # --- the last words of a run ---------------------------------------------------
-
-    def farewell(self):
-        """Return what a successful run prints at its end."""
-        if self.scenes:
-            return f"\nThe scenes are in  {self.folder}/scenes/"
-        if not Path(self.report).is_file() or Path(self.report).stat().st_mtime < self._start:
-            return "Done. The report is made by the targets all and report."
-        return (
-            f"\nThe report is in   {self.report}\n"
-            f"The table is in    {self.summary}\n"
-            f"Exported fields:   {self.folder}/{{mesh}}/export/"
-        )
-
-    def condolence(self):
-        """Return what a failed run prints at its end."""
-        return (
-            "\nA job failed, or was stopped; its own message stands above, after 'error:' or in a "
-            "traceback.\n"
-            f"All logs are in    {self.folder}/logs/\n"
-            "Other meshes went on. Mend the cause and run the same command again: only what is "
-            "missing or stale runs."
-        )
-
-    # --- a report without the meshes that failed -----------------------------------
-
-    @property
-    def partial_note(self):
-        """Path of the list of meshes that the report leaves out; there while it does."""
-        return Path(self.folder) / "refused.json"
-
-    def forget_partial_report(self):
-        """See to it that a report that leaves meshes out is made anew, however it was copied."""
-        if self.partial_note.is_file():
-            for path in (self.report, self.summary):
-                if Path(path).is_file():
-                    os.utime(path, (1, 1))  # older than everything that it is made from
-
-    def partial_report(self, workflow):
-        """Write the report and the summary of the meshes that are whole, after a failed run.
-
-        In a process of its own, for planning loads no numerics. What is written is no result of
-        Snakemake's: it is older than all its inputs, and its records go.
-
-        Parameters
-        ----------
-        workflow : snakemake.workflow.Workflow
-            Whose run has failed; only if it would have made the report, and nobody stopped it.
-        """
-        final = [job for job in workflow.dag.jobs if job.rule.name in ("report", "summary")]
-        if not any(job.rule.name == "report" for job in final):
-            return
-        given = {"config": workflow.config, "root": str(self.digests.root), "files": self.files}
-        given["since"] = self._start
-        command = [sys.executable, "-m", "pandis.report.partial"]
-        done = subprocess.run(
-            command,
-            input=json.dumps(given, default=str),
-            text=True,
-            env=os.environ | {"PYTHONPATH": str(self.digests.root)},
-            check=False,
-        )
-        if done.returncode == 0:
-            for made in (path for job in final for path in job.output):
-                workflow.persistence.cleanup_metadata(made)
-            self.forget_partial_report()
-
     def train_threads(self, wildcards):
         """Return the threads that a recipe trains with: a part of its options."""
         return self.entries[wildcards.mesh].train[wildcards.recipe].threads
+
+    def train_priority(self, wildcards):
+        """Return what puts the longest trainings first: whatever needs them waits for nothing else.
+
+        The steps, or ten for every second of a budget of time.
+        """
+        options = recipe_options(self.entries[wildcards.mesh], wildcards.recipe)
+        return options["steps"] or int(10 * options["seconds"])
 
     def train_gpus(self, wildcards):
         """Return how many GPUs a recipe claims."""

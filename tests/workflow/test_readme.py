@@ -1,0 +1,61 @@
+"""What the README tells a newcomer to do: a force from a mesh in a loop, in C++ and Python."""
+
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from support import ROOT, environment, snakemake
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def block(language):
+    """Return the README's only block in a language."""
+    found = re.findall(rf"^```{language}\n(.*?)^```$", README, re.M | re.S)
+    assert len(found) == 1, f"{len(found)} blocks in {language}"
+    return found[0]
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")
+def test_a_force_in_a_program_of_ones_own(workspace):
+    box = trimesh.creation.box((30, 20, 12))  # millimetres
+    box.apply_translation([2, 3, 4])
+    box.export(workspace / "part.stl")
+    (workspace / "my.yaml").write_text(block("yaml"))
+    command = re.search(r"`snakemake (-j2 exports [^`]*)`", README)[1]
+    done = snakemake(workspace, *command.split())
+    assert done.returncode == 0, done.stdout
+
+    (workspace / "loop.cpp").write_text(block("cpp"))
+    compiled, run = re.search(r"^(g\+\+ .*) && (\./loop)$", README, re.M).groups()
+    subprocess.run(compiled.split(), cwd=workspace, check=True)
+    said = subprocess.run([run], cwd=workspace, capture_output=True, text=True, check=True).stdout
+    # the middle of the box, six millimetres below two walls: which of them pushes is rounding
+    force = np.array(said.split()[:3], float)
+    assert np.linalg.norm(force) == pytest.approx(6 * 0.4, abs=0.2)
+
+    program = block("python") + "print(*force[0])\n"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=workspace,
+        env=environment(PYTHONPATH=str(workspace / "workflow")),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    # (1, 2, 3) lies an edge's length of five below the lower wall, at -2
+    assert np.array(done.stdout.split(), float) == pytest.approx([0, 0, -5 * 0.4], abs=0.02)
+
+
+def test_the_links_of_the_docs_lead_somewhere():
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "config/README.md",
+                 *(ROOT / "docs").glob("*.md")]:  # fmt: skip
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", text):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
