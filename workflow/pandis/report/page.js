@@ -46,7 +46,7 @@ function csvOf(table) {
 // What a figure or table is called: the mesh and the heading above it.
 function nameOf(element, seen) {
   let mesh = "", title = "";
-  for (const heading of document.querySelectorAll("h2, h3")) {
+  for (const heading of document.querySelectorAll("h2, h3, summary")) {
     if (!(heading.compareDocumentPosition(element) & Node.DOCUMENT_POSITION_FOLLOWING)) break;
     if (heading.tagName === "H2") [mesh, title] = [heading.textContent, ""];
     else title = heading.textContent;

@@ -13,11 +13,12 @@ from pandis.evaluation.front import PRICES, may_be_used, recommend
 from pandis.evaluation.paths import BASELINES, verdict
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
-from pandis.geometry.frame import Frame
+from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures, paper
 from pandis.report.builds import build_seconds
-from pandis.report.tables import COLUMNS, CONTACT, control_rows, summary_rows
+from pandis.report.picks import picks
+from pandis.report.tables import COLUMNS, CONTACT, FEW, control_rows, summary_rows
 from pandis.report.view import view
 from pandis.run.budget import Limits, told, told_figures
 from pandis.run.catalogue import GRID_FIELDS, parse_field
@@ -88,6 +89,10 @@ def mesh_section(name, artifacts, field_names):
     return {
         "name": name,
         "rows": rows,
+        "picks": picks(rows, held[3], home),
+        "sound": sum(row["bytes"] != "" and may_be_used(row) for row in rows),
+        "built": sum(row["bytes"] != "" for row in rows),
+        "per_unit": newtons_per_unit(held[2], frame),
         "builds": builds,
         "controls": control_rows(name, held[0], held[2]),
         "judged": contact["judged"],
@@ -127,6 +132,12 @@ def mesh_section(name, artifacts, field_names):
         if compute
         else None,
     }
+
+
+def newtons_per_unit(device, frame):
+    """Return the stiffness in N per mesh unit that is ``stiffness`` N/m at the size of a device."""
+    longest = UNIT_SIDE / frame.scale
+    return device["stiffness"] * device["size"] / longest
 
 
 def _versions(artifacts):
@@ -207,7 +218,7 @@ def _sentence(rows, networks, closed_form):
         best = min(able, key=lambda row: row["contact_mean"])
         text = (
             "Of the approximate fields that failed no question of the stress suite and lack no "
-            f"surface, {best['field']} errs least where a probe can press: "
+            f"surface, {best['field']} has the lowest error where a probe can press: "
             f"{best['contact_millinewtons']:.3g} mN on average, {best['contact_percent']:.2g} % of "
             "the mean force."
         )
@@ -262,6 +273,7 @@ def build(sections, refused=None):
         refused=refused or {},
         version=__version__,
         rays=THICKNESS_RAYS,
+        few=FEW,
         jump=JUMP,
         points=POINTS,
         prices=PRICES,

@@ -44,7 +44,7 @@ COLUMNS = {
     "libtorch_p50_us": "In LibTorch, p50 (µs)",
     "batch_us": "In a batch (µs)",
     "jump_max_newtons": "Largest jump per 0.1 mm (N)",
-    "jump_rms_newtons": "RMS",
+    "jump_rms_newtons": "RMS change of force per 0.1 mm (N)",
     "ghost_percent": "Pushes in free space by 0.05 N or more (%)",
     "ghost_newtons": "Largest force in free space (N)",
     "stress": "Stress: failed",
@@ -53,6 +53,12 @@ COLUMNS = {
     "misses": "Misses",
     "verdict": "Verdict",
 }
+
+#: The columns that a reader sees first.
+FEW = (
+    "field", "bytes", "contact_millinewtons", "contact_percent", "missing_percent", "stress",
+    "native_p50_us", "jump_rms_newtons", "front",
+)  # fmt: skip
 
 #: Times that not every field has.
 _IN_C = (
