@@ -12,15 +12,14 @@ from pandis.fields.controls import controls
 from pandis.fields.registry import open_fields
 from pandis.geometry.measure import draw_contacts
 from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import open_surface, probes
+from pandis.geometry.sampling import probes
 from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     trajectory = job.read("trajectory", "trajectory").arrays
     fields = open_fields(job.options["fields"], mesh, map(job.read_path, job.input.fields))
-    engine = fields.exact.engine
-    surface, seed = open_surface(mesh, engine), job.options["seed"]
+    surface, engine, seed = fields.body.surface, fields.body.distance, job.options["seed"]
     sets = probes(surface, engine, job.options["probes"], seed)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
     scale = Scale(job.options["size"], job.options["stiffness"])
@@ -28,8 +27,8 @@ with stage(snakemake) as job:
     contacts = draw_contacts(surface, engine, scale, job.options["probes"], rng, even=True)
     tried = controls(fields.exact, surface, scale)
     arrays, attributes = evaluate(fields, tried, path, sets, contacts, job.progress)
-    vertices = fields.exact.frame.to_unit(mesh.arrays["vertices"])
-    arrays |= surface_errors(fields, engine, vertices, mesh.arrays["faces"], job.progress)
+    corners, faces = fields.body.corners, fields.body.faces
+    arrays |= surface_errors(fields, engine, corners, faces, job.progress)
     lines = line_probes(surface, job.options["lines"], job.options["size"], seed)
     attributes["smoothness"] = smoothness(fields, engine, lines)
     attributes["beyond"] = beyond(fields, engine, seed)

@@ -2,6 +2,7 @@
 
 from pandis.export.native import export_native
 from pandis.fields.registry import kind_of, open_field
+from pandis.geometry.body import Body
 from pandis.run.catalogue import parse_field
 from pandis.run.stage import stage
 
@@ -9,5 +10,5 @@ with stage(snakemake) as job:
     name, bits = job.options["field"], job.options["weight_bits"]
     held, spec = job.read_path(job.input.held), parse_field(name, [name])
     field, kind = open_field(spec, held), kind_of(spec, held)
-    mesh = job.read("mesh", "mesh")
-    job.write_file(export_native(field, kind, job.provenance(), bits, mesh, job.log))
+    body = Body.open(job.read("mesh", "mesh"))
+    job.write_file(export_native(field, kind, job.provenance(), bits, body, job.log))

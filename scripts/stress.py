@@ -2,17 +2,14 @@
 
 from pandis.fields.controls import controls
 from pandis.fields.registry import open_fields
-from pandis.geometry.sampling import open_surface
 from pandis.run.stage import stage
 from pandis.stress.suite import Suite, stress
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     fields = open_fields(job.options["fields"], mesh, map(job.read_path, job.input.fields))
-    engine = fields.exact.engine
-    surface = open_surface(mesh, engine)
-    suite = Suite(mesh, surface, engine, job.options)
-    tried = controls(fields.exact, surface, suite.scale)
+    suite = Suite(fields.body, job.options)
+    tried = controls(fields.exact, fields.body.surface, suite.scale)
     arrays, attributes = stress(fields, tried, suite, job.progress)
     for name, failed in attributes["failed"].items():
         job.log(f"{name}: " + (f"fails {', '.join(failed)}" if failed else "passes"))

@@ -1,13 +1,11 @@
 """Lay support planes around a mesh. Writes method-support-planes.zarr.zip."""
 
-from pandis.geometry.distance import open_distance
-from pandis.geometry.frame import Frame
+from pandis.geometry.body import Body
 from pandis.grids.planes import build_planes
 from pandis.run.stage import stage
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
-    frame = mesh.attributes["frame"]
-    vertices = Frame.from_attributes(frame).to_unit(mesh.arrays["vertices"])
-    arrays = build_planes(vertices, open_distance(mesh), job.progress)
-    job.write("planes", arrays, {"frame": frame})
+    body = Body.open(mesh)
+    arrays = build_planes(body.corners, body.distance, job.progress)
+    job.write("planes", arrays, {"frame": mesh.attributes["frame"]})

@@ -11,7 +11,7 @@ with stage(snakemake) as job:
     natives = [job.note_file(path) for path in job.input.natives]
     fields = open_fields(job.options["in_python"], mesh, map(job.read_path, job.input.fields))
     arrays, attributes = time_fields(
-        fields, exports, natives, mesh, points, job.options, job.progress
+        fields, exports, natives, fields.body, points, job.options, job.progress
     )
     for path in map(job.note_file, job.input.programs):
         arrays |= time_program(path, mesh, points, job.options, attributes["fields"], job.log)

@@ -1,8 +1,8 @@
 """Run every exported field of a mesh at the servo rate. Writes hardware.zarr.zip and .json."""
 
 from pandis.fields.exact import ExactField
+from pandis.geometry.body import Body
 from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import open_surface
 from pandis.hardware.validation import validate_exports
 from pandis.hardware.walls import open_walls
 from pandis.run.stage import stage
@@ -12,9 +12,9 @@ with stage(snakemake) as job:
     trajectory = job.read("trajectory", "trajectory")
     evaluation = job.read("evaluation", "evaluation")
     exports = [job.note_file(path) for path in job.input.exports]
-    exact = ExactField("exact", mesh)
+    body = Body.open(mesh)
     scale = Scale(job.options["size"], job.options["stiffness"])
-    walls = open_walls(exact, open_surface(mesh, exact.engine), scale, job.options["seed"])
+    walls = open_walls(ExactField("exact", body), body.surface, scale, job.options["seed"])
     arrays, attributes, text = validate_exports(
         exports, walls, trajectory, evaluation, job.mesh, job.options, job.progress
     )

@@ -28,6 +28,7 @@ from pandis.export.session import Session
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
+from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance
 from pandis.geometry.frame import Frame
 from pandis.geometry.sampling import Surface
@@ -63,7 +64,7 @@ def fields(vertices, faces):
     surface = Surface(engine.vertices, engine.faces)
     arrays = {"vertices": vertices, "faces": faces}
     held = Artifact(None, "mesh", arrays, UNIT | {"shape": None}, {}, "")
-    yield "exact", "exact", ExactField("exact", held)
+    yield "exact", "exact", ExactField("exact", Body.open(held))
     for kind in ("nearest", "trilinear", "tricubic"):
         made = DenseGrid(engine, GRID_FIELDS[kind], 64, (0.045, 0.02), silent_progress)
         values = {"values": np.concatenate(list(made.slabs(64)))}

@@ -10,6 +10,7 @@ from pandis.evaluation.points import _CHOOSING, _PROMISING, Points
 from pandis.fields import sizing
 from pandis.fields.registry import open_fields
 from pandis.forces import penalty_force
+from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance, ShapeDistance
 from pandis.geometry.frame import Frame
 from pandis.geometry.measure import draw_contacts, promise
@@ -63,7 +64,7 @@ def chooser(found, tmp_path, table=TABLE, log=lambda text: None, points=None, **
     }
     points = points or Points(found.surface, found.engine, SCALE, 3)
     where = tmp_path / "c.pt", silent_progress, log
-    return Chooser(found.mesh, points, options, QueryTimes(table), *where)
+    return Chooser(Body.open(found.mesh), points, options, QueryTimes(table), *where)
 
 
 def choose(found, tmp_path, table=TABLE, **budget):

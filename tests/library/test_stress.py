@@ -8,11 +8,11 @@ from pandis.fields.base import OK, Answer, Field
 from pandis.fields.controls import controls
 from pandis.fields.grids import GRID_OPENERS
 from pandis.forces import penalty_force
+from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance, ShapeDistance
 from pandis.geometry.frame import Frame
 from pandis.geometry.measure import Stratified
 from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import SHAPES
 from pandis.grids.dense import DenseGrid
 from pandis.run.stage import silent_progress
@@ -156,9 +156,7 @@ CONTROLS = {
 @pytest.fixture(scope="module")
 def sphere():
     vertices, faces = SHAPES["sphere"].tessellation()
-    mesh = artifact("mesh", {"vertices": vertices, "faces": faces}, {"shape": "sphere"})
-    surface = Surface(FRAME.to_unit(vertices), faces, ENGINE)
-    return Suite(mesh, surface, ENGINE, OPTIONS)
+    return Suite(Body(vertices, faces, FRAME, "sphere"), OPTIONS)
 
 
 @pytest.fixture(scope="module")
@@ -301,7 +299,7 @@ def test_a_walk_stays_in_the_box_and_goes_at_its_pace():
 
 
 def test_same_seed_same_figures(sphere):
-    again = Suite(sphere.mesh, sphere.surface, ENGINE, OPTIONS)
+    again = Suite(sphere.body, OPTIONS)
     field = grid("tricubic", "distance", 24)
     assert again.ask(field, silent_progress) == sphere.ask(field, silent_progress)
     assert np.abs(penalty_force(*field.answer(again.shell.points))).max() > 0

@@ -10,7 +10,7 @@ from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
-from pandis.geometry.distance import open_distance
+from pandis.geometry.body import Body
 from pandis.geometry.frame import Frame
 from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import SHAPES
@@ -69,7 +69,7 @@ def meshes():
 @pytest.fixture(scope="session")
 def fields(meshes):
     """Return (field, kind) by name: everything that has a native file."""
-    found = {"exact": (ExactField("exact", meshes["exact"]), "exact")}
+    found = {"exact": (ExactField("exact", Body.open(meshes["exact"])), "exact")}
     engine = found["exact"][0].engine
     surface = Surface(engine.vertices, engine.faces)
     for rule in (*RULES, "nearest-box", "trilinear-box"):
@@ -87,7 +87,7 @@ def fields(meshes):
     found["gradient"] = network(engine, 50, 4, 1, 8), "network"
     found["shallow"] = network(engine, 17, 1, 1, 0), "network"
     for shape in SHAPES:
-        found[shape] = ExactField("exact", meshes[shape]), "exact"
+        found[shape] = ExactField("exact", Body.open(meshes[shape])), "exact"
     return found
 
 
@@ -98,7 +98,7 @@ def files(fields, meshes, tmp_path_factory):
     paths = {}
     for name, (field, kind) in fields.items():
         paths[name] = folder / f"{name}.pandis"
-        engine = open_distance(meshes[name])
+        engine = Body.open(meshes[name]).distance
         safe = clearance(lambda points, f=field: f.query(points)[::2], engine)
         paths[name].write_bytes(native_bytes(field, kind, {"of": name}, safe=safe))
     for name in ("network", "gradient"):  # for what is asked of bytes, not of answers

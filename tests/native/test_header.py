@@ -20,6 +20,7 @@ from pandis.export.native import export_native, native_bytes
 from pandis.fields.base import BOUND, INVALID
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
+from pandis.geometry.body import Body
 from pandis.native.runtime import NativeField, pack, read_provenance
 from pandis.native.servo import run_ticks
 from support import ROOT
@@ -540,8 +541,8 @@ def test_libfuzzer_finds_nothing_in_a_quarter_of_an_hour(files, tmp_path):
 def test_sixteen_bits_cost_little(fields, meshes):
     field, kind = fields["gradient"]
     said = []
-    data = export_native(field, kind, {}, 16, meshes["exact"], said.append)
-    whole = export_native(field, kind, {}, 32, meshes["exact"], said.append)
+    data = export_native(field, kind, {}, 16, Body.open(meshes["exact"]), said.append)
+    whole = export_native(field, kind, {}, 32, Body.open(meshes["exact"]), said.append)
     assert len(data) < 0.75 * len(whole)
     points = points_for(field)
     one, other = NativeField(data), NativeField(whole)
@@ -556,7 +557,7 @@ def test_a_broken_sixteen_bit_export_is_refused(fields, meshes, monkeypatch):
     broken = resealed(data, section(data, b"SCAL"), "<f", 0.1)
     monkeypatch.setattr("pandis.export.native.native_bytes", lambda *_: broken)
     with pytest.raises(pandis.errors.PandisError, match="differs from its field"):
-        export_native(field, kind, {}, 16, meshes["exact"], print)
+        export_native(field, kind, {}, 16, Body.open(meshes["exact"]), print)
 
 
 def test_an_export_that_differs_from_its_field_is_refused(fields, meshes, monkeypatch):
@@ -567,7 +568,7 @@ def test_an_export_that_differs_from_its_field_is_refused(fields, meshes, monkey
     broken = resealed(data, at, "<f", 3.0)
     monkeypatch.setattr("pandis.export.native.native_bytes", lambda *_: broken)
     with pytest.raises(pandis.errors.PandisError, match="differs from its field"):
-        export_native(field, kind, {}, 32, meshes["exact"], print)
+        export_native(field, kind, {}, 32, Body.open(meshes["exact"]), print)
 
 
 def test_provenance_travels_with_the_file(files, tmp_path):

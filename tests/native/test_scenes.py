@@ -17,7 +17,7 @@ from pandis.evaluation.scenes import try_scene
 from pandis.export.clearance import clearance
 from pandis.export.native import native_bytes
 from pandis.fields.base import INVALID
-from pandis.geometry.distance import open_distance
+from pandis.geometry.body import Body
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 from pandis.run.stage import silent_progress
@@ -147,7 +147,7 @@ def test_clearance_is_what_a_field_errs(fields, meshes):
     found = {}
     for name in ("exact", "sphere", "tricubic", "trilinear-normal", "nearest"):
         field, mesh = fields[name][0], meshes[name]
-        safe = clearance(lambda p, f=field: f.query(p)[::2], open_distance(mesh))
+        safe = clearance(lambda p, f=field: f.query(p)[::2], Body.open(mesh).distance)
         found[name] = safe[6]
         assert safe[:6] == pytest.approx([-0.9, -0.9, safe[2], 0.9, 0.9, -safe[2]], abs=1e-12)
         assert safe[7] >= found[name] or name in ("exact", "sphere")

@@ -10,6 +10,7 @@ from test_devices import RADIUS, compile_stand_in
 from pandis.fields.controls import controls
 from pandis.fields.exact import ExactField
 from pandis.forces import penalty_force
+from pandis.geometry.body import Body
 from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import Surface
 from pandis.geometry.trajectories import trace
@@ -155,7 +156,7 @@ def test_a_slow_machine_is_told_what_to_do():
 def test_no_control_passes_the_hardware_verdict(name):
     """A field of no force was called “pass … it keeps still and gives no energy”."""
     shape = open_shape(name)
-    exact = ExactField("exact", shape.mesh)
+    exact = ExactField("exact", Body.open(shape.mesh))
     walls = open_walls(exact, shape.surface, SCALE, 1)
     assert compare(lambda p: penalty_force(*exact.answer(p)), walls)["holds"]
     for control in controls(exact, shape.surface, SCALE):

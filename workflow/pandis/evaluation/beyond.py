@@ -15,7 +15,7 @@ def beyond(fields, engine, seed):
     ----------
     fields : list of pandis.fields.base.Field
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     seed : int
 
     Returns

@@ -10,6 +10,7 @@ from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
+from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance
 from pandis.geometry.frame import Frame
 from pandis.geometry.sampling import Surface
@@ -78,11 +79,8 @@ def _exact():
         shape = SHAPES["torus"]
         vertices, faces = shape.tessellation(*(cuts or ()))
         frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-        attributes = {"shape": None if cuts else "torus", "frame": FRAME.attributes()}
-        arrays = {"vertices": frame.to_unit(vertices), "faces": faces}
-        held = Artifact(None, "mesh", arrays, attributes, {}, "")
-        size = len(faces) if cuts else 1
-        yield "exact", size, lambda held=held: _native(ExactField("exact", held), "exact")
+        body = Body(frame.to_unit(vertices), faces, FRAME, None if cuts else "torus")
+        yield "exact", body.size, lambda b=body: _native(ExactField("exact", b), "exact")
 
 
 def _grids(engine):

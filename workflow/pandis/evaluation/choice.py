@@ -48,10 +48,9 @@ class Chooser:
 
     Parameters
     ----------
-    mesh : pandis.run.artifact.Artifact
-        Of kind ``mesh``.
+    body : pandis.geometry.body.Body
     points : pandis.evaluation.points.Points
-        Of that mesh.
+        Of that body.
     options : dict
         ``budget`` (`pandis.run.options.BudgetOptions`), ``band``, ``seed``, ``samples``
         (`pandis.run.options.SampleOptions`), ``recipe`` (`pandis.run.recipes.ExactRecipe`),
@@ -65,12 +64,12 @@ class Chooser:
     log : callable
     """
 
-    def __init__(self, mesh, points, options, times, checkpoint, progress, log):
-        self.mesh, self.points, self.options, self.times = mesh, points, options, times
+    def __init__(self, body, points, options, times, checkpoint, progress, log):
+        self.body, self.points, self.options, self.times = body, points, options, times
         self.checkpoint, self.progress, self.log = checkpoint, progress, log
         self.budget = options["budget"]
         self.limits = points.limits(self.budget)
-        self.grids = Grids(points, mesh.attributes["frame"], options["band"], progress)
+        self.grids = Grids(points, body.frame.attributes(), options["band"], progress)
         self.considered, self._nearest, self._suite = [], None, None
 
     def choose(self):
@@ -127,10 +126,7 @@ class Chooser:
     # --- the kinds ------------------------------------------------------------------------
 
     def _exact(self):
-        mesh, closed_form = self.mesh.arrays, bool(self.mesh.attributes.get("shape"))
-        faces, engine = len(mesh["faces"]), self.points.engine
-        size = 0 if closed_form else engine.tree_bytes
-        count = 1 if closed_form else faces
+        size, count = self.body.bytes, self.body.size
         if not self._fitting("exact", {count: size}):
             return None
         if self.budget["bytes"] is None and self.budget["query_time"] is None:
@@ -140,8 +136,8 @@ class Chooser:
             )
         held = {"mean": 0.0, "p99": 0.0, "missing": 0.0}
         choice = {"field": "exact", "held_out_error": 0.0, "held_out": held, "bytes": size}
-        arrays = {key: mesh[key] for key in ("vertices", "faces")}
-        attributes = {"shape": self.mesh.attributes.get("shape")}
+        arrays = {"vertices": self.body.vertices, "faces": self.body.faces}
+        attributes = {"shape": self.body.shape}
         return Found(arrays, attributes, choice | self._time("exact", count), _nothing)
 
     def _dense(self):
@@ -247,7 +243,7 @@ class Chooser:
             return measured._replace(why=f"meets the errors, but fails the stress suite: {why}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
         try:
-            export_native(field, kind, {}, self.options["weight_bits"], self.mesh, _silent)
+            export_native(field, kind, {}, self.options["weight_bits"], self.body, _silent)
         except PandisError as error:
             return measured._replace(why=f"meets the errors, but cannot be exported: {error}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
@@ -255,15 +251,14 @@ class Chooser:
 
     @property
     def suite(self):
-        """The stress suite of the mesh, made when it is first needed."""
+        """The stress suite of the body, made when it is first needed."""
         if self._suite is None:
-            own = self.points
             options = self.options["stress"] | {"seed": self.options["seed"]}
-            self._suite = Suite(self.mesh, own.surface, own.engine, options)
+            self._suite = Suite(self.body, options)
         return self._suite
 
     def _try_controls(self):
-        exact = ExactField("exact", self.mesh)
+        exact = ExactField("exact", self.body)
         tried = controls(exact, self.points.surface, self.points.scale)
         met = []
         for control in tried:
@@ -283,7 +278,7 @@ class Chooser:
         return {"field": name, "bytes": bytes_, "fits": measured.excess} | held
 
     def _frame(self):
-        return {"frame": self.mesh.attributes["frame"]}
+        return {"frame": self.body.frame.attributes()}
 
     def _weights(self, width):
         """Return the bytes of a network and its base."""

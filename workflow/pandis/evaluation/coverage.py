@@ -19,7 +19,7 @@ def coverage(surface, engine, paths, seed):
     ----------
     surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     paths : ndarray, shape (p, m, 3), unit frame
     seed : int
 

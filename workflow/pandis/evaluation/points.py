@@ -46,7 +46,7 @@ class Points:
     ----------
     surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     scale : pandis.geometry.physical.Scale
     seed : int
     """

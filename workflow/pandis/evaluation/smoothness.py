@@ -71,7 +71,7 @@ def smoothness(fields, engine, lines):
     ----------
     fields : list of pandis.fields.base.Field
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     lines : ndarray, shape (m, s + 1, 3)
 
     Returns

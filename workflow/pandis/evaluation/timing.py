@@ -9,7 +9,6 @@ from pandis.evaluation import libtorch
 from pandis.export.check import FORCE
 from pandis.export.session import Session
 from pandis.forces import penalty_force
-from pandis.geometry.distance import open_distance
 from pandis.geometry.frame import Frame
 from pandis.native.runtime import CACHES, NativeField
 from pandis.run.machine import describe
@@ -23,18 +22,7 @@ _IN_C = "C, called from Python"
 ANYWHERE, TRIES = 2000, 3
 
 
-def _scan(mesh):
-    """Return what answers distance and normal (mesh units) from all faces."""
-    frame, engine = Frame.from_attributes(mesh.attributes["frame"]), open_distance(mesh)
-
-    def answer(points):
-        distance, normal = engine.scan(frame.to_unit(points))
-        return distance / frame.scale, normal
-
-    return answer
-
-
-def time_fields(fields, exports, natives, mesh, points, options, progress):
+def time_fields(fields, exports, natives, body, points, options, progress):
     """Time every field of a mesh along its trajectory.
 
     Parameters
@@ -45,7 +33,7 @@ def time_fields(fields, exports, natives, mesh, points, options, progress):
         ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
     natives : list of Path
         ``{field}.pandis``: run by ``pandis.h``, timed in C.
-    mesh : pandis.run.artifact.Artifact
+    body : pandis.geometry.body.Body
     points : ndarray, shape (m, 3), unit frame
     options : dict
         See `pandis.run.options.TimingOptions`.
@@ -58,11 +46,11 @@ def time_fields(fields, exports, natives, mesh, points, options, progress):
         As stored in ``timing.zarr.zip``: seconds of every single query, of those with empty
         caches, and of every batch (per point), by field; and of `BRUTE`.
     """
-    points = Frame.from_attributes(mesh.attributes["frame"]).to_mesh(points)
+    points = body.frame.to_mesh(points)
     counts = (options["queries"], options["batch"], options["repeats"])
     answers = [(f.name, f.distance_and_normal, _IN_C, counts) for f in fields]
-    if not mesh.attributes["shape"]:
-        answers.append((BRUTE, _scan(mesh), _IN_C, BRUTE_COUNTS))
+    if body.can_be_scanned:
+        answers.append((BRUTE, body.scan, _IN_C, BRUTE_COUNTS))
     for path in exports:
         answer = Session(path).distance_and_normal
         answers.append((path.stem, answer, "ONNX Runtime, 1 thread", counts))

@@ -32,7 +32,7 @@ def surface_errors(fields, engine, vertices, faces, progress):
     ----------
     fields : list of pandis.fields.base.Field
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     vertices, faces : ndarray
         The whole mesh, unit frame.
     progress : callable

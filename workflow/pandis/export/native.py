@@ -15,7 +15,7 @@ from pandis.fields.grid import GridField
 from pandis.fields.siren import SirenField
 from pandis.fields.spline import SplineField
 from pandis.forces import penalty_force
-from pandis.geometry.distance import ShapeDistance, open_distance
+from pandis.geometry.distance import ShapeDistance
 from pandis.native.bvh import LEAF_BYTES, NODE_BYTES
 from pandis.native.runtime import (
     GRID,
@@ -153,14 +153,14 @@ def _shape(shape):
     return [SHAPES.index(type(shape).__name__.lower())], sizes, {}
 
 
-def export_native(field, kind, provenance, weight_bits, mesh, log):
+def export_native(field, kind, provenance, weight_bits, body, log):
     """Return the ``.pandis`` file of a field, checked against it.
 
     Parameters
     ----------
     field, kind, provenance, weight_bits
         As for `native_bytes`.
-    mesh : pandis.run.artifact.Artifact
+    body : pandis.geometry.body.Body
         What the field is of: how far its distances are off there goes with it.
     log : callable
 
@@ -177,7 +177,7 @@ def export_native(field, kind, provenance, weight_bits, mesh, log):
         log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
     differences = check(native.distance_and_normal, _reference(wanted), field.frame)
     log(f"agrees with the field: {differences}")
-    safe = clearance(_in_unit_frame(native), open_distance(mesh))
+    safe = clearance(_in_unit_frame(native), body.distance)
     log("scenes go by its distance less {:.2g}, or {:.2g} where it is a bound".format(*safe[6:]))
     return native_bytes(field, kind, provenance, weight_bits, safe)
 

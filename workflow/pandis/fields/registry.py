@@ -10,18 +10,24 @@ from pandis.fields.implicit import AlgebraicField
 from pandis.fields.planes import PlanesField
 from pandis.fields.proxy import ProxyField
 from pandis.fields.siren import SirenField
+from pandis.geometry.body import Body
 from pandis.run.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, parse_field
 
-_OPENERS = GRID_OPENERS | {"exact": ExactField, "network": SirenField, ALGEBRAIC: AlgebraicField}
+
+def _open_exact(name, mesh):
+    return ExactField(name, Body.open(mesh))
+
+
+_OPENERS = GRID_OPENERS | {"exact": _open_exact, "network": SirenField, ALGEBRAIC: AlgebraicField}
 _OPENERS |= dict.fromkeys(PLANE_FIELDS, PlanesField)
 
 
 class Fields(list):
-    """The fields of a mesh, in the order of the configuration; ``exact`` is always at hand."""
+    """The fields of a body, in the order of the configuration; ``exact`` is always at hand."""
 
-    def __init__(self, fields, exact):
+    def __init__(self, fields, body, exact):
         super().__init__(fields)
-        self.exact = exact
+        self.body, self.exact = body, exact
 
 
 def open_fields(names, mesh, artifacts):
@@ -42,10 +48,11 @@ def open_fields(names, mesh, artifacts):
     held = {artifact.path.name.removesuffix(".zarr.zip"): artifact for artifact in artifacts}
     held["mesh"] = mesh
     recipes = [stem.removeprefix("model-") for stem in held if stem.startswith("model-")]
-    exact = ExactField("exact", mesh)
+    body = Body.open(mesh)
+    exact = ExactField("exact", body)
     specs = [parse_field(name, recipes) for name in names]
     opened = [exact if s.kind == "exact" else open_field(s, held[s.artifact]) for s in specs]
-    return Fields(opened, exact)
+    return Fields(opened, body, exact)
 
 
 def open_field(spec, artifact):

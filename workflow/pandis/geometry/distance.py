@@ -13,8 +13,6 @@ of it is the formula.
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.geometry.frame import Frame
-from pandis.geometry.shapes import find_shape
 from pandis.native.bvh import INVALID, ON_SURFACE, TIED, Bvh, Labels
 
 #: Closer than this (unit frame) the quotient (q - c) / d has lost too many digits.
@@ -200,17 +198,3 @@ class ShapeDistance:
     def inside(self, points):
         """Tell which points (n, 3) lie inside."""
         return self.distance_and_normal(points)[0] < 0
-
-
-def open_distance(mesh):
-    """Return the engine of a mesh artifact: closed form where there is one.
-
-    Parameters
-    ----------
-    mesh : pandis.run.artifact.Artifact
-        Of kind ``mesh``.
-    """
-    frame = Frame.from_attributes(mesh.attributes["frame"])
-    if mesh.attributes.get("shape"):
-        return ShapeDistance(find_shape(mesh.attributes["shape"]), frame)
-    return MeshDistance(frame.to_unit(mesh.arrays["vertices"]), mesh.arrays["faces"])

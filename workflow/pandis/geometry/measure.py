@@ -89,7 +89,7 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
     ----------
     surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     scale : pandis.geometry.physical.Scale
     count : int
         Surface points; those left out are not replaced.

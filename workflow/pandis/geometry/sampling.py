@@ -115,14 +115,6 @@ def bending(surface):
     return np.clip(total / np.maximum(surface.areas, 1e-300) * BEND_LENGTH, 1.0, BEND_FACTOR)
 
 
-def open_surface(mesh, engine):
-    """Return the `Surface` of a mesh artifact; closed forms are sampled exactly."""
-    frame = engine.frame if mesh.attributes.get("shape") else None
-    if frame is not None:
-        return Surface(frame.to_unit(mesh.arrays["vertices"]), mesh.arrays["faces"], engine)
-    return Surface(engine.vertices, engine.faces)
-
-
 def blue_noise(surface, count, rng):
     """Draw points that keep their distance: sample elimination (Yuksel 2015).
 

@@ -37,7 +37,7 @@ class Strata:
     ----------
     surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     options : dict
         See `pandis.run.options.SampleOptions`; and ``seed``.
 

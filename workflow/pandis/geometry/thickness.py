@@ -22,7 +22,7 @@ def inscribed_radius(engine, points, normals, largest=UNIT_SIDE / 2):
     Parameters
     ----------
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     points, normals : ndarray, shape (n, 3), unit frame
         On the surface, outward.
     largest : float

@@ -26,7 +26,7 @@ def trace(surface, engine, options, progress):
     ----------
     surface : pandis.geometry.sampling.Surface
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     options : dict
         See `pandis.run.options.TrajectoryOptions`; and ``seed``.
     progress : callable

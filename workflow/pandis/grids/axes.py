@@ -33,7 +33,7 @@ class Axes(NamedTuple):
         ----------
         size : int
         engine : object
-            From `pandis.geometry.distance.open_distance`.
+            The exact distance of a `pandis.geometry.body.Body`.
         """
         low, high = engine.bounds
         return cls(size, tuple(low.tolist()), tuple(high.tolist()))

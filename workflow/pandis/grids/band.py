@@ -29,7 +29,7 @@ def find_cells(engine, size, band, low, step):
     Parameters
     ----------
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     size : int
         Nodes per axis.
     band : Band

@@ -33,7 +33,7 @@ def fit_base(engine, cells):
     Parameters
     ----------
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     cells : int
         Per axis.
 

@@ -43,7 +43,7 @@ class DenseGrid:
     Parameters
     ----------
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     content : {"force", "force-box", "normal", "distance"}
     size : int
         Nodes per axis.

@@ -61,7 +61,7 @@ def build_planes(vertices, engine, progress):
     ----------
     vertices : ndarray, shape (V, 3), unit frame
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     progress : callable
         Makes a `pandis.run.stage.Progress`.
 

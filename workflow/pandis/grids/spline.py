@@ -47,7 +47,7 @@ class SplineFit:
     Parameters
     ----------
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     surface : pandis.geometry.sampling.Surface
     band : pandis.grids.band.Band
     seed : int

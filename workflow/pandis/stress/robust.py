@@ -7,7 +7,6 @@ import numpy as np
 
 from pandis.fields.base import OK
 from pandis.forces import penalty_force
-from pandis.geometry.distance import MeshDistance
 from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.stress.probes import excess
 
@@ -76,12 +75,11 @@ def placed(field, factor, offset):
 
 
 class PlacedExact:
-    """The exact field of the mesh itself, its vertices moved and scaled before anything else."""
+    """The exact field of the body itself, moved and scaled before anything else."""
 
-    def __init__(self, mesh, factor, offset):
-        vertices = factor * (mesh.arrays["vertices"] + offset)
-        self.frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-        self.engine = MeshDistance(self.frame.to_unit(vertices), mesh.arrays["faces"])
+    def __init__(self, body, factor, offset):
+        moved = body.placed(factor, offset)
+        self.frame, self.engine = moved.frame, moved.distance
 
     def distance_and_normal(self, points):
         """Answer in these units."""

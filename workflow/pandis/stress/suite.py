@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.fields.controls import demand_failure
+from pandis.fields.exact import ExactField
 from pandis.geometry.measure import draw_contacts, stratify
 from pandis.geometry.physical import Scale
 from pandis.geometry.thickness import inscribed_radius
@@ -116,17 +117,14 @@ class Suite:
 
     Parameters
     ----------
-    mesh : pandis.run.artifact.Artifact
-        Of kind ``mesh``.
-    surface : pandis.geometry.sampling.Surface
-    engine : object
-        From `pandis.geometry.distance.open_distance`.
+    body : pandis.geometry.body.Body
     options : dict
         See `pandis.run.options.StressOptions`; and ``size``, ``stiffness``, ``seed``.
     """
 
-    def __init__(self, mesh, surface, engine, options):
-        self.mesh, self.surface, self.engine, self.options = mesh, surface, engine, options
+    def __init__(self, body, options):
+        self.body, self.options = body, options
+        self.surface, self.engine = surface, engine = body.surface, body.distance
         self.scale = Scale(options["size"], options["stiffness"])
         self.device = Device(*(options[key] for key in Device._fields))
         rng = np.random.default_rng([options["seed"], 1])
@@ -146,11 +144,9 @@ class Suite:
         own = self.pressed, self.wanted["pressed"], self.scale, self.device
         self.calm = presses(self.exact, *own)
         self.rests = stable_stiffness(self.exact, *own)
-        corners = (engine.frame.to_unit(mesh.arrays["vertices"])
-                   if mesh.attributes.get("shape") else engine.vertices)  # fmt: skip
         #: How thick the solid is below the points pushed into, however thick.
         self.thickness = inscribed_radius(engine, self.pushed.feet, self.pushed.outward)
-        self.odd = special_points(corners, mesh.arrays["faces"], self.pushed, self.thickness)
+        self.odd = special_points(body.corners, body.faces, self.pushed, self.thickness)
 
     def _places(self, count, rng):
         return stratify(self.surface, self.engine, self.scale, count, rng)
@@ -187,8 +183,8 @@ class Suite:
         rng = np.random.default_rng([self.options["seed"], 2])
         answer, exact, scale, device = field.answer, self.exact, self.scale, self.device
         place, ticks = partial(placed, field), self.options["ticks"]
-        if field.name == "exact" and not self.mesh.attributes.get("shape"):
-            place = partial(PlacedExact, self.mesh)
+        if isinstance(field, ExactField):
+            place = partial(PlacedExact, self.body)
         return {
             "missing": lambda: absence(answer, self.contacts),
             "hold": lambda: hold(answer, self.pushed, self.wanted["pushed"], scale, device),

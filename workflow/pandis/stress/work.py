@@ -25,7 +25,7 @@ def loops(places, engine, rng):
     ----------
     places : pandis.geometry.measure.Stratified
     engine : object
-        From `pandis.geometry.distance.open_distance`.
+        The exact distance of a `pandis.geometry.body.Body`.
     rng : numpy.random.Generator
 
     Returns
