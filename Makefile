@@ -1,19 +1,23 @@
 # Two commands do all the set-up:
 #   make all     install into .venv, run the workflow on config/config.yaml
 #   make test    install into .venv, lint, run the tests (20 to 28 minutes on two cores)
+#   make check   lint, the tests of what runs when, the fast configuration (two minutes)
 # Also: make test-full (no time limit), make lint, make docs, make figures, make clean.
 PYTHON ?= python3
 JOBS ?= 2
 RUN ?= default
 BIN := .venv/bin
 
-.PHONY: all test test-full lint docs figures clean
+.PHONY: all check test test-full lint docs figures clean
 
 all: .venv/installed
 	$(BIN)/snakemake -j$(JOBS) all
 
 test: lint
 	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 --durations 40
+
+check: lint
+	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 tests/plan
 
 test-full: lint
 	$(BIN)/pytest -m "" -n $(JOBS) --dist worksteal --durations 15

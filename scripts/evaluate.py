@@ -14,6 +14,7 @@ from pandis.geometry.measure import draw_contacts
 from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import probes
 from pandis.run.stage import stage
+from pandis.streams import CONTACTS, generator
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
@@ -23,7 +24,7 @@ with stage(snakemake) as job:
     sets = probes(surface, engine, job.options["probes"], seed)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
     scale = Scale(job.options["size"], job.options["stiffness"])
-    rng = np.random.default_rng([seed, 6])
+    rng = generator(seed, CONTACTS)
     contacts = draw_contacts(surface, engine, scale, job.options["probes"], rng, even=True)
     tried = controls(fields.exact, surface, scale)
     arrays, attributes = evaluate(fields, tried, path, sets, contacts, job.progress)

@@ -30,8 +30,7 @@ def test_rule_has_the_common_shape(name):
     body = RULES[name]
     directives = re.findall(r"^    (\w+):", body, re.M)
     order = [
-        "input", "output", "log", "benchmark", "retries", "conda", "priority",
-        "threads",
+        "input", "output", "log", "benchmark", "retries", "priority", "conda", "threads",
         "resources", "params", "message", "script",
     ]  # fmt: skip
     assert [d for d in order if d in directives] == directives

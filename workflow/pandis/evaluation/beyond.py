@@ -4,6 +4,7 @@ import numpy as np
 
 from pandis.forces import penalty_force
 from pandis.geometry.sampling import PROBE_DEPTHS
+from pandis.streams import BEYOND, generator
 
 POINTS = 50_000
 
@@ -27,7 +28,7 @@ def beyond(fields, engine, seed):
         the deep probes as a share of the mean force there (None where no part is so thick).
         Fields that need a path are left out.
     """
-    points = np.random.default_rng([seed, 4]).uniform(-1, 1, (POINTS, 3))
+    points = generator(seed, BEYOND).uniform(-1, 1, (POINTS, 3))
     distance, normal = engine.distance_and_normal(points)
     exact = penalty_force(distance, normal)
     core = distance < -max(PROBE_DEPTHS.values())

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pandis.geometry.thickness import inscribed_radius
+from pandis.streams import COVERAGE, generator
 
 #: Surface points that the tenths are taken of, and neighbours that curvature is taken from.
 PLACES, NEIGHBOURS = 4000, 9
@@ -30,7 +31,7 @@ def coverage(surface, engine, paths, seed):
         the normal turns and by the largest ball inside, how many hold one sample in a hundred;
         ``share_…``: the share of samples in each.
     """
-    rng = np.random.default_rng([seed, 13])
+    rng = generator(seed, COVERAGE)
     places, normals, _, _ = surface.draw(PLACES, rng)
     tree = cKDTree(places)
     values = {

@@ -12,6 +12,7 @@ import numpy as np
 from pandis.geometry.measure import draw_contacts, promise
 from pandis.geometry.sampling import HELD_OUT
 from pandis.run.budget import Limits, told, told_figures
+from pandis.streams import generator
 
 #: Points that a promise rests on.
 PROMISED = 2 * HELD_OUT
@@ -65,7 +66,7 @@ class Points:
         return self._draw(PROMISED, _PROMISING)
 
     def _draw(self, count, stream):
-        rng = np.random.default_rng([self.seed, *stream])
+        rng = generator(self.seed, *stream)
         return draw_contacts(self.surface, self.engine, self.scale, count, rng)
 
     @cached_property

@@ -11,6 +11,7 @@ import numpy as np
 from pandis.forces import penalty_force
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.geometry.sampling import PROBE_DEPTHS
+from pandis.streams import SMOOTHNESS, generator
 
 #: Length of a line (m, in the device's workspace), and its steps.
 LENGTH, STEPS = 1e-3, 100
@@ -37,7 +38,7 @@ def line_probes(surface, count, size, seed):
         Points at equal distances. Lines have their middles 0 to 0.04 below the surface and
         every direction.
     """
-    rng = np.random.default_rng([seed, 3])
+    rng = generator(seed, SMOOTHNESS)
     points, normals, _, _ = surface.draw(count, rng)
     middle = points - rng.uniform(0, PROBE_DEPTHS["deep"], count)[:, None] * normals
     along = rng.normal(size=(count, 3))

@@ -10,6 +10,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pandis.streams import generator
+
 #: Depths below the surface of the two probe sets (unit frame).
 PROBE_DEPTHS = {"shallow": 0.01, "deep": 0.04}
 #: Faces count as bent by the angles between them and their neighbours, per this length.
@@ -171,7 +173,7 @@ def probes(surface, engine, count, seed):
     """
     sets = {}
     for index, (name, deepest) in enumerate(PROBE_DEPTHS.items()):
-        rng = np.random.default_rng([seed, index])
+        rng = generator(seed, index)
         points, normals, _, _ = blue_noise(surface, count, rng)
         depth = rng.permutation((np.arange(count) + rng.random(count)) / count) * deepest
         points = points - depth[:, None] * normals

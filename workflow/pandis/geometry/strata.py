@@ -9,6 +9,7 @@ import numpy as np
 
 from pandis.geometry.sampling import PROBE_DEPTHS
 from pandis.native.bvh import TIED
+from pandis.streams import generator
 
 STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
 #: Depths of the shallow stratum: from just outside to somewhat beyond the shallow probes.
@@ -94,7 +95,7 @@ class Strata:
         report, done = progress("points", self.count), 0
         for index, (name, (low, high)) in enumerate(self.ranges.items()):
             for shard, start in enumerate(range(0, high - low, SHARD)):
-                rng = np.random.default_rng([self.options["seed"], index, shard])
+                rng = generator(self.options["seed"], index, shard)
                 size = min(SHARD, high - low - start)
                 yield self._label(index, *self._draw(name, rng, start, size, high - low))
                 done += size
@@ -126,7 +127,7 @@ class Strata:
         for index, (name, (low, high)) in enumerate(self.ranges.items()):
             count = round(size * (high - low) / trained)
             if name != "held-out" and count:
-                rng = np.random.default_rng([self.options["seed"], len(STRATA) + index, block])
+                rng = generator(self.options["seed"], len(STRATA) + index, block)
                 found = self._label(index, *self._draw(name, rng, 0, count, count), ties=False)
                 columns = [found[k] for k in ("points", "distance", "normal")]
                 parts.append(np.column_stack(columns).astype(np.float32))

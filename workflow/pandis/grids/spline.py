@@ -15,6 +15,7 @@ from scipy.ndimage import convolve1d
 from pandis.grids.band import Band, find_cells
 from pandis.grids.fit import Level, Targets, fit, residual
 from pandis.native.spline import BLOCK, Lattice, block_count, kept_nodes, pack
+from pandis.streams import SPLINE, generator
 
 #: Nodes of the base per node of the fine lattice.
 BASE_SHARE = 1 / 3.5
@@ -66,7 +67,7 @@ class SplineFit:
 
         Besides them some below the band, where the base alone answers.
         """
-        rng = np.random.default_rng([self.seed, 7])
+        rng = generator(self.seed, SPLINE)
         shallow, inside = count * 5 // 8, self.band.inside
         parts = []
         for size, highest, deepest in (

@@ -17,6 +17,7 @@ from pandis.geometry.measure import (
     stratify,
 )
 from pandis.geometry.sampling import PROBE_DEPTHS
+from pandis.streams import WALLS, generator
 
 #: Surface points that forces are compared at; and that a simulated device presses on.
 POINTS, PRESSED = 2000, 10
@@ -64,7 +65,7 @@ def open_walls(exact, surface, scale, seed):
     PandisError
         A control passes.
     """
-    rng, engine = np.random.default_rng([seed, 21]), exact.engine
+    rng, engine = generator(seed, WALLS), exact.engine
     drawn = []
     for count in (POINTS, PRESSED):
         places = stratify(surface, engine, scale, count, rng)

@@ -3,8 +3,7 @@
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-
+from pandis import streams
 from pandis.fields.controls import demand_failure
 from pandis.fields.exact import ExactField
 from pandis.geometry.measure import draw_contacts, stratify
@@ -127,7 +126,7 @@ class Suite:
         self.surface, self.engine = surface, engine = body.surface, body.distance
         self.scale = Scale(options["size"], options["stiffness"])
         self.device = Device(*(options[key] for key in Device._fields))
-        rng = np.random.default_rng([options["seed"], 1])
+        rng = streams.generator(options["seed"], streams.PLACES)
         self.contacts = draw_contacts(surface, engine, self.scale, CONTACTS, rng)
         places = self._places(PLACES, rng)
         self.loops = loops(self._places(options["loops"], rng), engine, rng)
@@ -180,7 +179,7 @@ class Suite:
 
     def _questions(self, field, progress):
         """Return what answers each question, in the order of `QUESTIONS`: the quick ones first."""
-        rng = np.random.default_rng([self.options["seed"], 2])
+        rng = streams.generator(self.options["seed"], streams.QUESTIONS)
         answer, exact, scale, device = field.answer, self.exact, self.scale, self.device
         place, ticks = partial(placed, field), self.options["ticks"]
         if isinstance(field, ExactField):

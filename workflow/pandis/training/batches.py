@@ -5,6 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import torch
 
+from pandis.streams import BOX, ORDER, generator
+
 #: Points drawn at once, to be shown once.
 FRESH = 1 << 18
 #: Blocks that are made while a GPU uses one: it is faster than any one of them is made.
@@ -64,9 +66,9 @@ def surface_batches(places, base, size, seed, device):
     per_block = len(places) // size
 
     def make(epoch):
-        order = np.random.default_rng([seed, 1, epoch]).permutation(len(places))
+        order = generator(seed, ORDER, epoch).permutation(len(places))
         rows = places[order[: per_block * size]]
-        rng = np.random.default_rng([seed, 2, epoch])
+        rng = generator(seed, BOX, epoch)
         box = rng.random((len(rows), 3), dtype=np.float32) * 2 - 1
         here = with_base(rows, base)[:, rows.shape[1] :]
         there = with_base(box, base)[:, box.shape[1] :]
@@ -109,7 +111,7 @@ def fresh_batches(strata, base, size, seed, device):
 
     def make(block):
         rows = strata.fresh(block, per_block * size + 16)  # rounding may take a few away
-        order = np.random.default_rng([seed, 1, block]).permutation(len(rows))
+        order = generator(seed, ORDER, block).permutation(len(rows))
         return np.ascontiguousarray(with_base(rows, base)[order])
 
     return Batches(make, size, per_block, device)
