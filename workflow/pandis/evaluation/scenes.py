@@ -39,7 +39,7 @@ def try_scene(name, files, options, progress, log):
         As stored in the scene's artifact: the walk, forces, flags, how many fields were asked and
         the seconds of each tick.
     text : str
-        ``{scene}.json``: the attributes, but for the header.
+        ``{scene}.json``: the attributes, except the header.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 An exact force has no error, and yet it jumps wherever the closest facet changes; a device shows
 that as a click. A wall of stiffness k changes the force by k·h over a step h at most, whatever
-its shape, but for the turning of the normal: what changes it by a multiple of that is felt as an
+its shape, except where the normal turns: what changes it by a multiple of that is felt as an
 edge, or is a defect of the field.
 """
 

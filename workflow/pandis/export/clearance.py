@@ -12,7 +12,7 @@ from pandis.fields.base import BOUND, OK
 POINTS = 60_000
 #: Heights above the surface of the latter (unit frame), spread by logarithm.
 HEIGHTS = 1e-4, 0.5
-#: What is found at so many points may be more between them: by so much, and what rounding does.
+#: Sampling can miss the worst case: its result is multiplied by MORE, and ROUNDING is added.
 MORE, ROUNDING = 1.5, 1e-9
 #: The worst points are starts of a search for worse ones nearby: how many, rounds, tries in each,
 #: and how far away they lie at first and how much nearer from round to round.

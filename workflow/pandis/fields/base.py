@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Flags of an answer: as good as the field is; outside of what the field covers, so that the
-#: distance is at least as large as `Field.bound` says and no more is known; no answer, because
-#: the point is no finite number.
+#: Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field
+#: covers; the distance is at least as large as `Field.bound` says, and no more is known. INVALID:
+#: no answer, because the point is not finite.
 OK, BOUND, INVALID = 0, 1, 2
 
 

@@ -28,7 +28,7 @@ class Candidate(NamedTuple):
     ----------
     field : pandis.fields.base.Field
     arrays, attributes : dict
-        As stored in its artifact, but for the frame.
+        As stored in its artifact, except the frame.
     """
 
     field: Field

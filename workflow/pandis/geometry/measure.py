@@ -159,7 +159,7 @@ def contact_errors(force_at, contacts):
 
 
 def promise(force_at, contacts):
-    """Measure a field on the deep contact set, and what it errs by at most, but for bad luck.
+    """Measure a field on the deep contact set, and bound its errors with high probability.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ class Strata:
         labels = self.engine.label(points.astype(np.float64), ties=ties)
         distance, normal = labels.distance, labels.normal
         if STRATA[index] == "surface":
-            # on the surface by construction, but for the rounding of their coordinates
+            # on the surface by construction, except for the rounding of their coordinates
             distance = np.zeros(len(points))
             normal = self.surface.at(face, barycentrics)[1]
         return {

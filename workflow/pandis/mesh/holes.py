@@ -24,7 +24,7 @@ def fill_holes(vertices, faces):
     ----------
     vertices : ndarray, shape (V, 3)
     faces : ndarray, shape (F, 3)
-        Manifold but for its rims, consistently oriented.
+        Manifold except its rims, consistently oriented.
 
     Returns
     -------

@@ -61,7 +61,7 @@ class FieldSpec(NamedTuple):
     size : int, "auto" or None
         Nodes per axis of a grid.
     exports : tuple of str
-        Endings of its files under ``results/{mesh}/export/``, but for ``.pandis``: see ``native``.
+        Endings of its files under ``results/{mesh}/export/``, except ``.pandis``: see ``native``.
     through : FieldSpec or None
         The field that a contact point is tracked on.
     """

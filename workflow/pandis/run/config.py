@@ -64,7 +64,7 @@ class StageOptions(Options):
     samples: SampleOptions = Field(default_factory=SampleOptions, description="training points")
     train: dict[str, Annotated[PaperRecipe | ExactRecipe, Field(discriminator="loss")]] = Field(
         default_factory=dict,
-        description="recipes by name; `loss` is `paper` or `exact` (the default, but for the "
+        description="recipes by name; `loss` is `paper` or `exact` (the default, except the "
         "recipes named `pandis` and `pandis-grad`)",
     )
     bake: BakeOptions = Field(default_factory=BakeOptions, description="grids")

@@ -95,8 +95,8 @@ class SampleOptions(Options):
     core: int = Field(
         50_000,
         ge=0,
-        description="points deeper than `depth` along the normal, up to 1: behind thin parts they "
-        "come out again",
+        description="points deeper than `depth` along the normal, up to 1: where the part is thin, "
+        "they may end up outside",
     )
     box: int = Field(50_000, ge=0, description="points uniform in the box [-1, 1]³")
     held_out: Annotated[int, Field(ge=100)] = Field(

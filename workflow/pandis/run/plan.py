@@ -141,7 +141,7 @@ class Plan:
         return field_specs(self.entries[mesh])
 
     def held(self, mesh):
-        """Return one FieldSpec for each artifact that holds a field, but for the mesh itself.
+        """Return one FieldSpec for each artifact that holds a field, except the mesh itself.
 
         A contact point's field is among them.
         """
@@ -283,7 +283,7 @@ class Plan:
     def code(self, stage):
         """Return the function that gives a job of ``stage`` the digest of its code.
 
-        The script and the library modules behind it, but for those that the job's options leave
+        The script and the library modules behind it, except those that the job's options leave
         out: a method that a mesh does not use makes none of its results stale.
         """
         return partial(self._job_code, stage)

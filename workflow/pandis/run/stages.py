@@ -25,7 +25,7 @@ def field_specs(entry):
 
 
 def field_holders(entry):
-    """Return one FieldSpec for each artifact that holds a field, but for the mesh itself.
+    """Return one FieldSpec for each artifact that holds a field, except the mesh itself.
 
     The field that a contact point's runs through is among them.
     """

@@ -53,8 +53,8 @@ def verify(plan, log):
 def remedy(plan, found):
     """Return the commands that mend results, of pairs of an output and what is wrong with it.
 
-    A file that is lost or damaged is made again alone: if its bytes come out the same, as they do
-    but for durations, nothing that was made from it runs again.
+    A file that is lost or damaged is made again alone: if its bytes come out the same, as all do
+    except durations, nothing that was made from it runs again.
     """
     given = f"-j2{_configfiles(plan)}"
     stale = [output for output, fault in found if fault.startswith(_STALE)]
@@ -205,6 +205,6 @@ class Checker:
 
 
 def _without_builds(data):
-    """Return the rows of a summary but for build times, which no artifact vouches for."""
+    """Return the rows of a summary without build times, which no artifact vouches for."""
     rows = list(csv.DictReader(data.decode("utf-8", "replace").splitlines()))
     return [{k: v for k, v in row.items() if k != "build_s"} for row in rows]

@@ -26,7 +26,7 @@ def train(options, samples, strata, points, checkpoint, progress, log):
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``model-….zarr.zip``, but for the frame.
+        As stored in ``model-….zarr.zip``, except the frame.
     finish : callable
         Removes the checkpoints; to be called once the artifact is written.
 

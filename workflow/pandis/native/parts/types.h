@@ -1,6 +1,6 @@
-/* Flags of an answer: as good as the field is; outside of what the field covers, so that the side is
- * right and the distance an estimate, which may be too large; no answer, because the point is no
- * number (or beyond 1e150), or the field overflowed. */
+/* Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field covers;
+ * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
+ * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. */
 enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2 };
 
 /* Why a field cannot be opened. */

@@ -124,7 +124,7 @@ class NativeScene:
         Raises
         ------
         PandisError
-            It lies nowhere; until it does, it is left out.
+            Its pose is invalid; it is left out until a valid one is set.
         """
         index = range(len(self.objects))[index]
         self.objects[index] = placed
