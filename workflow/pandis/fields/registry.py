@@ -1,6 +1,6 @@
 """Opens any field by its name, for evaluation, stress, timing, report and native export alone.
 
-A new field is one module beside this one, its options in `pandis.run.config`, its
+A new field is one module beside this one, its options in `pandis.run.options`, its
 name in `pandis.run.catalogue`, and one line here.
 """
 

@@ -33,7 +33,7 @@ def remembered(maker, text, make):
     try:
         return json.loads(path.read_bytes())
     except (OSError, ValueError):
-        value = make()
+        value = json.loads(json.dumps(make()))  # as the next process will read it
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as stream:

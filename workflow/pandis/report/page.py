@@ -1,6 +1,9 @@
 """The report: one HTML file that needs nothing else."""
 
+import ctypes
+import signal
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from importlib import resources
 from multiprocessing import get_context
 
@@ -24,13 +27,22 @@ from pandis.run.budget import Limits, told, told_figures
 from pandis.run.catalogue import GRID_FIELDS, parse_field
 from pandis.stress.suite import QUESTIONS
 
+#: So many meshes are drawn at a time at most: the memory of the rule is for these.
+MOST_AT_ONCE = 4
+
+
+def _end_with_parent():
+    """Ask Linux to end this process when the job that it belongs to is stopped."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
 
 def mesh_sections(meshes, read, threads, progress):
     """Prepare all meshes, as many at a time as there are threads, each in a process of its own.
 
     Parameters
     ----------
-    meshes : dict of str to list
+    meshes : dict of str to tuple
         The arguments of `mesh_section` after the name: paths of the artifacts, and names of fields.
     read : callable
         Opens an artifact's path.
@@ -46,7 +58,8 @@ def mesh_sections(meshes, read, threads, progress):
     told, sections = progress("pages", len(meshes), "meshes"), []
     work = [(name, list(map(read, paths)), fields) for name, (paths, fields) in meshes.items()]
     # drawing holds Python's lock; a fork has read and imported everything already
-    with ProcessPoolExecutor(min(threads, len(work)), get_context("fork")) as pool:
+    count = min(threads, len(work), MOST_AT_ONCE)
+    with ProcessPoolExecutor(count, get_context("fork"), _end_with_parent) as pool:
         for section in pool.map(mesh_section, *zip(*work, strict=True)):
             sections.append(section)
             told.update(len(sections))

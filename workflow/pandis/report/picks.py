@@ -34,7 +34,8 @@ def _pick(row, tried, folder):
         percent = f"{row['contact_percent']:.2g} % of the force"
         error = f"{row['contact_millinewtons']:.3g} mN ({percent})"
     devices = tried.get("devices", {})
-    most = min((min(d["hands"].values()) for d in devices.values()), default=None)
+    hands = [device["hands"] for device in devices.values()]
+    most = min((own[min(own, key=float)] for own in hands), default=None)
     if most is None:
         safe, told = "No device was simulated.", "not known"
     else:

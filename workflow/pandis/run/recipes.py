@@ -1,4 +1,4 @@
-"""Options of the sine networks' recipes, and what every model of options shares.
+"""Options of the sine networks' recipes.
 
 A recipe is a loss with its training: `PaperRecipe` trains with the paper's seven terms,
 `ExactRecipe` on exact distances and directions.
@@ -83,7 +83,7 @@ class PaperRecipe(Recipe):
         "subset",
         description="a term that holds for one half of the points is a mean over that half; or "
         "over the whole batch, as in SIREN's code, which halves its weight beside the others: as "
-        "good in short trainings, and better in long ones",
+        "good in short trainings, and at least as good in long ones (docs/benchmarks.md)",
     )
     learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
     clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")

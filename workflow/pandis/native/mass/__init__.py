@@ -31,8 +31,8 @@ def mass_steps(oscillator, position, speed, push, steps):
     steps : int
     """
     oscillator = np.ascontiguousarray(oscillator, np.float64)
-    position, speed = (np.array(array, np.float64, order="C") for array in (position, speed))
-    push = np.ascontiguousarray(np.broadcast_to(push, position.shape), np.float64)
+    arrays = np.broadcast_arrays(position, speed, push)
+    position, speed, push = (np.array(array, np.float64, order="C") for array in arrays)
     library().mass_steps(
         oscillator.ctypes.data,
         len(position),
