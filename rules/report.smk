@@ -43,7 +43,7 @@ rule report:
         "<results>/benchmarks/report.jsonl"
     conda:
         "../workflow/envs/pandis.yaml"
-    threads: all_cores
+    threads: 4
     resources:
         mem_mb=4000,
         runtime=60,

@@ -11,7 +11,7 @@ with stage(snakemake) as job:
         mesh: ([path for path in job.input if Path(path).parent.name == mesh], fields)
         for mesh, fields in job.options["fields"].items()
     }
-    sections = mesh_sections(meshes, job.read_path, job.threads, job.progress)
+    sections = mesh_sections(meshes, job.threads, job.progress, job.note_digest)
     job.write_file(seal(build(sections), job.provenance()).encode())
     # what an earlier run had to leave out is in now
     Path(job.output[0]).with_name("refused.json").unlink(missing_ok=True)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
 from pandis.geometry.shapes import SHAPES
 from support import artifact, box_mesh
 
@@ -55,7 +54,7 @@ def test_a_mesh_is_counted_and_can_be_scanned():
 
 @pytest.mark.parametrize("body", [Body(VERTICES, FACES), torus()], ids=["mesh", "closed form"])
 def test_elsewhere_and_in_other_units_it_is_the_same_body(body):
-    factor, offset = 1000.0, np.array([3.0, -20.0, 0.5])
+    scale, factor, offset = body.frame.scale, 1000.0, np.array([3.0, -20.0, 0.5])
     moved = body.placed(factor, offset)
     points = RNG.uniform(-1, 1, (300, 3))
     distance, normal = answers(body, points)
@@ -63,8 +62,5 @@ def test_elsewhere_and_in_other_units_it_is_the_same_body(body):
     assert there / factor == pytest.approx(distance, abs=1e-9)
     assert turned == pytest.approx(normal, abs=1e-6)
     assert moved.vertices == pytest.approx(factor * (body.vertices + offset))
-    assert body.frame.scale == pytest.approx(Frame(*_parts(body.frame)).scale)  # as it was
-
-
-def _parts(frame):
-    return frame.centre, frame.scale
+    assert body.frame.scale == scale  # as it was
+    assert moved.frame.scale == pytest.approx(scale / factor)

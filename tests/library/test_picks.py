@@ -1,8 +1,8 @@
 """What the report says to use: the exact field and the best other one that may be used."""
 
+import pytest
+
 from pandis.evaluation.front import may_be_used
-from pandis.geometry.frame import Frame
-from pandis.report.page import build, newtons_per_unit
 from pandis.report.picks import picks
 from pandis.report.tables import COLUMNS
 
@@ -13,9 +13,12 @@ def row(field, error, **changes):
     return dict.fromkeys(COLUMNS, "") | known | {"native_p50_us": 0.5} | changes
 
 
-def tried(*fields, light=300.0):
-    hands = {"0.3": light, "1": 700.0, "3.0": 200.0}
-    return {"fields": {field: {"devices": {"touch": {"hands": hands}}} for field in fields}}
+def tried(*fields, light=300.0, **changes):
+    device = {"hands": {"0.3": light, "1": 700.0, "3.0": 200.0}}
+    device |= {"holds": True, "pressed_missing": 0}
+    sound = {"agrees": True, "in_time": True, "walls": {"holds": True}}
+    sound |= {"devices": {"touch": device}} | changes
+    return {"fields": dict.fromkeys(fields, sound)}
 
 
 def test_the_exact_field_comes_first_and_then_the_best_that_may_be_used():
@@ -34,18 +37,35 @@ def test_what_is_safe_is_what_an_armed_device_goes_by():
     """The lightest hand that was tried, not the worst: attached runs take 0.7 of that."""
     (found,) = picks([row("exact", 0.0)], tried("exact"), "x")
     assert found["most"] == "300 N/m"
-    (found,) = picks([row("exact", 0.0)], tried("exact", light=0.0), "x")
-    assert "At no stiffness" in found["safe"]
+    assert "at most 0.7" in found["safe"]
+    (found,) = picks([row("exact", 0.0)], tried("exact", devices={}), "x")
+    assert found["safe"] == "No device was simulated."
 
 
 def test_nothing_is_recommended_where_nothing_may_be_used():
+    """Nor a field without force, were nothing of the surface thick enough to be judged."""
     assert picks([row("best", 1e-4, stress=1)], tried("best"), "x") == []
+    rows = [row("nearest-32", 0.0, missing_percent=100.0), row("exact", 0.0)]
+    (found,) = picks(rows, tried("nearest-32", "exact"), "x")
+    assert found["field"] == "exact"
 
 
-def test_the_stiffness_in_mesh_units_is_a_number_in_c():
-    device = {"size": 0.1, "stiffness": 400.0}
-    small = newtons_per_unit(device, Frame((0.0, 0.0, 0.0), 1.8 / 0.03))  # 3 cm in metres
-    assert f"{small:.6g}" == "1333.33"
-    large = newtons_per_unit(device, Frame((0.0, 0.0, 0.0), 1.8 / 100))  # 100 mm
-    assert f"{large:.6g}" == "0.4"
-    assert "<h1>" in build([])
+PRESSED = {"hands": {"0.3": 300.0}, "holds": True, "pressed_missing": 0}
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        {"agrees": False},
+        {"in_time": False},
+        {"walls": {"holds": False}},
+        {"light": 0.0},
+        {"devices": {"touch": PRESSED, "other": PRESSED | {"holds": False}}},
+        {"devices": {"touch": PRESSED, "other": PRESSED | {"pressed_missing": 1}}},
+        {"devices": {"touch": PRESSED, "other": PRESSED | {"hands": {"0.3": 0.0}}}},
+    ],
+)
+def test_a_file_is_judged_by_itself_whatever_its_field_passes(fault):
+    """The library's answers pass, and the exported file lacks force, or is safe nowhere."""
+    assert picks([row("spline-auto", 5e-4)], tried("spline-auto"), "x")
+    assert picks([row("spline-auto", 5e-4)], tried("spline-auto", **fault), "x") == []

@@ -4,12 +4,14 @@ import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
+from pandis.report.page import build, mesh_section
 from pandis.run.artifact import read_artifact
 from pandis.run.plan import Plan
 from support import ROOT, box_mesh, copy_workflow, results, snakemake, write_obj
@@ -135,6 +137,20 @@ def test_report_is_one_file(finished):
     assert page.count("<img ") >= 2 * 5
     assert "No haptic device was attached" in page
     assert len(page) < 15e6
+
+
+def test_the_line_of_c_in_the_report_holds_for_small_units(finished):
+    """Three centimetres in metres: over a thousand newtons per mesh unit, without a comma."""
+    home = finished / "results/torus"
+    paths = [Path(path) for path in fast_plan(finished).report_artifacts("torus")]
+    artifacts = [read_artifact(finished / path) for path in paths]
+    mesh = next(one for one in artifacts if one.path.name == "mesh.zarr.zip")
+    section = mesh_section("torus", artifacts, ["exact", "trilinear-24", "pandis-exact"])
+    assert section["picks"][0]["file"] == f"{home}/export/exact.pandis"
+    scale = mesh.attributes["frame"]["scale"]
+    assert section["per_unit"] == pytest.approx(400 * 0.1 * scale / 1.8)
+    page = build([section | {"per_unit": 4000 / 3}])
+    assert "pandis_force(&amp;field, position, 1333.33, force);" in page
 
 
 def browse(page, folder, *arguments):

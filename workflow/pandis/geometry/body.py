@@ -71,14 +71,14 @@ class Body:
     def scan(self, points):
         """Answer distance (n,) and normal (n, 3), mesh units, by looking at every face.
 
-        Nothing for a closed form: it has no faces to look at.
+        Only where `can_be_scanned`.
         """
         distance, normal = self.distance.scan(self.frame.to_unit(points))
         return distance / self.frame.scale, normal
 
     @property
     def can_be_scanned(self):
-        """Whether `scan` has faces to look at."""
+        """Whether there are faces to look at: a closed form has none."""
         return not self.shape
 
     def placed(self, factor, offset):

@@ -17,8 +17,27 @@ def cache_folder():
     return Path(home) / "pandis"
 
 
+def keep(path, data):
+    """Put bytes into the cache, all of them or nothing, whoever else does the same.
+
+    A cache that cannot be written costs time alone.
+    """
+    part = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as stream:
+            part = Path(stream.name)
+            stream.write(data)
+        part.replace(path)
+    except OSError:
+        if part:
+            part.unlink(missing_ok=True)
+
+
 def remembered(maker, text, make):
     """Return what `make` makes of a text, or what an earlier process has kept of it.
+
+    What was kept stands behind its own digest: if it is damaged, it is made again.
 
     Parameters
     ----------
@@ -31,17 +50,18 @@ def remembered(maker, text, make):
     """
     path = cache_folder() / "texts" / hashlib.sha256(_identity(maker) + text).hexdigest()
     try:
-        return json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        value = json.loads(json.dumps(make()))  # as the next process will read it
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as stream:
-            json.dump(value, stream)
-        os.replace(stream.name, path)
+        digest, _, kept = path.read_bytes().partition(b"\n")
+        if digest == _digest(kept):
+            return json.loads(kept)
     except OSError:
-        pass  # a cache that cannot be written costs time alone
-    return value
+        pass
+    kept = json.dumps(make()).encode()
+    keep(path, _digest(kept) + b"\n" + kept)
+    return json.loads(kept)  # as the next process will read it
+
+
+def _digest(data):
+    return hashlib.sha256(data).hexdigest().encode()
 
 
 @cache

@@ -5,7 +5,7 @@ import signal
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from importlib import resources
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 import jinja2
 import numpy as np
@@ -16,54 +16,70 @@ from pandis.evaluation.front import PRICES, may_be_used, recommend
 from pandis.evaluation.paths import BASELINES, verdict
 from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
-from pandis.geometry.frame import UNIT_SIDE, Frame
+from pandis.geometry.frame import Frame
+from pandis.geometry.physical import Scale
 from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures, paper
 from pandis.report.builds import build_seconds
 from pandis.report.picks import picks
 from pandis.report.tables import COLUMNS, CONTACT, FEW, control_rows, summary_rows
 from pandis.report.view import view
+from pandis.run.artifact import read_artifact
 from pandis.run.budget import Limits, told, told_figures
 from pandis.run.catalogue import GRID_FIELDS, parse_field
 from pandis.stress.suite import QUESTIONS
 
-#: So many meshes are drawn at a time at most: the memory of the rule is for these.
-MOST_AT_ONCE = 4
 
-
-def _end_with_parent():
-    """Ask Linux to end this process when the job that it belongs to is stopped."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-
-
-def mesh_sections(meshes, read, threads, progress):
+def mesh_sections(meshes, threads, progress, note):
     """Prepare all meshes, as many at a time as there are threads, each in a process of its own.
+
+    A process reads what it draws and gives it up again: no more meshes are in memory than are
+    drawn. Threads would not do, for drawing holds Python's lock.
 
     Parameters
     ----------
     meshes : dict of str to tuple
-        The arguments of `mesh_section` after the name: paths of the artifacts, and names of fields.
-    read : callable
-        Opens an artifact's path.
+        The paths of a mesh's artifacts, and the names of its fields.
     threads : int
     progress : callable
         Makes a `pandis.run.stage.Progress`.
+    note : callable
+        Told the path and the digest of every artifact that was read.
 
     Returns
     -------
     list of dict
-        In the order of ``meshes``.
+        From `mesh_section`, in the order of ``meshes``.
     """
     told, sections = progress("pages", len(meshes), "meshes"), []
-    work = [(name, list(map(read, paths)), fields) for name, (paths, fields) in meshes.items()]
-    # drawing holds Python's lock; a fork has read and imported everything already
-    count = min(threads, len(work), MOST_AT_ONCE)
-    with ProcessPoolExecutor(count, get_context("fork"), _end_with_parent) as pool:
-        for section in pool.map(mesh_section, *zip(*work, strict=True)):
-            sections.append(section)
-            told.update(len(sections))
+    work = [(name, *of) for name, of in meshes.items()]
+    count = min(threads, len(work))
+    with ProcessPoolExecutor(count, get_context("fork"), _leave_signals) as pool:
+        try:
+            for section, digests in pool.map(_read_and_draw, *zip(*work, strict=True)):
+                for path, digest in digests.items():
+                    note(path, digest)
+                sections.append(section)
+                told.update(len(sections))
+        except BaseException:
+            for process in active_children():
+                process.kill()  # or the pool would wait for what is being drawn
+            raise
     return sections
+
+
+def _leave_signals():
+    """Let the stage alone answer an interrupt, and end with it, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # Linux: PR_SET_PDEATHSIG
+
+
+def _read_and_draw(name, paths, field_names):
+    artifacts = [read_artifact(path) for path in paths]
+    digests = {str(artifact.path): artifact.digest for artifact in artifacts}
+    return mesh_section(name, artifacts, field_names), digests
 
 
 def mesh_section(name, artifacts, field_names):
@@ -105,7 +121,7 @@ def mesh_section(name, artifacts, field_names):
         "picks": picks(rows, held[3], home),
         "sound": sum(row["bytes"] != "" and may_be_used(row) for row in rows),
         "built": sum(row["bytes"] != "" for row in rows),
-        "per_unit": newtons_per_unit(held[2], frame),
+        "per_unit": Scale(held[2]["size"], held[2]["stiffness"]).newtons * frame.scale,
         "builds": builds,
         "controls": control_rows(name, held[0], held[2]),
         "judged": contact["judged"],
@@ -145,12 +161,6 @@ def mesh_section(name, artifacts, field_names):
         if compute
         else None,
     }
-
-
-def newtons_per_unit(device, frame):
-    """Return the stiffness in N per mesh unit that is ``stiffness`` N/m at the size of a device."""
-    longest = UNIT_SIDE / frame.scale
-    return device["stiffness"] * device["size"] / longest
 
 
 def _versions(artifacts):

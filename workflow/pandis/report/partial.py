@@ -9,13 +9,13 @@ import sys
 from pathlib import Path
 
 from pandis.errors import PandisError
-from pandis.report.page import build, mesh_section
+from pandis.report.page import build, mesh_sections
 from pandis.report.seal import seal
 from pandis.report.tables import summarise, to_csv
 from pandis.run.artifact import read_artifact, write_atomically
 from pandis.run.ending import partial_note
 from pandis.run.plan import Plan
-from pandis.run.stage import INTERRUPTED
+from pandis.run.stage import INTERRUPTED, silent_progress
 from pandis.run.verification import Checker
 
 #: What every section of the report is made from, beside the artifacts of the fields.
@@ -47,12 +47,8 @@ def write_partial(plan):
     if not good or not refused:
         return refused
     fields = {mesh: plan.entries[mesh].fields for mesh in good}
-    sections = [
-        mesh_section(
-            mesh, [read_artifact(path) for path in plan.report_artifacts(mesh)], fields[mesh]
-        )
-        for mesh in good
-    ]
+    meshes = {mesh: (plan.report_artifacts(mesh), fields[mesh]) for mesh in good}
+    sections = mesh_sections(meshes, 1, silent_progress, lambda path, digest: None)
     why = {"stage": "partial", "wildcards": {}, "options": {"refused": refused}}
     columns = ([read_artifact(f"{plan.folder}/{mesh}/{stem}.zarr.zip") for mesh in good]
                for stem in _STEMS)  # fmt: skip

@@ -1,10 +1,15 @@
 """Which file of a mesh to use: its error, size, time and safe stiffness, in words."""
 
 from pandis.evaluation.front import may_be_used
+from pandis.hardware.attached import SHARE
 
 
 def picks(rows, hardware, folder):
     """Return the exact field and the best of the others, of those that may be used.
+
+    A field is judged twice: by the library's answers (`may_be_used`), and by its exported file,
+    which is what a program loads: the file has the field's forces, in time, on the whole surface,
+    and there is a stiffness at which it is safe on every simulated device.
 
     Parameters
     ----------
@@ -21,29 +26,45 @@ def picks(rows, hardware, folder):
         ``field``, ``file``, and texts: ``error``, ``size``, ``time``, ``most`` (the safe
         stiffness), ``safe`` (a sentence about it).
     """
-    able = [row for row in rows if row["field"] in hardware["fields"] and may_be_used(row)]
-    exact = [row for row in able if row["contact_mean"] == 0][:1]
-    others = [row for row in able if row["contact_mean"] > 0]
+    tried = hardware["fields"]
+    able = [
+        row
+        for row in rows
+        if row["field"] in tried and may_be_used(row) and _file_is_sound(tried[row["field"]])
+    ]
+    exact = [row for row in able if row["field"] == "exact"]
+    others = [row for row in able if row["field"] != "exact"]
     best = [min(others, key=lambda row: row["contact_mean"])] if others else []
-    return [_pick(row, hardware["fields"][row["field"]], folder) for row in exact + best]
+    return [_pick(row, tried[row["field"]], folder) for row in exact + best]
 
 
-def _pick(row, tried, folder):
-    error = "no error"
+def _file_is_sound(found):
+    """Tell whether the validation of an exported file has found nothing that forbids its use."""
+    devices = found.get("devices", {}).values()
+    pressed = all(device["holds"] and not device["pressed_missing"] for device in devices)
+    whole = found["agrees"] and found["in_time"] and found["walls"]["holds"] and pressed
+    return bool(whole and _safe(found) != 0)
+
+
+def _safe(found):
+    """Return the stiffness that is safe in the lightest hand on every device; None without one."""
+    devices = found.get("devices", {}).values()
+    hands = [device["hands"] for device in devices]
+    return min((most[min(most, key=float)] for most in hands), default=None)
+
+
+def _pick(row, found, folder):
+    error, most = "no error", _safe(found)
     if row["contact_mean"] > 0:
         percent = f"{row['contact_percent']:.2g} % of the force"
         error = f"{row['contact_millinewtons']:.3g} mN ({percent})"
-    devices = tried.get("devices", {})
-    hands = [device["hands"] for device in devices.values()]
-    most = min((own[min(own, key=float)] for own in hands), default=None)
-    if most is None:
-        safe, told = "No device was simulated.", "not known"
-    else:
+    safe, told = "No device was simulated.", "not known"
+    if most is not None:
         told = f"{most:,.0f} N/m"
-        safe = f"It is safe up to {told} in a light hand, by simulation; a device that is armed "
-        safe += "gets at most 0.7 of that."
-        if not most:
-            safe = "At no stiffness that was tried is it safe in a light hand."
+        safe = (
+            f"It is safe up to {told} in a light hand, by simulation; a device that is armed gets "
+            f"at most {SHARE} of what is safe on it."
+        )
     return {
         "field": row["field"],
         "file": f"{folder}/export/{row['field']}.pandis",

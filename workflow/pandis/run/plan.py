@@ -21,7 +21,7 @@ from pandis.run.provenance import CodeDigests, unused_modules
 from pandis.run.reading import check_yaml, load_config, results_folder
 from pandis.run.recipes import recipe_options
 from pandis.run.sourcing import ANALYTIC, SHIPPED, SourceDigests, source_fault, url_extension
-from pandis.run.stages import STAGES, Job, field_holders, field_specs
+from pandis.run.stages import STAGES, PlannedJob, field_holders, field_specs
 
 #: Named targets: the stages' own, and that of scenes.
 TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
@@ -316,7 +316,7 @@ class Plan:
             return {"fields": {name: entry.fields for name, entry in self.entries.items()}}
         if stage == "refuse":
             return {"why": self.refused[mesh]}
-        return STAGES[stage].options(Job(stage, mesh, self.entries[mesh], wildcards))
+        return STAGES[stage].options(PlannedJob(stage, mesh, self.entries[mesh], wildcards))
 
     def train_threads(self, wildcards):
         """Return the threads that a recipe trains with: a part of its options."""

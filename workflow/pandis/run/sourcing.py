@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
 from pandis.errors import PandisError
-from pandis.native.cache import cache_folder
+from pandis.native.cache import cache_folder, keep
 
 FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
 #: Sources that are no files of the user's.
@@ -246,10 +246,4 @@ class SourceDigests:
         if not self._changed:
             return
         self._changed = False
-        try:
-            self.memory.parent.mkdir(parents=True, exist_ok=True)
-            part = self.memory.with_name(f"{self.memory.name}.{os.getpid()}")
-            part.write_text(json.dumps(self._known), encoding="utf-8")
-            part.replace(self.memory)  # whole or not at all, whoever else plans
-        except OSError:
-            return  # it is a convenience
+        keep(self.memory, json.dumps(self._known).encode())

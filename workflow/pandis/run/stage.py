@@ -159,12 +159,16 @@ class Job:
     def read_path(self, path, kind=None):
         """Read an artifact among the rule's inputs and remember its digest."""
         found = read_artifact(path, kind)
-        self._inputs[working_path(path)] = found.digest
+        self.note_digest(path, found.digest)
         return found
+
+    def note_digest(self, path, digest):
+        """Remember an input by the digest that it was read with."""
+        self._inputs[working_path(path)] = digest
 
     def note_file(self, path):
         """Remember an input that is a plain file, by its SHA-256."""
-        self._inputs[working_path(path)] = file_digest(path)
+        self.note_digest(path, file_digest(path))
         return Path(path)
 
     def check_source(self, path):

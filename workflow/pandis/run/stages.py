@@ -40,8 +40,8 @@ def stage_seed(root, *names):
 
 
 @dataclass(frozen=True)
-class Job:
-    """One job of a stage: of which mesh, with which options of the user and which wildcards."""
+class PlannedJob:
+    """A job that is planned: of which stage and mesh, with which options and wildcards."""
 
     stage: str
     mesh: str
@@ -80,7 +80,7 @@ class Stage:
         Yields, for a mesh's options, the path of each output below the mesh's folder and the
         wildcards of its rule, besides the mesh.
     options : callable
-        Returns what a `Job` is asked, and nothing else: whatever changes here makes it stale.
+        Returns what a `PlannedJob` is asked, and nothing else: a change here makes it stale.
     target : str or None
         The named target that asks for the outputs.
     in_scenes : bool
