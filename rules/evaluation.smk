@@ -25,7 +25,7 @@ rule evaluate:
     input:
         mesh="<results>/{mesh}/mesh.zarr.zip",
         trajectory="<results>/{mesh}/trajectory.zarr.zip",
-        fields=plan.field_artifacts,
+        fields=plan.field_files,
     output:
         "<results>/{mesh}/evaluation.zarr.zip",
     log:
@@ -49,7 +49,7 @@ rule evaluate:
 rule stress:
     input:
         mesh="<results>/{mesh}/mesh.zarr.zip",
-        fields=plan.field_artifacts,
+        fields=plan.field_files,
     output:
         "<results>/{mesh}/stress.zarr.zip",
     log:

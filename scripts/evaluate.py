@@ -19,7 +19,7 @@ from pandis.streams import CONTACTS, generator
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
     trajectory = job.read("trajectory", "trajectory").arrays
-    fields = open_fields(job.options["fields"], mesh, map(job.read_path, job.input.fields))
+    fields = open_fields(job.options["fields"], mesh, map(job.read_input, job.input.fields))
     surface, engine, seed = fields.body.surface, fields.body.distance, job.options["seed"]
     sets = probes(surface, engine, job.options["probes"], seed)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))

@@ -7,7 +7,7 @@ from pandis.stress.suite import Suite, stress
 
 with stage(snakemake) as job:
     mesh = job.read("mesh", "mesh")
-    fields = open_fields(job.options["fields"], mesh, map(job.read_path, job.input.fields))
+    fields = open_fields(job.options["fields"], mesh, map(job.read_input, job.input.fields))
     suite = Suite(fields.body, job.options)
     tried = controls(fields.exact, fields.body.surface, suite.scale)
     arrays, attributes = stress(fields, tried, suite, job.progress)

@@ -9,7 +9,7 @@ with stage(snakemake) as job:
     points = job.read("trajectory", "trajectory").arrays["points"]
     exports = [job.note_file(path) for path in job.input.exports]
     natives = [job.note_file(path) for path in job.input.natives]
-    fields = open_fields(job.options["in_python"], mesh, map(job.read_path, job.input.fields))
+    fields = open_fields(job.options["in_python"], mesh, map(job.read_input, job.input.fields))
     arrays, attributes = time_fields(
         fields, exports, natives, fields.body, points, job.options, job.progress
     )

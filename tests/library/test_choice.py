@@ -7,6 +7,7 @@ from pandis.errors import PandisError
 from pandis.evaluation import choice
 from pandis.evaluation.choice import Chooser
 from pandis.evaluation.points import _CHOOSING, _PROMISING, Points
+from pandis.export.native import export_native, native_bytes
 from pandis.fields import sizing
 from pandis.fields.registry import open_fields
 from pandis.forces import penalty_force
@@ -17,6 +18,7 @@ from pandis.geometry.measure import draw_contacts, promise
 from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import SHAPES
+from pandis.native.runtime import NativeField
 from pandis.run.catalogue import DENSE_KINDS
 from pandis.run.options import SampleOptions, StressOptions
 from pandis.run.query_times import QueryTimes
@@ -161,7 +163,10 @@ def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
     finish()
     chosen = attributes["choice"]
     assert chosen["field"] == "pandis-exact"
-    assert chosen["bytes"] == sum(a.nbytes for k, a in arrays.items() if k != "curve")
+    held = artifact("choice", arrays, attributes | {"frame": TORUS.mesh.attributes["frame"]})
+    (network,) = open_fields(["auto"], TORUS.mesh, [held])
+    file = native_bytes(network, "network", {})
+    assert chosen["bytes"] == NativeField(file).bytes <= wanted["bytes"]
     held = artifact("choice", arrays, attributes | {"frame": TORUS.mesh.attributes["frame"]})
     assert figures_of(held, TORUS)["mean"] <= 2e-3
     assert [c["field"] for c in attributes["considered"]][-1] == "spline"
@@ -197,6 +202,27 @@ def test_what_fails_the_stress_suite_or_its_export_is_not_chosen(tmp_path, monke
     second = choose(TORUS, tmp_path, force_error="40 mN", bytes=2_000_000).attributes["choice"]
     assert second["bytes"] >= first["bytes"]
     assert second["field"] != first["field"]
+
+
+@pytest.mark.usefixtures("untrained")
+def test_the_file_is_what_must_keep_to_the_budget(tmp_path, monkeypatch):
+    """A field whose file answers something else is not chosen, however good the field is."""
+    written = []
+
+    def forceless(field, *arguments):
+        written.append(field.name)
+        field.values = np.full_like(field.values, 0.01)
+        return export_native(field, *arguments)
+
+    for other in ("_spline", "_network"):
+        monkeypatch.setattr(Chooser, other, lambda self: None)
+    monkeypatch.setattr(choice, "DENSE_KINDS", ("trilinear-normal",))
+    wanted = {"force_error": "40 mN", "bytes": 2_000_000}
+    assert choose(TORUS, tmp_path, **wanted).attributes["choice"]["field"].startswith("trilinear")
+    monkeypatch.setattr(choice, "export_native", forceless)
+    with pytest.raises(PandisError, match="no field meets the budget.*trilinear-normal"):
+        choose(TORUS, tmp_path, **wanted)
+    assert written
 
 
 @pytest.mark.usefixtures("untrained")

@@ -48,12 +48,12 @@ class Plane(Field):
         super().__init__(name, FRAME, 12)
         self.shift, self.stretch = shift, stretch
         if stretch:
-            self.raw = self._raw
+            self.keeps_length = True
 
     def answer(self, points):
         return points[:, 2] + self.shift, np.tile([0.0, 0, 1], (len(points), 1))
 
-    def _raw(self, points):
+    def direction(self, points):
         distance, normal = self.answer(points)
         return distance, self.stretch * normal
 

@@ -1,4 +1,6 @@
+import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -8,6 +10,7 @@ import torch
 from pandis.errors import ArtifactError, PandisError
 from pandis.export.check import DISTANCE, FORCE, check, check_points
 from pandis.export.grids import export_grid
+from pandis.export.native import native_bytes
 from pandis.export.networks import export_network, torch_network
 from pandis.export.programs import export_program
 from pandis.export.session import Session, read_export, read_program_metadata
@@ -97,7 +100,7 @@ def test_numpy_network_is_the_torch_network():
     with torch.no_grad():
         # the same float32 weights and points, computed in float64
         wanted = network.double()(torch.from_numpy(points).float().double()).numpy()
-    phi, psi = SirenField("s", held).raw(points)
+    phi, psi = SirenField("s", held).direction(points)
     assert np.abs(phi - wanted[:, 0]).max() < 2e-6
     assert np.abs(psi - wanted[:, 1:]).max() < 2e-6
     assert SirenField("s", held).bytes == sum(p.numel() * 4 for p in network.parameters())
@@ -107,7 +110,7 @@ def test_numpy_gradient_is_that_of_torch():
     held, network = model(64, 4, 60.0, outputs=1)
     points = np.random.default_rng(0).uniform(-1, 1, (1000, 3))
     wanted = network.double().forward_with_gradient(torch.from_numpy(points).float().double())
-    phi, direction = SirenField("s", held).raw(points)
+    phi, direction = SirenField("s", held).direction(points)
     assert np.abs(phi - wanted[0].detach().numpy()[:, 0]).max() < 2e-6
     assert np.abs(direction - wanted[1].detach().numpy()).max() < 2e-5
 
@@ -284,6 +287,26 @@ def test_session_names_a_damaged_file(tmp_path):
         Session(path)
     with pytest.raises(PandisError, match="does not take the model"):
         Session(b"not a model")
+
+
+def named(held):
+    return dataclasses.replace(held, path=Path("grid-force-24.zarr.zip"))
+
+
+def test_what_has_a_file_is_answered_by_it(tmp_path):
+    """Evaluation and stress see the file: one that holds another field shows as that field."""
+    arrays = dict(zip(("vertices", "faces"), SHAPES["sphere"].tessellation(), strict=True))
+    mesh = artifact("mesh", arrays, {"frame": FRAME.attributes(), "shape": "sphere"})
+    held = {n: grid("force", n) for n in (8, 24)}
+    coarse, fine = (open_field(parse_field(f"trilinear-{n}", ()), held[n]) for n in held)
+    path = tmp_path / "trilinear-24.pandis"
+    path.write_bytes(native_bytes(coarse, "trilinear", {}))
+    (field,) = open_fields(["trilinear-24"], mesh, [named(held[24]), path])
+    points = np.random.default_rng(0).uniform(-0.6, 0.6, (500, 3))
+    assert np.allclose(field.answer(points)[0], coarse.answer(points)[0], rtol=0, atol=1e-12)
+    assert np.abs(field.answer(points)[0] - fine.answer(points)[0]).max() > 1e-3
+    (own,) = open_fields(["trilinear-24"], mesh, [named(held[24])])  # it has no file
+    assert np.array_equal(own.answer(points)[0], fine.answer(points)[0])
 
 
 # --- a finished run -------------------------------------------------------------------

@@ -16,11 +16,13 @@ import pytest
 
 import pandis
 from pandis.errors import ArtifactError
-from pandis.export.native import export_native, native_bytes
+from pandis.export.native import export_native, native_bytes, network_bytes
 from pandis.fields.base import BOUND, INVALID
+from pandis.fields.exported import ExportedField
 from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
 from pandis.geometry.body import Body
+from pandis.geometry.shapes import SHAPES
 from pandis.native.runtime import NativeField, pack, read_provenance
 from pandis.native.servo import run_ticks
 from support import ROOT
@@ -59,10 +61,71 @@ def test_it_answers_as_the_library_does(name, fields, files):
     assert np.linalg.norm(found.normal, axis=1) == pytest.approx(1, abs=1e-14)
     force = penalty_force(found.distance * scale, found.normal)
     off = np.linalg.norm(force - penalty_force(wanted.distance, wanted.normal), axis=1)
-    sure = field.raw(field.frame.to_unit(points))[1] if network else None
+    sure = field.direction(field.frame.to_unit(points))[1] if network else None
     sure = np.linalg.norm(sure, axis=1) > 0.1 if network else np.ones(len(points), bool)
     assert off[sure].max() < (1e-5 if network else 1e-13)
     assert native.force(points, k=3.0) == pytest.approx(3 * force / scale, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", [*NAMES, "network-16", "gradient-16"])
+def test_many_points_get_the_bits_that_each_gets_alone(name, files):
+    """A network reads its weights once for four points: nothing else may come of that."""
+    native = NativeField(files[name])
+    points = points_for(native, count=60)
+    points[[5, 10, 11]] = np.nan
+    points[7, 1] = 1e200
+    alone = [native.query(point) for point in points]
+    for count in (0, 1, 3, 4, 5, 8, len(points)):
+        together, lengths = native.query_slopes(points[:count])
+        for found in (native.query(points[:count]), together):
+            for column, answers in zip(found, zip(*alone, strict=True), strict=True):
+                wanted = np.concatenate([*answers[:count], np.empty_like(answers[0][:0])])
+                assert column.tobytes() == wanted.tobytes()
+        assert np.isnan(lengths).sum() == (together.flag == INVALID).sum()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_field_is_asked_in_the_unit_frame_through_its_file(name, fields, files):
+    (field, _), exported = fields[name], ExportedField("field", files[name])
+    points = field.frame.to_unit(points_for(field))
+    close = 2e-6 if field.keeps_length else 1e-14
+    found, wanted = exported.query(points), field.query(points)
+    assert found.distance == pytest.approx(wanted.distance, abs=close)
+    assert np.array_equal(found.flag, wanted.flag)
+    for one, other in zip(exported.answer(points), found, strict=False):
+        assert np.array_equal(one, other)
+    assert exported.keeps_length == field.keeps_length
+    if field.keeps_length:
+        inside = points[(np.abs(points) <= 1).all(axis=1)]
+        for one, other in zip(exported.direction(inside), field.direction(inside), strict=True):
+            assert one == pytest.approx(other, abs=2e-6 * float(np.abs(other).max()))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_in_other_units_and_elsewhere_a_file_answers_the_same(name, files):
+    exported, factor = ExportedField("field", files[name]), 1000.0
+    offset = np.array([3.0, -20.0, 0.5])
+    points = points_for(exported)
+    moved = exported.placed(factor, offset)
+    distance, normal = exported.distance_and_normal(points)
+    there, turned = moved.distance_and_normal(factor * (points + offset))
+    # but on borders of cells, where rounding takes the other one
+    assert (np.abs(there / factor - distance) > 1e-6).mean() < 0.01
+    assert (np.linalg.norm(turned - normal, axis=1) > 1e-5).mean() < 0.01
+    assert np.array_equal(exported.distance_and_normal(points)[0], distance)
+
+
+def test_a_file_weighs_what_its_answers_are_made_of(fields, files):
+    """Without what only flags, scenes and readers of the provenance look at."""
+    for name in ("exact", "nearest", "trilinear-normal", "spline", *SHAPES):
+        assert NativeField(files[name]).bytes == fields[name][0].bytes
+    assert NativeField(files["tricubic"]).bytes == 4 * 22**3
+    for name in ("network", "gradient", "shallow", "network-16", "gradient-16"):
+        own = fields[name.removesuffix("-16")][0]
+        cells = len(own.base.coefficients) - 3 if own.base else None
+        shape = len(own.layers[0][0]), len(own.layers) - 1, len(own.layers[-1][0])
+        bits = 16 if name.endswith("-16") else 32
+        assert NativeField(files[name]).bytes == network_bytes(*shape, cells, bits)
 
 
 @pytest.mark.parametrize("name", NAMES)

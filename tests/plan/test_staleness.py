@@ -11,7 +11,8 @@ from support import ROOT, edit
 
 STAGES = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
 #: Stages that ask pandis.h.
-ANSWER = {"calibrate", "choose", "export_native", "report", "scene", "timing", "validate", "verify"}
+ANSWER = {"calibrate", "choose", "evaluate", "export_native", "report", "scene", "stress"}
+ANSWER |= {"timing", "validate", "verify"}
 
 
 @pytest.fixture(scope="module")

@@ -3,16 +3,17 @@
 The exact mesh needs no building, a grid a second, a spline a quarter of a minute, a network
 minutes: they are tried in this order, each kind from small to large, and what comes after the
 first that will do is skipped. What is chosen meets the budget on points that it was not chosen by,
-passes the stress suite, and is answered by ``pandis.h`` as by the library.
+and passes the stress suite, as ``pandis.h`` answers it from its file.
 """
 
 from typing import NamedTuple
 
 from pandis.errors import PandisError
 from pandis.evaluation.points import Measured
-from pandis.export.native import export_native
+from pandis.export.native import export_native, network_bytes
 from pandis.fields.controls import controls, demand_failure
 from pandis.fields.exact import ExactField
+from pandis.fields.exported import ExportedField
 from pandis.fields.registry import open_field
 from pandis.fields.sizing import SIZES, SPLINE_BYTES, Grids, grid_bytes, hopeless
 from pandis.forces import penalty_force
@@ -234,18 +235,22 @@ class Chooser:
     # --- what they share ---------------------------------------------------------------------
 
     def _proved(self, field, kind, measured):
-        """Ask a field that meets the budget everything else that a chosen one must pass."""
-        suite = self.suite
-        found = suite.ask(field, self.progress, first=True)
+        """Export a field that meets the budget, and ask its file all that it must pass."""
+        try:
+            bits = self.options["weight_bits"]
+            data = export_native(field, kind, {}, bits, self.body, _silent)
+        except PandisError as error:
+            return measured._replace(why=f"meets the errors, but cannot be exported: {error}",
+                                     excess=max(measured.excess, 1.0))  # fmt: skip
+        file = ExportedField(field.name, data)
+        measured = self.points.measure(lambda p: penalty_force(*file.answer(p)), self.limits)
+        if measured.why:
+            return measured
+        found = self.suite.ask(file, self.progress, first=True)
         failed = failures(found)
         if failed:
             why = QUESTIONS[failed[0]].failing.format(**found[failed[0]])
             return measured._replace(why=f"meets the errors, but fails the stress suite: {why}",
-                                     excess=max(measured.excess, 1.0))  # fmt: skip
-        try:
-            export_native(field, kind, {}, self.options["weight_bits"], self.body, _silent)
-        except PandisError as error:
-            return measured._replace(why=f"meets the errors, but cannot be exported: {error}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
         return measured
 
@@ -283,9 +288,9 @@ class Chooser:
     def _weights(self, width):
         """Return the bytes of a network and its base."""
         recipe = self.options["recipe"]
-        depth, outputs = recipe["depth"], 1 if recipe["direction"] == "gradient" else 4
-        count = 3 * width + (depth - 1) * width**2 + outputs * width + depth * width + outputs
-        return 4 * (count + ((recipe["base"] + 3) ** 3 if recipe["base"] else 0))
+        outputs = 1 if recipe["direction"] == "gradient" else 4
+        bits = self.options["weight_bits"]
+        return network_bytes(width, recipe["depth"], outputs, recipe["base"], bits)
 
     def _time(self, kind, size):
         if self.budget["query_time"] is None:

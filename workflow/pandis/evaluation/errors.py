@@ -80,12 +80,12 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
             if name == "trajectory":
                 arrays[f"force_{field.name}"] = force
                 errors[name][field.name] |= _path_shares(force, exact, contacts.newtons)
-            if hasattr(field, "raw"):
+            if field.keeps_length:
                 kept = _unnormalised(field)(points)
                 errors[name][field.name + UNNORMALISED] = statistics(kept, exact)
         if not field.ordered:
             asked = {field.name: _force(field)}
-            if hasattr(field, "raw"):
+            if field.keeps_length:
                 asked[field.name + UNNORMALISED] = _unnormalised(field)
             for name, force_at in asked.items():
                 for contact, found in contact_errors(force_at, contacts).items():
@@ -119,7 +119,7 @@ def _unnormalised(field):
     """Return what answers the paper's own force, in which Ψ keeps its length."""
 
     def force(points):
-        phi, psi = field.raw(points)
+        phi, psi = field.direction(points)
         return penalty_force(phi.astype(np.float64), psi.astype(np.float64))
 
     return force

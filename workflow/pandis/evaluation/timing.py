@@ -28,7 +28,7 @@ def time_fields(fields, exports, natives, body, points, options, progress):
     Parameters
     ----------
     fields : list of pandis.fields.base.Field
-        What is timed as the library answers it, in C but called from Python.
+        What is timed as it is called from Python.
     exports : list of Path
         ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
     natives : list of Path

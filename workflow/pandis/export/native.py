@@ -101,6 +101,23 @@ def _network(field, weight_bits):
     return (width, depth, outputs, cells, weight_bits), (), sections
 
 
+def network_bytes(width, depth, outputs, base, weight_bits):
+    """Return the bytes that ``pandis.h`` answers a network from.
+
+    Parameters
+    ----------
+    width, depth, outputs : int
+        Units of a layer of sines, layers, and numbers that the last one gives.
+    base : int or None
+        Cells per axis of the spline that it adds to.
+    weight_bits : {32, 16}
+    """
+    row, rows = _padded(width), (depth - 1) * width
+    scales = 4 * rows if weight_bits == 16 else 0
+    ends = 4 * (3 * row + outputs * row + depth * row + 4)
+    return ends + rows * row * weight_bits // 8 + scales + (4 * (base + 3) ** 3 if base else 0)
+
+
 def _padded(width):
     return -(-width // _LANES) * _LANES
 
@@ -235,7 +252,7 @@ def _reference(field):
 
 def _direction_length(field, points):
     if isinstance(field, SirenField):
-        return np.linalg.norm(field.raw(np.clip(points, -1, 1))[1], axis=1)
+        return np.linalg.norm(field.direction(np.clip(points, -1, 1))[1], axis=1)
     if isinstance(field, GridField):
         return np.minimum(field.direction_length(points), FORCE_LENGTH)
     # between two walls a direction is a matter of rounding: compare the force

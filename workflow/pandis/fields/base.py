@@ -1,8 +1,11 @@
 """What every field promises."""
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
+
+from pandis.geometry.frame import Frame
 
 #: Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field
 #: covers; the distance is at least as large as `Field.bound` says, and no more is known. INVALID:
@@ -40,9 +43,13 @@ class Field:
         What a program must hold in memory to answer.
     ordered : bool
         Answers depend on the way: the points of a call are a path, from out of contact.
+    keeps_length : bool
+        The direction before it is made a unit vector has a meaning, because its length was trained
+        to be 1: such a field has ``direction(points)``, which answers the distance (n,) and it
+        (n, 3). The paper's force keeps that length.
     """
 
-    ordered = False
+    ordered = keeps_length = False
 
     def __init__(self, name, frame, size):
         self.name, self.frame, self.bytes = name, frame, size
@@ -74,6 +81,18 @@ class Field:
         flag = np.where(outside, BOUND, OK).astype(np.uint8)
         flag[np.isnan(distance)] = INVALID
         return Answer(distance, normal, flag)
+
+    def placed(self, factor, offset):
+        """Return the field as it would be, had its mesh come in other units and elsewhere.
+
+        Parameters
+        ----------
+        factor : float
+            On lengths, after the mesh was moved by ``offset`` (3,), mesh units.
+        """
+        moved, old = copy.copy(self), self.frame
+        moved.frame = Frame(tuple(factor * (np.array(old.centre) + offset)), old.scale / factor)
+        return moved
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.

@@ -1,10 +1,16 @@
 """Opens any field by its name, for evaluation, stress, timing, report and native export alone.
 
+What has a file for ``pandis.h`` is answered by it: what a program loads is what is measured. The
+library's own answers are what the file is compared with when it is written.
+
 A new field is one module beside this one, its options in `pandis.run.options`, its
 name in `pandis.run.catalogue`, and one line here.
 """
 
+from pathlib import Path
+
 from pandis.fields.exact import ExactField
+from pandis.fields.exported import ExportedField
 from pandis.fields.grids import GRID_OPENERS
 from pandis.fields.implicit import AlgebraicField
 from pandis.fields.planes import PlanesField
@@ -30,7 +36,7 @@ class Fields(list):
         self.body, self.exact = body, exact
 
 
-def open_fields(names, mesh, artifacts):
+def open_fields(names, mesh, files):
     """Open the fields of a mesh.
 
     Parameters
@@ -38,21 +44,28 @@ def open_fields(names, mesh, artifacts):
     names : list of str
         As in the configuration.
     mesh : pandis.run.artifact.Artifact
-    artifacts : iterable of pandis.run.artifact.Artifact
-        What holds the other fields: grids and models.
+    files : iterable of pandis.run.artifact.Artifact or Path
+        What holds the fields: ``{field}.pandis``, or the artifact of a field that has none.
 
     Returns
     -------
     Fields
     """
+    files = list(files)
+    exported = {file.stem: file for file in files if isinstance(file, Path)}
+    artifacts = [file for file in files if not isinstance(file, Path)]
     held = {artifact.path.name.removesuffix(".zarr.zip"): artifact for artifact in artifacts}
     held["mesh"] = mesh
     recipes = [stem.removeprefix("model-") for stem in held if stem.startswith("model-")]
     body = Body.open(mesh)
-    exact = ExactField("exact", body)
-    specs = [parse_field(name, recipes) for name in names]
-    opened = [exact if s.kind == "exact" else open_field(s, held[s.artifact]) for s in specs]
-    return Fields(opened, body, exact)
+
+    def opened(name):
+        if name in exported:
+            return ExportedField(name, exported[name])
+        spec = parse_field(name, recipes)
+        return open_field(spec, held[spec.artifact])
+
+    return Fields(map(opened, names), body, ExactField("exact", body))
 
 
 def open_field(spec, artifact):

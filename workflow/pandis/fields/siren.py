@@ -41,6 +41,8 @@ class SirenField(Field):
     It may add to a coarse spline of the distance, whose value and gradient are parts of them then.
     """
 
+    keeps_length = True
+
     def __init__(self, name, artifact):
         self.layers = load_layers(artifact)
         self.base = load_base(artifact)
@@ -49,7 +51,7 @@ class SirenField(Field):
             size += self.base.coefficients.nbytes
         super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), size)
 
-    def raw(self, points):
+    def direction(self, points):
         """Return Φ (n,) and the direction (n, 3), of any length, at points in the box.
 
         The direction is Ψ, or ∇Φ where Φ is the only output.
@@ -81,5 +83,5 @@ class SirenField(Field):
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
         clamped, outside = clamp_to_box(points)
-        phi, direction = self.raw(clamped)
+        phi, direction = self.direction(clamped)
         return phi.astype(np.float64) + outside, normalise(direction.astype(np.float64))

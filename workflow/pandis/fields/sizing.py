@@ -92,10 +92,11 @@ class Grids:
 
 
 def grid_bytes(kind, size):
-    """Return the bytes of a grid of a kind and size; of a spline they are its size."""
+    """Return the bytes that ``pandis.h`` answers a grid from; of a spline they are its size."""
     if kind == "spline":
         return size
-    return 4 * CHANNELS[GRID_FIELDS[kind].removesuffix(BOX)] * size**3
+    nodes = size + 2 if kind == "tricubic" else size  # the cells at the border have theirs, too
+    return 4 * CHANNELS[GRID_FIELDS[kind].removesuffix(BOX)] * nodes**3
 
 
 def hopeless(size, figures, limits, other, kind):

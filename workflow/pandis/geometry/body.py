@@ -4,10 +4,7 @@ Whoever needs the truth about an object takes a `Body`, opened from the mesh sta
 made from plain arrays. Only here is it asked whether the object is a mesh or a closed form.
 """
 
-import copy
 from functools import cached_property
-
-import numpy as np
 
 from pandis.geometry.distance import MeshDistance, ShapeDistance
 from pandis.geometry.frame import Frame
@@ -80,22 +77,3 @@ class Body:
     def can_be_scanned(self):
         """Whether there are faces to look at: a closed form has none."""
         return not self.shape
-
-    def placed(self, factor, offset):
-        """Return the body in other units and at another place.
-
-        Parameters
-        ----------
-        factor : float
-            New units per old one.
-        offset : ndarray, shape (3,), mesh units
-            Added before.
-        """
-        if not self.shape:
-            return Body(factor * (self.vertices + offset), self.faces)
-        _ = self.distance  # it answers in the unit frame, and the copy takes it along
-        moved = copy.copy(self)
-        moved.vertices = factor * (self.vertices + offset)
-        centre = factor * (np.array(self.frame.centre) + offset)
-        moved.frame = Frame(tuple(centre), self.frame.scale / factor)
-        return moved

@@ -790,7 +790,39 @@ static inline pandis__vector pandis__load(const float *p) {
     }
 PANDIS__KINDS(PANDIS__ADD)
 
-/* Sum the lanes of four rows by halves. */
+/* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and every
+ * weight is read once for the four. What is added to what is the same as above. */
+#define PANDIS__ADD_FOUR(load, type, tail)                                                                       \
+    static void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {       \
+        for (int j = 0; j < stride; j += PANDIS__LANES) {                                                        \
+            pandis__vector sum[4][PANDIS__PARTS];                                                                \
+            const type *row = w + j;                                                                             \
+            int i = 0;                                                                                           \
+            for (int p = 0; p < 4; p++)                                                                          \
+                for (int k = 0; k < PANDIS__PARTS; k++)                                                          \
+                    sum[p][k] = pandis__load(out + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);              \
+            for (; i + 4 <= rows; i += 4, row += 4 * (ptrdiff_t)stride)                                          \
+                for (int k = 0; k < PANDIS__PARTS; k++) {                                                        \
+                    const type *at = row + k * PANDIS__VECTOR;                                                   \
+                    pandis__vector w0 = load(at), w1 = load(at + stride), w2 = load(at + 2 * (ptrdiff_t)stride), \
+                                   w3 = load(at + 3 * (ptrdiff_t)stride);                                        \
+                    for (int p = 0; p < 4; p++) {                                                                \
+                        const float *x = h + p * (ptrdiff_t)stride + i;                                          \
+                        sum[p][k] = sum[p][k] + ((x[0] * w0 + x[1] * w1) +         \
+                                                 (x[2] * w2 + x[3] * w3));         \
+                    }                                                                                            \
+                }                                                                                                \
+            for (; i < rows; i++, row += stride)                                                                 \
+                for (int p = 0; p < 4; p++)                                                                      \
+                    for (int k = 0; k < PANDIS__PARTS; k++)                                                      \
+                        sum[p][k] = sum[p][k] + h[p * (ptrdiff_t)stride + i] *                    \
+                                                    load(row + k * PANDIS__VECTOR);                              \
+            for (int p = 0; p < 4; p++) memcpy(out + p * (ptrdiff_t)stride + j, sum[p], sizeof sum[p]);          \
+        }                                                                                                        \
+    }
+PANDIS__KINDS(PANDIS__ADD_FOUR)
+
+/* Sum the lanes of four sums by halves. */
 static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
     for (int n = PANDIS__LANES / 2; n; n /= 2)
         for (int r = 0; r < 4; r++)
@@ -821,64 +853,128 @@ static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
     }
 PANDIS__KINDS(PANDIS__DOT)
 
-/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. */
-PANDIS__APART static int pandis__answer_network(const pandis__network *n, const double *u, double *distance, double *normal) {
-    float slopes[PANDIS_MOST_DEPTH][PANDIS__ROWS], ends[2][PANDIS__ROWS];
-    float *h = ends[0], *z = ends[1], x[3], result[4] = {0};
-    double inside[3], value, gradient[3];
-    double outside = pandis__clamp(u, inside);
+/* out[p][i] <- the product of row i and y of point p, for four points `stride` apart. */
+#define PANDIS__DOT_FOUR(load, type, tail)                                                                       \
+    static void pandis__dots_four_##tail(const type *w, const float *y, int rows, int stride, float *out,        \
+                                         int apart) {                                                            \
+        for (int i = 0; i < rows; i++, w += stride) {                                                            \
+            pandis__vector sum[4][PANDIS__PARTS];                                                                \
+            float lanes[4][PANDIS__LANES], four[4];                                                              \
+            memset(sum, 0, sizeof sum);                                                                          \
+            for (int j = 0; j < stride; j += PANDIS__LANES)                                                      \
+                for (int k = 0; k < PANDIS__PARTS; k++) {                                                        \
+                    pandis__vector v = load(w + j + k * PANDIS__VECTOR);                                         \
+                    for (int p = 0; p < 4; p++)                                                                  \
+                        sum[p][k] += v * pandis__load(y + p * (ptrdiff_t)stride + j + k * PANDIS__VECTOR);       \
+                }                                                                                                \
+            memcpy(lanes, sum, sizeof lanes);                                                                    \
+            pandis__fold(lanes, four);                                                                           \
+            for (int p = 0; p < 4; p++) out[p * (ptrdiff_t)apart + i] = four[p];                                 \
+        }                                                                                                        \
+    }
+PANDIS__KINDS(PANDIS__DOT_FOUR)
+
+/* One of the above, for one point or for four. */
+#define PANDIS__EITHER(load, type, tail)                                                                         \
+    static void pandis__sums_##tail(const type *w, const float *h, int rows, int stride, float *out, int count) { \
+        if (count == 4)                                                                                          \
+            pandis__add_four_##tail(w, h, rows, stride, out);                                                    \
+        else                                                                                                     \
+            pandis__add_##tail(w, h, rows, stride, out);                                                         \
+    }                                                                                                            \
+    static void pandis__products_##tail(const type *w, const float *y, int rows, int stride, float *out,         \
+                                        int apart, int count) {                                                  \
+        if (count == 4)                                                                                          \
+            pandis__dots_four_##tail(w, y, rows, stride, out, apart);                                            \
+        else                                                                                                     \
+            pandis__dots_##tail(w, y, rows, stride, out);                                                        \
+    }
+PANDIS__KINDS(PANDIS__EITHER)
+
+#define PANDIS__ROOM (PANDIS__ROWS * (PANDIS_MOST_DEPTH + 2))
+
+/* Rows of numbers that a point needs while a network is asked: what goes into a layer, what comes out, and
+ * slopes, of every layer where the gradient is asked for. */
+static int pandis__rows(const pandis__network *n) { return n->outputs == 1 ? n->depth + 2 : 3; }
+
+/* Whether four points at a time fit into the room of one with the largest network. */
+static int pandis__fits_four(const pandis__network *n) {
+    return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
+}
+
+/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Of one point or
+ * of four, which read every weight together; what a point gets is the same. */
+PANDIS__APART static void pandis__answer_network(const pandis__network *n, int count, double (*u)[3], double *distance,
+                                                 double (*normal)[3], int *flag) {
+    float room[PANDIS__ROOM], result[4][4] = {{0}};
+    double inside[4][3], outside[4];
     int stride = n->stride, own = n->outputs == 1;
-    for (int k = 0; k < 3; k++) x[k] = (float)inside[k];
+    ptrdiff_t all = (ptrdiff_t)count * stride;
+    float *h = room, *z = room + all, *slopes = z + all;
+    for (int p = 0; p < count; p++) {
+        outside[p] = pandis__clamp(u[p], inside[p]);
+        for (int k = 0; k < 3; k++) h[p * (ptrdiff_t)stride + k] = (float)inside[p][k];
+    }
     for (int layer = 0; layer < n->depth; layer++) {
         const float *bias = n->biases + (ptrdiff_t)layer * stride;
+        float *slope = slopes + (own ? layer * all : 0);
         ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
-        for (int j = 0; j < stride; j++) z[j] = 0;
+        for (ptrdiff_t j = 0; j < all; j++) z[j] = 0;
         if (layer > 0 && n->hidden16)
-            for (int i = 0; i < n->width; i++) h[i] *= n->scales[at + i];
+            for (int p = 0; p < count; p++)
+                for (int i = 0; i < n->width; i++) h[p * (ptrdiff_t)stride + i] *= n->scales[at + i];
         if (layer == 0)
-            pandis__add_f(n->first, x, 3, stride, z);
+            pandis__sums_f(n->first, h, 3, stride, z, count);
         else if (n->hidden)
-            pandis__add_f(n->hidden + at * stride, h, n->width, stride, z);
+            pandis__sums_f(n->hidden + at * stride, h, n->width, stride, z, count);
         else
-            pandis__add_h(n->hidden16 + at * stride, h, n->width, stride, z);
-        for (int j = 0; j < stride; j++) pandis__sine_cosine(z[j] + bias[j], z + j, slopes[layer] + j);
+            pandis__sums_h(n->hidden16 + at * stride, h, n->width, stride, z, count);
+        for (int p = 0; p < count; p++, z += stride, slope += stride)
+            for (int j = 0; j < stride; j++) pandis__sine_cosine(z[j] + bias[j], z + j, slope + j);
+        z -= all;
         float *swap = h;
         h = z, z = swap;
     }
-    pandis__dots_f(n->last, h, n->outputs, stride, result);
-    for (int k = 0; k < n->outputs; k++) result[k] += n->biases[(ptrdiff_t)n->depth * stride + k];
-    value = (double)result[0];
+    pandis__products_f(n->last, h, n->outputs, stride, result[0], 4, count);
+    for (int p = 0; p < count; p++) {
+        for (int k = 0; k < n->outputs; k++) result[p][k] += n->biases[(ptrdiff_t)n->depth * stride + k];
+        distance[p] = (double)result[p][0];
+        for (int k = 0; k < 3 && !own; k++) normal[p][k] = (double)result[p][k + 1];
+    }
     if (own) {
-        for (int j = 0; j < stride; j++) h[j] = n->last[j] * slopes[n->depth - 1][j];
+        for (int p = 0; p < count; p++)
+            for (int j = 0; j < stride; j++)
+                h[p * (ptrdiff_t)stride + j] = n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
         for (int layer = n->depth - 1; layer > 0; layer--) {
             ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
-            if (n->hidden) {
-                pandis__dots_f(n->hidden + at * stride, h, n->width, stride, z);
-                for (int i = 0; i < n->width; i++) z[i] *= slopes[layer - 1][i];
-            } else {
-                pandis__dots_h(n->hidden16 + at * stride, h, n->width, stride, z);
-                for (int i = 0; i < n->width; i++) z[i] *= n->scales[at + i] * slopes[layer - 1][i];
+            const float *slope = slopes + (layer - 1) * all;
+            if (n->hidden)
+                pandis__products_f(n->hidden + at * stride, h, n->width, stride, z, stride, count);
+            else
+                pandis__products_h(n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
+            for (int p = 0; p < count; p++, z += stride, slope += stride) {
+                for (int i = 0; i < n->width; i++) z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
+                for (int i = n->width; i < stride; i++) z[i] = 0;
             }
-            for (int i = n->width; i < stride; i++) z[i] = 0;
+            z -= all;
             float *swap = h;
             h = z, z = swap;
         }
-        pandis__dots_f(n->first, h, 3, stride, result);
-        for (int k = 0; k < 3; k++) gradient[k] = (double)result[k];
-    } else {
-        for (int k = 0; k < 3; k++) gradient[k] = (double)result[k + 1];
+        pandis__products_f(n->first, h, 3, stride, result[0], 4, count);
+        for (int p = 0; p < count; p++)
+            for (int k = 0; k < 3; k++) normal[p][k] = (double)result[p][k];
     }
-    if (n->base.size) {
-        double more, slope[3];
-        pandis__cubic(&n->base, inside, &more, slope);
-        value += more;
-        for (int k = 0; k < 3; k++) gradient[k] += slope[k];
+    for (int p = 0; p < count; p++) {
+        if (n->base.size) {
+            double more, slope[3];
+            pandis__cubic(&n->base, inside[p], &more, slope);
+            distance[p] += more;
+            for (int k = 0; k < 3; k++) normal[p][k] += slope[k];
+        }
+        distance[p] += outside[p];
+        flag[p] = outside[p] > 0 ? PANDIS_BOUND : PANDIS_OK;
     }
-    *distance = value + outside;
-    memcpy(normal, gradient, sizeof gradient);
-    return outside > 0 ? PANDIS_BOUND : PANDIS_OK;
 }
-
 /* ---------------------------------------------------------------- grids */
 
 enum { PANDIS__NEAREST, PANDIS__TRILINEAR, PANDIS__NORMAL, PANDIS__GRADIENT, PANDIS__TRICUBIC };
@@ -1109,28 +1205,19 @@ PANDIS_API double pandis_longest_side(const pandis_field *field) {
     return field->kind ? PANDIS__LONGEST / field->scale : 0;
 }
 
-PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    double u[3], d = 0, n[3] = {0};
-    int flag = PANDIS_INVALID, finite = 1;
+/* Put a point into the unit frame; 0 if it is none. */
+static int pandis__unit(const pandis_field *field, const double *point, double *u) {
+    int finite = 1;
     for (int k = 0; k < 3; k++) {
         u[k] = (point[k] - field->centre[k]) * field->scale;
         finite &= fabs(u[k]) < PANDIS__FAR;
     }
-    if (finite) {
-        switch (field->kind) {
-            case PANDIS_NETWORK: flag = pandis__answer_network(&field->as.network, u, &d, n); break;
-            case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u, &d, n); break;
-            case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u, &d, n); break;
-            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u, &d, n); break;
-            case PANDIS_SHAPE:
-                pandis__answer_shape(&field->as.shape, point, &d, n);
-                d *= field->scale;
-                flag = fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
-                break;
-            default: break;
-        }
-        if (!(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
-    }
+    return finite;
+}
+
+/* Make an answer in mesh units of distance, direction and flag in the unit frame. */
+static void pandis__tell(const pandis_field *field, double d, double *n, int flag, pandis_answer *answer) {
+    if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
     if (flag == PANDIS_INVALID) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
         answer->slope = (double)NAN;
@@ -1144,6 +1231,26 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
     answer->flag = flag;
 }
 
+PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+    double u[1][3], d = 0, n[1][3] = {{0}};
+    int flag = PANDIS_INVALID;
+    if (pandis__unit(field, point, u[0])) {
+        switch (field->kind) {
+            case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
+            case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
+            case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
+            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], &d, n[0]); break;
+            case PANDIS_SHAPE:
+                pandis__answer_shape(&field->as.shape, point, &d, n[0]);
+                d *= field->scale;
+                flag = fabs(u[0][0]) <= 1 && fabs(u[0][1]) <= 1 && fabs(u[0][2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
+                break;
+            default: break;
+        }
+    }
+    pandis__tell(field, d, n[0], flag, answer);
+}
+
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
     pandis_answer answer;
     force[0] = force[1] = force[2] = 0;
@@ -1154,17 +1261,35 @@ PANDIS_API int pandis_force(const pandis_field *field, const double point[3], do
     return answer.flag;
 }
 
-PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
-                                  double *normals, unsigned char *flags) {
-    pandis_answer answer;
-    for (size_t i = 0; i < count; i++) {
-        pandis_query(field, points + 3 * i, &answer);
-        distances[i] = answer.distance;
-        if (normals) memcpy(normals + 3 * i, answer.normal, sizeof answer.normal);
-        if (flags) flags[i] = (unsigned char)answer.flag;
+/* Answer four points with a network, which reads every weight once for them. */
+static void pandis__query_four(const pandis_field *field, const double *points, pandis_answer *answers) {
+    double u[4][3], d[4], n[4][3];
+    int finite[4], flag[4];
+    for (int p = 0; p < 4; p++) {
+        finite[p] = pandis__unit(field, points + 3 * p, u[p]);
+        for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
     }
+    pandis__answer_network(&field->as.network, 4, u, d, n, flag);
+    for (int p = 0; p < 4; p++) pandis__tell(field, d[p], n[p], finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
 }
 
+PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
+                                  double *normals, unsigned char *flags) {
+    pandis_answer answers[4];
+    size_t at_once = field->kind == PANDIS_NETWORK && pandis__fits_four(&field->as.network) ? 4 : 1;
+    for (size_t i = 0, some; i < count; i += some) {
+        some = count - i < at_once ? 1 : at_once;
+        if (some == 4)
+            pandis__query_four(field, points + 3 * i, answers);
+        else
+            pandis_query(field, points + 3 * i, answers);
+        for (size_t k = 0; k < some; k++) {
+            distances[i + k] = answers[k].distance;
+            if (normals) memcpy(normals + 3 * (i + k), answers[k].normal, sizeof answers[k].normal);
+            if (flags) flags[i + k] = (unsigned char)answers[k].flag;
+        }
+    }
+}
 /* ---------------------------------------------------------------- scenes */
 
 /* A point of the scene in the coordinates of an object's mesh. */

@@ -217,10 +217,15 @@ class Plan:
             return entry.sha256.lower()
         return self.sources.of(entry.source)
 
-    def field_artifacts(self, wildcards):
-        """Return the artifacts of all fields of a mesh but its own mesh file."""
-        held = self.held(wildcards.mesh)
-        return [f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip" for spec in held]
+    def field_files(self, wildcards):
+        """Return the files that answer for the fields of a mesh."""
+        return self._answering(wildcards.mesh, self.specs(wildcards.mesh))
+
+    def _answering(self, mesh, specs):
+        """Return each field's file for ``pandis.h``, or its artifact if it has no such file."""
+        names = [f"export/{spec.name}.pandis" if spec.native else f"{spec.artifact}.zarr.zip"
+                 for spec in specs if spec.native or spec.artifact != "mesh"]  # fmt: skip
+        return [f"{self.folder}/{mesh}/{name}" for name in dict.fromkeys(names)]
 
     def grid_artifact(self, wildcards):
         """Return the grid that a grid field is exported from."""
@@ -244,10 +249,9 @@ class Plan:
         return list(dict.fromkeys(files))
 
     def unexported(self, wildcards):
-        """Return the artifacts of the fields that are timed from the library itself."""
-        stems = [s.artifact for s in self.specs(wildcards.mesh) if not s.exports]
-        stems = [stem for stem in dict.fromkeys(stems) if stem != "mesh"]
-        return [f"{self.folder}/{wildcards.mesh}/{stem}.zarr.zip" for stem in stems]
+        """Return what answers for the fields that are timed from Python."""
+        specs = [spec for spec in self.specs(wildcards.mesh) if not spec.exports]
+        return self._answering(wildcards.mesh, specs)
 
     def exports(self, wildcards):
         """Return the exported files of a mesh."""

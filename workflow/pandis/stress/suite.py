@@ -1,11 +1,9 @@
 """All questions to all fields of a mesh, and what the answers mean."""
 
-from functools import partial
 from typing import NamedTuple
 
 from pandis import streams
 from pandis.fields.controls import demand_failure
-from pandis.fields.exact import ExactField
 from pandis.geometry.measure import draw_contacts, stratify
 from pandis.geometry.physical import Scale
 from pandis.geometry.thickness import inscribed_radius
@@ -15,10 +13,8 @@ from pandis.stress.jumps import jumps
 from pandis.stress.physical import Device
 from pandis.stress.probes import directions, shell_points
 from pandis.stress.robust import (
-    PlacedExact,
     endurance,
     invariance,
-    placed,
     precision,
     special,
     special_points,
@@ -181,9 +177,7 @@ class Suite:
         """Return what answers each question, in the order of `QUESTIONS`: the quick ones first."""
         rng = streams.generator(self.options["seed"], streams.QUESTIONS)
         answer, exact, scale, device = field.answer, self.exact, self.scale, self.device
-        place, ticks = partial(placed, field), self.options["ticks"]
-        if isinstance(field, ExactField):
-            place = partial(PlacedExact, self.body)
+        ticks = self.options["ticks"]
         return {
             "missing": lambda: absence(answer, self.contacts),
             "hold": lambda: hold(answer, self.pushed, self.wanted["pushed"], scale, device),
@@ -194,7 +188,7 @@ class Suite:
             "closed_loop": lambda: closed_loop(
                 answer, self.pressed, self.wanted["pressed"], self.calm, self.rests, scale, device
             ),
-            "invariance": lambda: invariance(place, field, self.shell),
+            "invariance": lambda: invariance(field, self.shell),
             "precision": lambda: precision(answer, exact, self.shell, scale),
             "special": lambda: special(field, self.odd),
             "endurance": lambda: endurance(

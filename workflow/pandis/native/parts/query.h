@@ -18,28 +18,19 @@ PANDIS_API double pandis_longest_side(const pandis_field *field) {
     return field->kind ? PANDIS__LONGEST / field->scale : 0;
 }
 
-PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    double u[3], d = 0, n[3] = {0};
-    int flag = PANDIS_INVALID, finite = 1;
+/* Put a point into the unit frame; 0 if it is none. */
+static int pandis__unit(const pandis_field *field, const double *point, double *u) {
+    int finite = 1;
     for (int k = 0; k < 3; k++) {
         u[k] = (point[k] - field->centre[k]) * field->scale;
         finite &= fabs(u[k]) < PANDIS__FAR;
     }
-    if (finite) {
-        switch (field->kind) {
-            case PANDIS_NETWORK: flag = pandis__answer_network(&field->as.network, u, &d, n); break;
-            case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u, &d, n); break;
-            case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u, &d, n); break;
-            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u, &d, n); break;
-            case PANDIS_SHAPE:
-                pandis__answer_shape(&field->as.shape, point, &d, n);
-                d *= field->scale;
-                flag = fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
-                break;
-            default: break;
-        }
-        if (!(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
-    }
+    return finite;
+}
+
+/* Make an answer in mesh units of distance, direction and flag in the unit frame. */
+static void pandis__tell(const pandis_field *field, double d, double *n, int flag, pandis_answer *answer) {
+    if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
     if (flag == PANDIS_INVALID) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
         answer->slope = (double)NAN;
@@ -53,6 +44,26 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
     answer->flag = flag;
 }
 
+PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+    double u[1][3], d = 0, n[1][3] = {{0}};
+    int flag = PANDIS_INVALID;
+    if (pandis__unit(field, point, u[0])) {
+        switch (field->kind) {
+            case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
+            case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
+            case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
+            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], &d, n[0]); break;
+            case PANDIS_SHAPE:
+                pandis__answer_shape(&field->as.shape, point, &d, n[0]);
+                d *= field->scale;
+                flag = fabs(u[0][0]) <= 1 && fabs(u[0][1]) <= 1 && fabs(u[0][2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
+                break;
+            default: break;
+        }
+    }
+    pandis__tell(field, d, n[0], flag, answer);
+}
+
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
     pandis_answer answer;
     force[0] = force[1] = force[2] = 0;
@@ -63,14 +74,32 @@ PANDIS_API int pandis_force(const pandis_field *field, const double point[3], do
     return answer.flag;
 }
 
-PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
-                                  double *normals, unsigned char *flags) {
-    pandis_answer answer;
-    for (size_t i = 0; i < count; i++) {
-        pandis_query(field, points + 3 * i, &answer);
-        distances[i] = answer.distance;
-        if (normals) memcpy(normals + 3 * i, answer.normal, sizeof answer.normal);
-        if (flags) flags[i] = (unsigned char)answer.flag;
+/* Answer four points with a network, which reads every weight once for them. */
+static void pandis__query_four(const pandis_field *field, const double *points, pandis_answer *answers) {
+    double u[4][3], d[4], n[4][3];
+    int finite[4], flag[4];
+    for (int p = 0; p < 4; p++) {
+        finite[p] = pandis__unit(field, points + 3 * p, u[p]);
+        for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
     }
+    pandis__answer_network(&field->as.network, 4, u, d, n, flag);
+    for (int p = 0; p < 4; p++) pandis__tell(field, d[p], n[p], finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
 }
 
+PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
+                                  double *normals, unsigned char *flags) {
+    pandis_answer answers[4];
+    size_t at_once = field->kind == PANDIS_NETWORK && pandis__fits_four(&field->as.network) ? 4 : 1;
+    for (size_t i = 0, some; i < count; i += some) {
+        some = count - i < at_once ? 1 : at_once;
+        if (some == 4)
+            pandis__query_four(field, points + 3 * i, answers);
+        else
+            pandis_query(field, points + 3 * i, answers);
+        for (size_t k = 0; k < some; k++) {
+            distances[i + k] = answers[k].distance;
+            if (normals) memcpy(normals + 3 * (i + k), answers[k].normal, sizeof answers[k].normal);
+            if (flags) flags[i + k] = (unsigned char)answers[k].flag;
+        }
+    }
+}

@@ -13,6 +13,7 @@ import numpy as np
 from pandis.errors import ArtifactError
 from pandis.geometry.frame import Frame
 from pandis.native.compiler import load as load_library
+from pandis.native.threads import in_threads
 
 #: What a file can hold; numbers of docs/format.md.
 NETWORK, GRID, SPLINE, MESH, SHAPE = 1, 2, 3, 4, 5
@@ -45,7 +46,10 @@ def library():
     lib.pandis_open_file.argtypes = [pointer, ctypes.c_char_p]
     lib.pandis_close.argtypes = [pointer]
     lib.pandis_error.restype, lib.pandis_error.argtypes = ctypes.c_char_p, [ctypes.c_int]
-    lib.pandis_query_many.argtypes = [pointer, pointer, size, pointer, pointer, pointer]
+    lib.pandis_kind.argtypes = [pointer]
+    lib.runtime_query.argtypes = [pointer, pointer, size, pointer, pointer, pointer, pointer]
+    lib.runtime_place.argtypes = [pointer, pointer, pointer]
+    lib.runtime_bytes.restype, lib.runtime_bytes.argtypes = size, [pointer]
     lib.runtime_forces.argtypes = [pointer, pointer, size, f64, pointer, pointer]
     lib.runtime_frame.argtypes = [pointer, pointer]
     lib.runtime_time.argtypes = [pointer, pointer, size, size, pointer, pointer, size]
@@ -54,8 +58,6 @@ def library():
 
 class NativeField:
     """A field in a ``.pandis`` file, answered by ``pandis.h``.
-
-    Its ``frame`` is the `pandis.geometry.frame.Frame` that it was made in.
 
     Parameters
     ----------
@@ -66,6 +68,13 @@ class NativeField:
     ------
     ArtifactError
         It cannot be read, is damaged, or holds what does not fit together.
+
+    Attributes
+    ----------
+    path : Path
+        Of the file; a name for messages, where there is none.
+    frame : pandis.geometry.frame.Frame
+        The one that the field was made in.
     """
 
     def __init__(self, source):
@@ -78,6 +87,7 @@ class NativeField:
         else:
             self.path = Path(source)
             error = self._library.pandis_open_file(self._field, str(source).encode())
+        self._lender = None
         if error:
             self._field, why = None, self._library.pandis_error(error).decode()
             raise ArtifactError(f"{self.path}: {why}")
@@ -89,6 +99,37 @@ class NativeField:
         if getattr(self, "_field", None):
             self._library.pandis_close(self._field)
 
+    def placed(self, frame):
+        """Return the field as it would be, had its mesh come in other units and at another place.
+
+        Parameters
+        ----------
+        frame : pandis.geometry.frame.Frame
+            The one that it would have been made in then. A closed form is a formula around the
+            origin: it can be scaled and not moved.
+        """
+        other = object.__new__(NativeField)
+        other._library, other.path, other.frame = self._library, self.path, frame
+        other._field = ctypes.create_string_buffer(self._library.runtime_field_bytes())
+        other._lender = self  # whose bytes it reads
+        numbers = (ctypes.c_double * 4)(*frame.centre, frame.scale)
+        self._library.runtime_place(other._field, self._field, numbers)
+        return other
+
+    @property
+    def kind(self):
+        """NETWORK, GRID, SPLINE, MESH or SHAPE."""
+        return self._library.pandis_kind(self._field)
+
+    @property
+    def bytes(self):
+        """How many bytes its answers are made of.
+
+        All that a program holds in memory but what says where to trust the field and where it is
+        from.
+        """
+        return self._library.runtime_bytes(self._field)
+
     @property
     def address(self):
         """Where the opened field lies, for other C code."""
@@ -96,13 +137,26 @@ class NativeField:
 
     def query(self, points):
         """Answer distances (n,), normals (n, 3) and flags (n,) at points (n, 3), mesh units."""
+        return self._query(points)[0]
+
+    def query_slopes(self, points):
+        """Answer as `query`, and how long (n,) each normal was before it was made a unit vector."""
+        return self._query(points, slopes=True)
+
+    def _query(self, points, slopes=False):
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
-        answer = NativeAnswer(
-            np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.uint8)
-        )
-        columns = (column.ctypes.data for column in answer)
-        self._library.pandis_query_many(self._field, points.ctypes.data, len(points), *columns)
-        return answer
+        count = len(points)
+        answer = NativeAnswer(np.empty(count), np.empty((count, 3)), np.empty(count, np.uint8))
+        lengths = np.empty(count) if slopes else None
+
+        def part(low, high):
+            columns = [points[low:], *(column[low:] for column in answer)]
+            where = [column.ctypes.data for column in columns]
+            where.append(lengths[low:].ctypes.data if slopes else None)
+            self._library.runtime_query(self._field, where[0], high - low, *where[1:])
+
+        in_threads(part, count)
+        return answer, lengths
 
     def distance_and_normal(self, points):
         """Answer distances (n,) and unit normals (n, 3) at points (n, 3), all in mesh units."""

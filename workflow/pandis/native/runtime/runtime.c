@@ -12,6 +12,45 @@ void runtime_frame(const pandis_field *field, double *numbers) {
     numbers[3] = field->scale;
 }
 
+/* The same field in another frame: as it would be, had its mesh come in other units and at another place.
+ * A closed form lies at the origin: it is scaled, and not moved. */
+void runtime_place(pandis_field *placed, const pandis_field *field, const double *numbers) {
+    *placed = *field;
+    placed->mapped = 0; /* the bytes are the other's: it lets go of them */
+    for (int k = 0; k < 3; k++) placed->centre[k] = numbers[k];
+    placed->scale = numbers[3];
+    if (field->kind == PANDIS_SHAPE)
+        for (int k = 0; k < 3; k++) placed->as.shape.size[k] *= field->scale / numbers[3];
+}
+
+/* The bytes that answers are made of: not those that say where to trust a field, or where it is from. */
+size_t runtime_bytes(const pandis_field *field) {
+    static const char *const others[] = {"COVR", "SAFE", "PROV"};
+    size_t size = 0;
+    for (uint32_t i = 0, count = pandis__u32(field->data + 36); i < count; i++) {
+        const unsigned char *entry = field->data + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
+        int answers = 1;
+        for (int k = 0; k < 3; k++) answers &= memcmp(entry, others[k], 4) != 0;
+        if (answers) size += (size_t)pandis__u64(entry + 16);
+    }
+    return size;
+}
+
+/* Answers at points, and the slopes of `pandis_answer`. */
+void runtime_query(const pandis_field *field, const double *points, size_t count, double *distances, double *normals,
+                   unsigned char *flags, double *slopes) {
+    pandis_answer answer;
+    if (!slopes) {
+        pandis_query_many(field, points, count, distances, normals, flags);
+        return;
+    }
+    for (size_t i = 0; i < count; i++) {
+        pandis_query(field, points + 3 * i, &answer);
+        distances[i] = answer.distance, slopes[i] = answer.slope, flags[i] = (unsigned char)answer.flag;
+        memcpy(normals + 3 * i, answer.normal, sizeof answer.normal);
+    }
+}
+
 static double seconds(void) {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
