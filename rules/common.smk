@@ -1,9 +1,23 @@
 # The plan that all rules take their params and inputs from.
-from pandis.run import ending
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+
+try:
+    from pandis.run import ending
+except ModuleNotFoundError as error:
+    if error.name != "pandis":
+        raise
+    raise WorkflowError(
+        "the library pandis lies beside its Snakefile, and this one was fetched without it: clone "
+        "the repository (git submodule add) and name the Snakefile of the clone by its path"
+    ) from None
 from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
 from pandis.run.plan import open_plan
 
-plan = open_plan(config, workflow.basedir, workflow.configfiles, workflow.is_main_process)
+# the library of this file's own repository: another workflow may have taken it in as a module
+root = Path(workflow.current_basedir).parent / "workflow"
+plan = open_plan(config, root, workflow.configfiles, workflow.is_main_process)
 
 
 # <results> in every rule: `results:` in the configuration

@@ -55,10 +55,10 @@ def partial_report(plan, workflow):
     workflow : snakemake.workflow.Workflow
         Whose run has failed; only if it would have made the report, and nobody stopped it.
     """
-    final = [job for job in workflow.dag.jobs if job.rule.name in ("report", "summary")]
-    if not any(job.rule.name == "report" for job in final):
+    final = [job for job in workflow.dag.jobs if {plan.report, plan.summary} & {*job.output}]
+    if not any(plan.report in job.output for job in final):
         return
-    given = {"config": workflow.config, "root": str(plan.digests.root), "files": plan.files}
+    given = {"config": plan.config, "root": str(plan.digests.root), "files": plan.files}
     given["since"] = plan.start
     command = [sys.executable, "-m", "pandis.report.partial"]
     done = subprocess.run(

@@ -74,6 +74,7 @@ class Plan:
     """
 
     def __init__(self, config, root, files=()):
+        self.config = config
         # as a user would write them: relative where they lie below the working directory
         self.files = [os.path.relpath(path) for path in files]
         for path in self.files:
@@ -121,8 +122,14 @@ class Plan:
         """The outputs that all meshes share."""
         return Output(self.summary, "summary", {}), Output(self.report, "report", {})
 
-    #: The table of query times that `fields: auto` goes by; `snakemake calibrate` renews it.
-    query_times = QUERY_TIMES
+    @property
+    def query_times(self):
+        """Path of the table of query times that `fields: auto` goes by.
+
+        `snakemake calibrate` renews the working directory's; the workflow brings one along.
+        """
+        shipped = self.digests.root.parent / QUERY_TIMES
+        return QUERY_TIMES if Path(QUERY_TIMES).is_file() else os.path.relpath(shipped)
 
     @property
     def meshes(self):
@@ -313,7 +320,7 @@ class Plan:
         if stage == "verify":
             return {"configfiles": self.files}
         if stage == "calibrate":
-            return {"table": self.query_times}
+            return {"table": QUERY_TIMES}
         if stage == "scene":
             return scene_options(self.scenes[wildcards["scene"]], self.entries)
         if mesh is None:

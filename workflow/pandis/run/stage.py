@@ -87,7 +87,8 @@ class Job:
 
     def __init__(self, snakemake):
         self._snakemake = snakemake
-        self.stage = snakemake.rule
+        # the script's name, as another workflow may give the rule another one
+        self.stage = Path(sys.modules["__main__"].__file__).stem
         self.mesh = snakemake.wildcards.get("mesh")
         self.options = dict(snakemake.params.options)
         self.threads = snakemake.threads
