@@ -95,6 +95,7 @@ def test_all_faults_at_once_with_paths_and_suggestions():
         ("train: {nearest-8: {}}", "train.nearest-8: a recipe's name"),
         ("train: {exact: {}}", "train.exact: a recipe's name"),
         ("device: {size: .inf}", "device.size: Input should be a finite number"),
+        ("device: {size: 60}", "device.size: no device reaches that far: at most 10, in metres"),
         ("trajectory: {shallow: 0.5}", "trajectory: shallow must be less than deep"),
         ("train: {small: {loss: papr}}", "train.small: Input tag 'papr'"),
         ("samples: 3", "samples:"),
@@ -108,6 +109,9 @@ def test_mesh_names_and_sources():
     for name in ("logs", "scenes"):
         assert f"meshes.{name}: this name is taken" in faults("", **{name: {"source": "a.obj"}})
     assert "meshes.A b: a mesh's name" in faults("", **{"A b": {"source": "a.obj"}})
+    both = faults("", **{"A b": {"source": "a.obj", "device": {"stifness": 3}}})
+    assert "meshes.A b: a mesh's name" in both
+    assert "meshes.A b.device.stifness: unknown option; did you mean 'stiffness'?" in both
     assert "meshes.a: expected a mapping" in faults("", a="a.obj")
     assert "a URL needs the sha256" in faults("", a={"source": "https://example.org/a.obj"})
     with pytest.raises(PandisError, match="at least one mesh"):

@@ -303,6 +303,12 @@ def test_summary_has_every_column_and_the_configs_order():
     assert rows[0]["contact_millinewtons"] == rows[0]["contact_mean"] * 1000 == 250
     assert rows[0]["contact_percent"] == 25
     assert rows[0]["missing_percent"] == pytest.approx(0.1)
+    # what is off by rounding is exact
+    for name in SETS:
+        evaluation["errors"][name]["b"] = contact | {"mean": 3e-17, "newtons": 6e-16}
+    (exact, *_) = summary_rows("m", evaluation, timing, stress, hardware, {})
+    assert exact["contact_millinewtons"] == exact["contact_mean"] == 0
+    assert exact["missing_percent"] == pytest.approx(0.1)
     stress["controls"] = {"control-zero": []}
     evaluation["controls"]["control-zero"] = dict.fromkeys(SETS, contact)
     with pytest.raises(PandisError, match="front of unbeaten fields is blind.*control-zero"):

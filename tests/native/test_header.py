@@ -115,6 +115,15 @@ def test_in_other_units_and_elsewhere_a_file_answers_the_same(name, files):
     assert np.array_equal(exported.distance_and_normal(points)[0], distance)
 
 
+def test_points_of_another_shape_are_refused_in_words(files):
+    native = NativeField(files["sphere"])
+    assert native.query([0.0, 0.0, 0.5]).distance == native.query([[0.0, 0.0, 0.5]]).distance
+    for points in ([[1.0, 2.0]], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 3.0, np.zeros((2, 3, 1))):
+        for ask in (native.query, native.force, native.query_slopes):
+            with pytest.raises(ValueError, match=r"points must be an array of shape \(n, 3\), not"):
+                ask(points)
+
+
 def test_a_file_weighs_what_its_answers_are_made_of(fields, files):
     """Without what only flags, scenes and readers of the provenance look at."""
     for name in ("exact", "nearest", "trilinear-normal", "spline", *SHAPES):

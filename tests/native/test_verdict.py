@@ -18,7 +18,7 @@ from pandis.hardware.attached import run_attached, stiffness_for
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.pressing import Hand, contact, press
 from pandis.hardware.validation import _attached, _statement, press_devices
-from pandis.hardware.verdict import device_sentence, judge, machine_sentence
+from pandis.hardware.verdict import device_sentence, judge, machine_sentence, machine_verdict
 from pandis.hardware.walls import compare, open_walls
 from pandis.native.device import Order
 from pandis.native.runtime import NativeField
@@ -145,7 +145,12 @@ def test_a_slow_machine_is_told_what_to_do():
     assert good == "It holds 1000 Hz here: 900 of 800 µs in 99.9 % of the ticks."
     assert "export it again" in machine_sentence(verdict | {"agrees": False}, options)
     late = machine_sentence(verdict | {"in_time": True, "punctual": False}, options)
-    assert "50 % of the ticks begin more than 800 µs late, whatever the field" in late
+    assert "Not judged: the machine was late. 50 % of the ticks began more than 800 µs late" in late
+    verdicts = {
+        machine_verdict(verdict | {"agrees": True, "in_time": True} | change): change
+        for change in ({}, {"punctual": False}, {"punctual": False, "in_time": False})
+    }
+    assert list(verdicts) == ["pass", "late", "fail"]
     gone = verdict | {"in_time": True, "walls": {"holds": False, "missing": 0.02}}
     assert "Do not use it: on 2 % of the surface the force is missing" in machine_sentence(
         gone, options

@@ -195,7 +195,7 @@ def test_a_refused_mesh_costs_itself_alone_and_a_complete_run_makes_the_report_a
     for name in bad:
         assert f"<td>{name}</td>" in page
         assert any(row.startswith(f"{name},") for row in rows)
-    assert "set mesh.open: thicken" in page
+    assert "mesh: {open: thicken}" in page
     assert 'id="good"' in page
     check = run(workspace, good | bad, "verify", **SMALL)
     assert check.returncode == 1

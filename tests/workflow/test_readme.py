@@ -35,9 +35,13 @@ def test_a_force_in_a_program_of_ones_own(workspace):
     compiled, run = re.search(r"^(g\+\+ .*) && (\./loop)$", README, re.M).groups()
     subprocess.run(compiled.split(), cwd=workspace, check=True)
     said = subprocess.run([run], cwd=workspace, capture_output=True, text=True, check=True).stdout
-    # the middle of the box, six millimetres below two walls: which of them pushes is rounding
+    # a millimetre below the surface, whichever wall the middle of the box is led to
     force = np.array(said.split()[:3], float)
-    assert np.linalg.norm(force) == pytest.approx(6 * 0.4, abs=0.2)
+    assert np.linalg.norm(force) == pytest.approx(1 * 0.4, abs=0.02)
+    (workspace / "results/my/part/export/spline-auto.pandis").rename(workspace / "away.pandis")
+    lost = subprocess.run([run], cwd=workspace, capture_output=True, text=True, check=False)
+    assert (lost.returncode, lost.stdout) == (1, "the file cannot be read\n")
+    (workspace / "away.pandis").rename(workspace / "results/my/part/export/spline-auto.pandis")
 
     program = block("python") + "print(*force[0])\n"
     done = subprocess.run(

@@ -193,9 +193,13 @@ def export_native(field, kind, provenance, weight_bits, body, log):
         whole = NativeField(native_bytes(field, kind, provenance))
         log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
     differences = check(native.distance_and_normal, _reference(wanted), field.frame)
-    log(f"agrees with the field: {differences}")
+    told = ", ".join(f"{key} {value:.1g}" for key, value in differences.items())
+    log(f"answers as the library does: the largest differences (unit frame) are {told}")
     safe = clearance(_in_unit_frame(native), body.distance)
-    log("scenes go by its distance less {:.2g}, or {:.2g} where it is a bound".format(*safe[6:]))
+    log(
+        "a scene trusts its distances in free space but for {:.2g} of the unit frame, and where "
+        "they are flagged as bounds but for {:.2g}".format(*safe[6:])
+    )
     return native_bytes(field, kind, provenance, weight_bits, safe)
 
 

@@ -11,7 +11,7 @@ from pandis.hardware.attached import run_attached
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.load import busy_cores
 from pandis.hardware.pressing import Hand, contact, press
-from pandis.hardware.verdict import device_sentence, judge, machine_passes, paragraph
+from pandis.hardware.verdict import device_sentence, judge, machine_verdict, paragraph
 from pandis.hardware.walls import compare
 from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
@@ -195,7 +195,7 @@ def validate(field, frame, points, reference, walls, options):
         "punctual": punctual,
         "walls": walls,
     }
-    verdict["verdict"] = "pass" if machine_passes(verdict) else "fail"
+    verdict["verdict"] = machine_verdict(verdict)
     verdict["sentence"] = _sentence(verdict, options)
     if options["loaded_seconds"]:
         verdict["loaded"] = _loaded(field, points, options)

@@ -12,16 +12,24 @@ def judge(found):
     return "pass" if good and found["safe_n_m"] >= found["stiffness"] else "fail"
 
 
-def machine_passes(verdict):
-    """Tell whether a field has the forces of its library and of the exact field, in time.
+def machine_verdict(verdict):
+    """Return what the servo loop says of a field on this machine.
 
     Parameters
     ----------
     verdict : dict
         ``agrees``, ``in_time``, ``punctual`` and ``walls`` of `pandis.hardware.validation`.
+
+    Returns
+    -------
+    str
+        ``fail``: the file has not the forces of its library or of the exact field, or computes too
+        long; ``late``: none of this, but the machine began ticks too late, for which no field can
+        be blamed, so that nothing is said for it either; ``pass``.
     """
-    held = verdict["walls"]["holds"]
-    return verdict["agrees"] and verdict["in_time"] and verdict["punctual"] and held
+    if not (verdict["agrees"] and verdict["in_time"] and verdict["walls"]["holds"]):
+        return "fail"
+    return "pass" if verdict["punctual"] else "late"
 
 
 def device_sentence(found):
@@ -101,9 +109,9 @@ def machine_sentence(verdict, options):
         )
     if not verdict["punctual"]:
         return (
-            f"This machine does not hold {rate:g} Hz: {100 * verdict['late_share']:.2g} % of the "
-            f"ticks begin more than {deadline:.0f} µs late, whatever the field; stop other "
-            "programs."
+            f"Not judged: the machine was late. {100 * verdict['late_share']:.2g} % of the ticks "
+            f"began more than {deadline:.0f} µs late, which is not the field's doing: it computes "
+            f"for {took:.3g} µs in 99.9 % of them. Stop other programs and validate again."
         )
     return f"It holds {rate:g} Hz here: {took:.3g} of {deadline:.0f} µs in 99.9 % of the ticks."
 

@@ -100,10 +100,10 @@ class Diagnosis:
         ]
         if self.holes:
             longest = self.holes[0]
-            found.append(
-                f"{len(self.holes)} holes, the longest with {longest['edges']} edges and a rim of "
-                f"{100 * longest['length'] / self.diagonal:.1f} % of the diagonal"
-            )
+            rim = f"{longest['length'] / self.diagonal:.3g} times the mesh's diagonal"
+            several = len(self.holes) > 1
+            count = f"{len(self.holes):,} holes, the longest" if several else "1 hole"
+            found.append(f"{count} with {longest['edges']} edges and a rim {rim}")
         return ", ".join(found) or "none"
 
 

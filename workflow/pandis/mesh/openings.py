@@ -39,10 +39,10 @@ def advice(vertices, faces, seed):
     front, behind = _windings_beside(vertices, faces, seed)
     sheet = np.maximum(front, behind) < 0.5
     if sheet.mean() <= SHEETS and (behind > 0.7).mean() > 0.5:
-        return "To close the holes all the same, set mesh.open: cap for this mesh"
+        return "To close the holes all the same, give this mesh the option `mesh: {open: cap}`"
     return (
-        "Much of it is sheet, with nothing behind. To make it a wall of mesh.thickness, set "
-        "mesh.open: thicken for this mesh"
+        "Much of it is sheet, with nothing behind. To make it a wall of mesh.thickness, give this "
+        "mesh the option `mesh: {open: thicken}`"
     )
 
 

@@ -188,8 +188,8 @@ def _thicken(ladder):
 
 def _open_message(ladder, holes):
     return (
-        f"the mesh is open: {ladder.now.faults()}. {len(holes)} of the holes are too large to be "
-        f"filled without asking (the widest rim is {holes[0]['rim']:.3g} times the diagonal of "
+        f"the mesh is open: {ladder.now.faults()}. Too large to be filled without asking: "
+        f"{len(holes)} (the widest rim is {holes[0]['rim']:.3g} times the diagonal of "
         f"its part, mesh.small_hole is {ladder.options['small_hole']:g}): this may be a surface "
         f"without an inside. {advice(ladder.vertices, ladder.faces, ladder.options['seed'])}"
     )
@@ -204,7 +204,7 @@ def _refusal(ladder, reason=None):
     if missing:
         todo = f"allow the rungs left out (mesh.rungs: add {', '.join(missing)})"
     elif ladder.options["open"] == "cap":
-        todo = "make it a wall of mesh.thickness: set mesh.open: thicken for this mesh"
+        todo = "make it a wall of mesh.thickness: give this mesh the option `mesh: {open: thicken}`"
     state = f"the mesh stays invalid: {ladder.now.faults()}"
     if reason:
         state = f"the repaired mesh is not the one that was given: {reason}"

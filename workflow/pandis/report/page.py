@@ -233,7 +233,7 @@ def _first(rows, networks):
 def _sentence(rows, networks, closed_form):
     """Say who wins where a probe can press, whoever it is, and how the networks compare."""
     known = [row for row in rows if row["bytes"] != ""]
-    approximate = [row for row in known if row["trajectory_mean"] > 0]
+    approximate = [row for row in known if row["field"] != "exact" and row["trajectory_mean"] > 0]
     if not approximate:
         return "Only exact fields were built."
     able = [row for row in approximate if may_be_used(row)]

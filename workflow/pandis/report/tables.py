@@ -60,6 +60,8 @@ FEW = (
     "native_p50_us", "jump_rms_newtons", "front",
 )  # fmt: skip
 
+#: Mean errors below this are rounding (unit frame): the field is the exact one.
+ROUNDING = 1e-12
 #: Times that not every field has.
 _IN_C = (
     "native_p50_us", "native_p999_us", "anywhere_p50_us", "anywhere_max_us",
@@ -155,6 +157,8 @@ def _errors(evaluation, field):
         "shallow_mean": errors["shallow"]["mean"] if "shallow" in errors else "",
         "deep_mean": errors["deep"]["mean"] if "deep" in errors else "",
     }
+    if path["mean"] < ROUNDING:
+        row |= {key: 0.0 for key in row if key.startswith("trajectory")}
     if "missing" in path:
         row["trajectory_missing_percent"] = 100 * path["missing"]
         row["trajectory_felt_percent"] = 100 * path["felt"]
@@ -164,7 +168,7 @@ def _errors(evaluation, field):
 def _contact(errors):
     """Return the columns of the contact measure, from what `contact_errors` has found."""
     found = errors[CONTACT]
-    return {
+    row = {
         "contact_millinewtons": 1e3 * found["newtons"],
         "contact_percent": 100 * found["relative"],
         "missing_percent": 100 * found["missing"],
@@ -173,6 +177,9 @@ def _contact(errors):
         "contact_p99": found["p99"],
         "contact_shallow_mean": errors[SHALLOW]["mean"],
     }
+    if found["mean"] < ROUNDING:
+        row |= {key: 0.0 for key in row if key.startswith("contact")}
+    return row
 
 
 def to_csv(rows, refused=()):

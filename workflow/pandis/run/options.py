@@ -2,10 +2,14 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from pandis.run.catalogue import GRID_FIELDS
 from pandis.run.values import Count, Force, Missed, Options, Positive
+
+
+#: Metres that an object may have in a device's workspace.
+LARGEST_DEVICE = 10.0
 
 
 class DeviceOptions(Options):
@@ -13,6 +17,16 @@ class DeviceOptions(Options):
 
     size: Positive = Field(0.10, description="metres of the mesh's longest side in the workspace")
     stiffness: Positive = Field(400.0, description="stiffness k of the surface in N/m")
+
+    @field_validator("size")
+    @classmethod
+    def _fits_a_workspace(cls, value):
+        if value > LARGEST_DEVICE:
+            raise ValueError(
+                f"no device reaches that far: at most {LARGEST_DEVICE:g}, in metres (a part of 60 "
+                "mm has a size of 0.06)"
+            )
+        return value
 
 
 class MeshOptions(Options):
@@ -46,16 +60,16 @@ class MeshOptions(Options):
     max_hole_edges: int = Field(500, ge=0, description="a hole with more edges is not small")
     open: Literal["refuse", "cap", "thicken"] = Field(
         "refuse",
-        description="a surface with holes that are not small: refuse it, cap the holes all the "
-        "same, or make it a wall of `thickness`",
+        description="a surface with holes that are not small: `refuse` it, `cap` the holes all "
+        "the same, or `thicken` it to a wall of `thickness`",
     )
     thickness: Positive = Field(
         0.01, le=0.2, description="thickness of that wall, as a share of the diagonal"
     )
     nested: Literal["cavity", "solid"] = Field(
         "cavity",
-        description="what a component wholly inside another bounds: a cavity (and inside that an "
-        "island, by parity), or matter, so that only the outer surface remains",
+        description="what a component wholly inside another bounds: a `cavity` (and inside that "
+        "an island, by parity), or `solid` matter, so that only the outer surface remains",
     )
     deviation_p99: float = Field(
         0.005,
@@ -282,7 +296,8 @@ class HardwareOptions(Options):
     seconds: Positive = Field(3.0, description="length of the run, per field")
     rate: Positive = Field(1000.0, ge=100, le=20_000, description="ticks per second")
     deadline: Positive = Field(
-        0.8e-3, description="a tick that computes longer is a miss (s); 0.8 of the period at most"
+        0.8e-3,
+        description="a tick that computes longer is a miss (s); it may be at most 0.8 of the period",
     )
     misses: float = Field(0.001, ge=0, lt=1, description="share of misses a pass allows")
     loaded_seconds: float = Field(

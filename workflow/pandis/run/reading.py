@@ -121,15 +121,15 @@ def load_config(raw, refused=None):
             faults[path] = "a mesh's name starts with a-z and goes on with a-z, 0-9, - or _"
         elif name in RESERVED_NAMES:
             faults[path] = "this name is taken by a folder of results/: choose another"
-        elif not isinstance(entry, dict):
-            faults[path] = "expected a mapping such as {source: path/to/mesh.obj}"
+        if not isinstance(entry, dict):
+            faults.setdefault(path, "expected a mapping such as {source: path/to/mesh.obj}")
         else:
             options = merge(top, entry)
             own = stage_faults(MeshEntry, options)
             for key, message in own.items():
                 if key not in faults:
                     faults[f"{path}.{key}" if key else path] = message
-            if not own:
+            if not own and path not in faults:
                 merged[name] = MeshEntry.model_validate(options)
     if refused is not None and merged and not shared:
         for key, message in faults.items():

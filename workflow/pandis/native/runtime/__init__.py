@@ -144,7 +144,7 @@ class NativeField:
         return self._query(points, slopes=True)
 
     def _query(self, points, slopes=False):
-        points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+        points = _rows(points)
         count = len(points)
         answer = NativeAnswer(np.empty(count), np.empty((count, 3)), np.empty(count, np.uint8))
         lengths = np.empty(count) if slopes else None
@@ -170,7 +170,7 @@ class NativeField:
         k : float
             Stiffness, force per mesh unit.
         """
-        points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+        points = _rows(points)
         forces, flags = np.empty_like(points), np.empty(len(points), np.uint8)
         self._library.runtime_forces(
             self._field, points.ctypes.data, len(points), k, forces.ctypes.data, flags.ctypes.data
@@ -182,7 +182,7 @@ class NativeField:
 
         ``cold``: before each of them other work empties the caches.
         """
-        points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+        points = _rows(points)
         if not len(points) or queries < 1:
             raise ValueError("at least one point and one query are needed")
         taken, other = np.empty(queries), np.zeros(CACHES if cold else 0, np.uint8)
@@ -191,6 +191,16 @@ class NativeField:
             other.ctypes.data, len(other),
         )  # fmt: skip
         return taken
+
+
+def _rows(points):
+    """Return points as an array (n, 3) of doubles; one point may come as (3,)."""
+    array = np.ascontiguousarray(points, np.float64)
+    if array.shape == (3,):
+        return array[None]
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"points must be an array of shape (n, 3), not {array.shape}")
+    return array
 
 
 def pack(kind, frame, wholes, reals, sections, provenance, version=1):
