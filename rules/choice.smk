@@ -9,7 +9,7 @@ rule choose:
     benchmark:
         "<results>/benchmarks/{mesh}/choose.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/choice.yaml"
     threads: 2
     resources:
         mem_mb=4000,
@@ -31,7 +31,7 @@ rule calibrate:
     benchmark:
         "<results>/benchmarks/calibrate.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/choice.yaml"
     threads: all_cores
     resources:
         mem_mb=3000,

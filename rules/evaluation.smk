@@ -8,7 +8,7 @@ rule trajectory:
     benchmark:
         "<results>/benchmarks/{mesh}/trajectory.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/evaluation.yaml"
     resources:
         mem_mb=2000,
         runtime=15,
@@ -33,7 +33,7 @@ rule evaluate:
     benchmark:
         "<results>/benchmarks/{mesh}/evaluate.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/evaluation.yaml"
     resources:
         mem_mb=4000,
         runtime=30,
@@ -57,7 +57,7 @@ rule stress:
     benchmark:
         "<results>/benchmarks/{mesh}/stress.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/evaluation.yaml"
     resources:
         mem_mb=3000,
         runtime=30,
@@ -85,7 +85,7 @@ rule timing:
     benchmark:
         "<results>/benchmarks/{mesh}/timing.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/evaluation.yaml"
     # all cores: nothing else of this run may disturb the clock
     threads: all_cores
     resources:

@@ -9,7 +9,7 @@ rule export_network:
     benchmark:
         "<results>/benchmarks/{mesh}/export-{recipe}.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/exports.yaml"
     resources:
         mem_mb=5000,
         runtime=15,
@@ -32,7 +32,7 @@ rule export_grid:
     benchmark:
         "<results>/benchmarks/{mesh}/export-{field}.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/exports.yaml"
     resources:
         mem_mb=4000,
         runtime=15,
@@ -55,7 +55,7 @@ rule export_vti:
     benchmark:
         "<results>/benchmarks/{mesh}/export-{field}-vti.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/exports.yaml"
     resources:
         mem_mb=4000,
         runtime=15,
@@ -79,7 +79,7 @@ rule export_native:
     benchmark:
         "<results>/benchmarks/{mesh}/export-{name}-native.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/exports.yaml"
     resources:
         mem_mb=2000,
         runtime=15,

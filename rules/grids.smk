@@ -8,7 +8,7 @@ rule bake:
     benchmark:
         "<results>/benchmarks/{mesh}/bake-{content}-{size}.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/grids.yaml"
     threads: 2
     resources:
         mem_mb=4000,
@@ -32,7 +32,7 @@ rule bake_spline:
     benchmark:
         "<results>/benchmarks/{mesh}/bake-spline-{size}.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/grids.yaml"
     threads: 2
     resources:
         mem_mb=4000,
@@ -56,7 +56,7 @@ rule bake_auto:
     benchmark:
         "<results>/benchmarks/{mesh}/bake-{kind}-auto.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/grids.yaml"
     threads: 2
     resources:
         mem_mb=4000,

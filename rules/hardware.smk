@@ -12,7 +12,7 @@ rule validate:
     benchmark:
         "<results>/benchmarks/{mesh}/validate.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/hardware.yaml"
     # all cores: nothing else of this run may disturb the clock
     threads: all_cores
     resources:

@@ -7,7 +7,7 @@ rule fetch:
         "<results>/benchmarks/{mesh}/fetch-{extension}.jsonl"
     retries: 2
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/mesh.yaml"
     resources:
         mem_mb=1000,
         runtime=30,
@@ -30,7 +30,7 @@ rule mesh:
     benchmark:
         "<results>/benchmarks/{mesh}/mesh.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/mesh.yaml"
     resources:
         mem_mb=8000,
         runtime=60,
@@ -52,7 +52,7 @@ rule refuse:
     benchmark:
         "<results>/benchmarks/{mesh}/refuse.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/mesh.yaml"
     resources:
         mem_mb=500,
         runtime=5,

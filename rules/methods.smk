@@ -8,7 +8,7 @@ rule support_planes:
     benchmark:
         "<results>/benchmarks/{mesh}/support-planes.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/methods.yaml"
     threads: 2
     resources:
         mem_mb=4000,

@@ -10,7 +10,7 @@ rule train:
         "<results>/benchmarks/{mesh}/train-{recipe}.jsonl"
     priority: plan.train_priority
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/models.yaml"
     threads: plan.train_threads
     resources:
         mem_mb=3000,

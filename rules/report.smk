@@ -15,7 +15,7 @@ rule summary:
     benchmark:
         "<results>/benchmarks/summary.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/report.yaml"
     resources:
         mem_mb=2000,
         runtime=15,
@@ -42,7 +42,7 @@ rule report:
     benchmark:
         "<results>/benchmarks/report.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/report.yaml"
     threads: 4
     resources:
         mem_mb=4000,
@@ -60,7 +60,7 @@ rule verify:
     log:
         "<results>/logs/verify.log",
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/report.yaml"
     resources:
         mem_mb=2000,
         runtime=30,

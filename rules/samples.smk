@@ -8,7 +8,7 @@ rule sample:
     benchmark:
         "<results>/benchmarks/{mesh}/sample.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/samples.yaml"
     threads: 2
     resources:
         mem_mb=3000,

@@ -10,7 +10,7 @@ rule scene:
     benchmark:
         "<results>/benchmarks/scenes/{scene}.jsonl"
     conda:
-        "../workflow/envs/pandis.yaml"
+        "../workflow/envs/scenes.yaml"
     # all cores: nothing else of this run may disturb the clock
     threads: all_cores
     resources:

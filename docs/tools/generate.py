@@ -14,6 +14,7 @@ from pathlib import Path
 import yaml
 
 import tables
+from environments import environments
 from pandis.native.sources import included
 from pandis.run import config, options, recipes
 from pandis.run.machine import describe
@@ -120,7 +121,7 @@ def with_generated(path, **parts):
 
 def generated():
     """Return every generated file and what it should hold."""
-    return {
+    return environments() | {
         SCHEMA: schema_text(),
         HEADER: header_text(),
         OPTIONS: with_generated(OPTIONS, options=option_tables()),

@@ -90,7 +90,8 @@ def _in_unit_frame(value, newtons, mean_force):
 def told(force, newtons, mean_force):
     """Say an amount of force in all three ways: millinewtons, percent, unit frame."""
     percent = 100 * force / mean_force if mean_force else float("nan")
-    return f"{1e3 * newtons * force:.3g} mN ({percent:.2g} % of the mean force, {force:.3g} of the unit frame)"
+    said = f"{percent:.2g} % of the mean force, {force:.3g} of the unit frame"
+    return f"{1e3 * newtons * force:.3g} mN ({said})"
 
 
 def told_figures(figures, newtons, mean_force):

@@ -7,7 +7,6 @@ from pydantic import Field, field_validator, model_validator
 from pandis.run.catalogue import GRID_FIELDS
 from pandis.run.values import Count, Force, Missed, Options, Positive
 
-
 #: Metres that an object may have in a device's workspace.
 LARGEST_DEVICE = 10.0
 
@@ -297,7 +296,8 @@ class HardwareOptions(Options):
     rate: Positive = Field(1000.0, ge=100, le=20_000, description="ticks per second")
     deadline: Positive = Field(
         0.8e-3,
-        description="a tick that computes longer is a miss (s); it may be at most 0.8 of the period",
+        description="a tick that computes longer is a miss (s); at most 0.8 of the period is "
+        "accepted",
     )
     misses: float = Field(0.001, ge=0, lt=1, description="share of misses a pass allows")
     loaded_seconds: float = Field(

@@ -24,7 +24,7 @@ from pandis.native.sources import digest as source_digest
 _DATA, _SOURCES = {".html", ".css", ".js"}, {".c", ".cpp"}
 
 #: Packages that are installed under another name than they are imported by.
-_PACKAGES = {"igl": "libigl", "yaml": "PyYAML", "skimage": "scikit-image"}
+DISTRIBUTIONS = {"igl": "libigl", "yaml": "PyYAML", "skimage": "scikit-image"}
 #: What a stage's code says of Python itself: its versions differ in what they compute, not the
 #: last number.
 _PYTHON = "python"
@@ -153,7 +153,7 @@ class CodeDigests:
 def package_version(name):
     """Return the version of what ``import name`` imports; ``absent`` if it is not installed."""
     try:
-        return metadata.version(_PACKAGES.get(name, name))
+        return metadata.version(DISTRIBUTIONS.get(name, name))
     except metadata.PackageNotFoundError:
         return "absent"
 

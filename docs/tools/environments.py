@@ -1,0 +1,50 @@
+"""The environments of the rules: for each file of rules what its stages import, and no more."""
+
+import re
+from pathlib import Path
+
+from pandis.run.provenance import DISTRIBUTIONS, CodeDigests
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVS = ROOT / "workflow" / "envs"
+#: What a family needs besides what it imports: trimesh reads glTF, 3MF and COLLADA through these.
+_BESIDES = {"mesh": ("lxml", "networkx")}
+
+
+def environments():
+    """Return the text of every environment by its path, one for each file of rules with scripts."""
+    digests, pins, texts = CodeDigests(ROOT / "workflow"), _pins(), {}
+    for rules in sorted((ROOT / "rules").glob("*.smk")):
+        names = re.findall(r'"\.\./scripts/(\w+)\.py"', rules.read_text(encoding="utf-8"))
+        keys = {key for name in names for key in digests.modules(name)}
+        packages = {key.removeprefix("package ") for key in keys if key.startswith("package ")}
+        packages |= set(_BESIDES.get(rules.stem, ()))
+        wanted = sorted(pins[_key(DISTRIBUTIONS.get(name, name))] for name in packages)
+        if names:
+            texts[ENVS / f"{rules.stem}.yaml"] = _text(rules.name, wanted)
+    return texts
+
+
+def _pins():
+    """Return the lines of constraints.txt that pin a package, by its name."""
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    return {_key(line.split("==")[0]): line for line in lines if "==" in line}
+
+
+def _key(name):
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def _text(rules, pins):
+    lines = [
+        f"# What the stages of rules/{rules} import, from the pins of constraints.txt (made by",
+        "# `make docs`). For `snakemake --sdm conda` alone: `make all` has one .venv for all.",
+        "channels:",
+        "  - conda-forge",
+        "dependencies:",
+        "  - python=3.11",
+        "  - pip",
+        "  - pip:",
+        *(f"      - {pin}" for pin in pins),
+    ]
+    return "\n".join(lines) + "\n"
