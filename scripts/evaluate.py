@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from pandis.evaluation.beyond import beyond
 from pandis.evaluation.coverage import coverage
 from pandis.evaluation.errors import evaluate
 from pandis.evaluation.paths import over_paths, several
-from pandis.evaluation.smoothness import line_probes, smoothness
 from pandis.evaluation.view import surface_errors
 from pandis.fields.controls import controls
 from pandis.fields.registry import open_fields
@@ -30,13 +28,10 @@ with stage(snakemake) as job:
     arrays, attributes = evaluate(fields, tried, path, sets, contacts, job.progress)
     corners, faces = fields.body.corners, fields.body.faces
     arrays |= surface_errors(fields, engine, corners, faces, job.progress)
-    lines = line_probes(surface, job.options["lines"], job.options["size"], seed)
-    attributes["smoothness"] = smoothness(fields, engine, lines)
-    attributes["beyond"] = beyond(fields, engine, seed)
     paths = several(path, surface, engine, job.options, job.progress)
     arrays["paths"] = np.array([points for points, _, _ in paths], np.float32)
     attributes["coverage"] = coverage(surface, engine, arrays["paths"], seed)
     attributes["paths"] = over_paths(fields, paths) if len(paths) > 1 else {}
-    physical = {key: job.options[key] for key in ("size", "stiffness", "lines")}
+    physical = {key: job.options[key] for key in ("size", "stiffness")}
     physical |= {"newtons": scale.newtons, "count": len(paths)}
     job.write("evaluation", arrays, attributes | physical | {"frame": mesh.attributes["frame"]})

@@ -1,19 +1,15 @@
 import json
 import os
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pandis.errors import PandisError
-from pandis.evaluation.beyond import beyond
 from pandis.evaluation.errors import UNNORMALISED, evaluate, statistics
-from pandis.evaluation.smoothness import force_steps, line_probes, smoothness
 from pandis.evaluation.timing import summarise, time_queries
 from pandis.fields.base import Field
 from pandis.geometry.frame import Frame
 from pandis.geometry.measure import SETS, ContactSet, Probes
-from pandis.geometry.sampling import Surface
 from pandis.hardware.load import busy_cores
 from pandis.hardware.validation import NO_ATTACHED, _longest_run, validate
 from pandis.native.runtime import SHAPE, NativeField, pack
@@ -94,80 +90,6 @@ def test_evaluation_rows_and_forces():
 def test_a_measure_that_passes_a_control_ends_the_stage():
     with pytest.raises(PandisError, match="missing surface is blind"):
         evaluate([], [Plane("control-blind")], truth(), {}, contacts(), silent_progress)
-
-
-def test_beyond_finds_ghosts_missed_contacts_and_a_wrong_core():
-    class Faulty(Ball):
-        name = "faulty"
-
-        def answer(self, points):
-            distance, normal = super().answer(points)
-            distance = np.where(points[:, 0] > 0.95, -0.02, distance)  # a contact in free space
-            distance = np.where((points[:, 1] > 0.5) & (distance < 0), 0.0, distance)  # none inside
-            return np.maximum(distance, -0.3), normal  # and too soft in the middle
-
-    faulty = Faulty()
-    faulty.name = "faulty"
-    engine = SimpleNamespace(distance_and_normal=Ball().answer)
-    table = beyond([Ball(), faulty], engine, seed=0)
-    assert table["ball"] == {"ghost": 0, "ghosts": 0, "missed": 0, "core": 0}
-    assert table["faulty"]["ghost"] == pytest.approx(0.02)
-    assert table["faulty"]["ghosts"] == pytest.approx(0.01875 / (1 - 0.9**3 * np.pi / 6), rel=0.1)
-    assert 0.1 < table["faulty"]["missed"] < 0.2
-    assert 0.1 < table["faulty"]["core"] < 0.9
-
-
-class Box:
-    """The inside of a cube: its force jumps where two faces are equally far."""
-
-    @staticmethod
-    def distance_and_normal(points):
-        axis = np.abs(points).argmax(axis=1)
-        normal = np.zeros_like(points)
-        normal[np.arange(len(points)), axis] = np.sign(points[np.arange(len(points)), axis])
-        return np.abs(points).max(axis=1) - 0.9, normal
-
-
-class Ball(Field):
-    """A sphere: no wall but a flat one changes the force less."""
-
-    def __init__(self):
-        super().__init__("ball", FRAME, 12)
-
-    def answer(self, points):
-        length = np.linalg.norm(points, axis=1)
-        return length - 0.9, points / length[:, None]
-
-
-def test_smoothness_counts_the_jumps_of_facets_and_finds_none_on_a_sphere():
-    vertices, faces = box_mesh()
-    surface = Surface(vertices * 0.9 / np.abs(vertices).max(axis=0), faces)
-    lines = line_probes(surface, 300, 0.1, seed=0)
-    assert np.array_equal(lines, line_probes(surface, 300, 0.1, seed=0))
-    step = np.linalg.norm(np.diff(lines, axis=1), axis=2)
-    assert np.allclose(step, 1.8 * 1e-3 / 0.1 / 100)
-    table = smoothness([Ball()], Box(), lines)
-    # the largest jump: as deep as a line gets, around a right angle
-    assert 0.5 < table["exact"]["largest"] * step[0, 0] / (0.049 * np.sqrt(2)) <= 1
-    assert table["exact"]["jumps"] > 0
-    assert 0.9 < table["ball"]["largest"] <= 1 + 1e-9
-    assert table["ball"]["jumps"] == 0
-    assert table["ball"]["of_exact"] == pytest.approx(
-        table["ball"]["largest"] / table["exact"]["largest"]
-    )
-
-
-def test_a_seam_is_a_jump_of_its_height():
-    class Seam(Ball):
-        def answer(self, points):
-            distance, normal = super().answer(points)
-            return distance - 0.001 * (points[:, 0] > 0), normal
-
-    x = np.linspace(-0.005, 0.005, 101)
-    line = np.stack([x, np.zeros(101), np.full(101, 0.85)], axis=1)[None]
-    change = force_steps(Seam().answer, line)
-    assert change[0, 50] * 1e-4 == pytest.approx(0.001, rel=0.02)
-    assert (np.delete(change, 50) < 1).all()
 
 
 def test_timing_counts_every_query():

@@ -16,9 +16,11 @@ from pandis.geometry.physical import Scale
 from pandis.geometry.shapes import SHAPES
 from pandis.grids.dense import DenseGrid
 from pandis.run.stage import silent_progress
-from pandis.stress.contact import holding, wanted_force
+from pandis.stress.contact import ghosts, holding, wanted_force
 from pandis.stress.coupled import LADDER, simulate, stable_stiffness
+from pandis.stress.jumps import jumps
 from pandis.stress.physical import Device
+from pandis.stress.probes import Shell
 from pandis.stress.robust import CHUNK, walk
 from pandis.stress.stiffness import jacobians
 from pandis.stress.suite import QUESTIONS, Suite, stress
@@ -303,3 +305,43 @@ def test_same_seed_same_figures(sphere):
     field = grid("tricubic", "distance", 24)
     assert again.ask(field, silent_progress) == sphere.ask(field, silent_progress)
     assert np.abs(penalty_force(*field.answer(again.shell.points))).max() > 0
+
+
+def test_contacts_tell_what_is_hollow_and_what_is_wrong_deep_inside(sphere):
+    class Hollow(Exact):
+        def spoil(self, points, distance, normal):
+            return np.where((points[:, 1] > 0.5) & (distance < 0), 0.0, distance), normal
+
+    class Shallow(Exact):
+        def spoil(self, points, distance, normal):
+            return np.maximum(distance, -0.3), normal
+
+    def told(field):
+        rng = np.random.default_rng(0)
+        return ghosts(field.answer, sphere.engine, sphere.surface, 200_000, SCALE, rng)
+
+    assert (told(Exact())["hollow"], told(Exact())["core"]) == (0, 0)
+    cap, ball = 0.4**2 * (3 * R - 0.4) / 4, R**3  # the volumes, over 4 pi / 3
+    assert told(Hollow())["hollow"] == pytest.approx(cap / ball, rel=0.03)
+    # no force beyond that at 0.3: the mean of what is missing, over that of the depth below 0.04
+    missing, depth = 0.6**4 / 12, R * 0.86**3 / 3 - 0.86**4 / 4
+    assert told(Shallow())["core"] == pytest.approx(missing / depth, rel=0.03)
+
+
+def test_the_exact_forces_own_changes_are_told():
+    """Across the crease between two walls of a cube: the depth, times the root of two."""
+
+    def cube(points):
+        axis = np.abs(points).argmax(axis=1)
+        normal = np.zeros_like(points)
+        normal[np.arange(len(points)), axis] = np.sign(points[np.arange(len(points)), axis])
+        return np.abs(points).max(axis=1) - R, normal
+
+    points = np.tile([R - 0.02, R - 0.02 - 1e-4, 0.1], (20, 1))
+    along = np.tile(np.array([-1.0, 1.0, 0.0]) / np.sqrt(2), (20, 1))
+    shell = Shell(points, np.full(20, 1 / 20))
+    found = jumps(cube, cube, shell, along, SCALE, Device(**TOUCH))
+    wanted = 0.02 * np.sqrt(2) * SCALE.newtons
+    assert found["exact_max"] == pytest.approx(wanted, rel=0.1)
+    assert found["exact_max"] == found["mm01_max"]
+    assert (found["jumps"], found["worst_n"]) == (0, pytest.approx(0, abs=1e-9))

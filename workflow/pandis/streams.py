@@ -8,7 +8,7 @@ of one stage never share a number; another number would give other results.
 import numpy as np
 
 #: evaluate. Its probe sets, shallow and deep, have 0 and 1.
-SMOOTHNESS, BEYOND, CONTACTS, COVERAGE = 3, 4, 6, 13
+CONTACTS, COVERAGE = 6, 13
 #: stress.
 PLACES, QUESTIONS = 1, 2
 #: validate.

@@ -11,10 +11,8 @@ import jinja2
 import numpy as np
 
 from pandis import __version__
-from pandis.evaluation.beyond import POINTS
 from pandis.evaluation.front import PRICES, may_be_used, recommend
 from pandis.evaluation.paths import BASELINES, verdict
-from pandis.evaluation.smoothness import JUMP
 from pandis.fields.registry import open_field
 from pandis.geometry.frame import Frame
 from pandis.geometry.physical import Scale
@@ -27,6 +25,7 @@ from pandis.report.view import view
 from pandis.run.artifact import read_artifact
 from pandis.run.budget import Limits, told, told_figures
 from pandis.run.catalogue import GRID_FIELDS, parse_field
+from pandis.stress.jumps import STEEP
 from pandis.stress.suite import QUESTIONS
 
 
@@ -297,8 +296,7 @@ def build(sections, refused=None):
         version=__version__,
         rays=THICKNESS_RAYS,
         few=FEW,
-        jump=JUMP,
-        points=POINTS,
+        jump=STEEP,
         prices=PRICES,
         baselines=BASELINES,
         questions=QUESTIONS,

@@ -232,9 +232,6 @@ class EvaluationOptions(Options):
         description="trajectories that errors are measured on; of more than one the report gives "
         "means with 95 % intervals",
     )
-    lines: Annotated[int, Field(ge=10)] = Field(
-        1000, description="lines of 1 mm along which the jumps of the force are counted"
-    )
 
 
 class StressOptions(Options):

@@ -23,7 +23,9 @@ _DEEPER = 1.25
 
 
 def ghosts(answer, engine, surface, count, scale, rng):
-    """Look for contacts in free space: next to the surface, and anywhere in the box.
+    """Look for contacts where there are none, and for their absence anywhere inside.
+
+    Next to the surface, and anywhere in the box.
 
     Returns
     -------
@@ -31,7 +33,9 @@ def ghosts(answer, engine, surface, count, scale, rng):
         ``ghosts``: the share of the free space up to 0.04 above the surface with a force of 0.05 N
         or more; ``far_n``: the largest force (N) where the exact wall, were the point as deep as it
         is high, would push with 0.2 N or more; ``largest_n``: the largest anywhere; ``limit``;
-        ``passed``: few near ghosts, and none far.
+        ``passed``: few near ghosts, and none far. Told, and not judged: ``hollow``, the share of
+        points anywhere inside with no force; ``core``, the mean error of the force deeper than 0.04
+        as a share of the mean force there (None where no part is so thick).
     """
     feet, outward, _, _ = surface.draw(count, rng)
     near = feet + rng.uniform(0, PROBE_DEPTHS["deep"], count)[:, None] * outward
@@ -39,9 +43,14 @@ def ghosts(answer, engine, surface, count, scale, rng):
     beside = np.arange(2 * count) < count
     inside_box = (np.abs(points) <= 1).all(axis=1)
     points, beside = points[inside_box], beside[inside_box]
-    height = engine.distance_and_normal(points, check=False)[0]
-    points, beside, height = points[height > 0], beside[height > 0], height[height > 0]
-    force = np.linalg.norm(penalty_force(*answer(points)), axis=1) * scale.newtons
+    height, direction = engine.distance_and_normal(points, check=False)
+    vectors, free = penalty_force(*answer(points)), height > 0
+    core = height < -PROBE_DEPTHS["deep"]
+    depth = -height[core]
+    off = np.linalg.norm(vectors - penalty_force(height, direction), axis=1)[core]
+    sizes = np.linalg.norm(vectors, axis=1)
+    inside = sizes[height < 0]
+    beside, height, force = beside[free], height[free], sizes[free] * scale.newtons
     felt = force >= JUDGED
     share = float(felt[beside].mean()) if beside.any() else 0.0
     far = float(force[height * scale.newtons >= CLEAR].max(initial=0))
@@ -49,6 +58,8 @@ def ghosts(answer, engine, surface, count, scale, rng):
         "ghosts": share,
         "far_n": far,
         "largest_n": float(force.max(initial=0)),
+        "hollow": float((inside == 0).mean()) if len(inside) else 0.0,
+        "core": float(off.mean() / depth.mean()) if core.any() else None,
         "limit": GHOSTS,
         "passed": bool(share <= GHOSTS and far < JUDGED),
     }

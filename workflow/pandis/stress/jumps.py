@@ -37,18 +37,18 @@ def jumps(answer, exact, shell, along, scale, device):
         covers), and a tick at 0.5 and 1 m/s: ``…_p999``, ``…_max`` and ``…_rms``; ``jumps``, the
         share of ways of 0.1 mm with one where the exact force has none; ``worst_n``, what the
         force changes by beyond the exact one on the worst way in ten thousand; ``limit``;
-        ``passed``.
+        ``passed``; and ``exact_…``: what the exact force changes by over 0.1 mm.
     """
     found = {}
     for name, way in {"encoder": device.encoder, **WAYS}.items():
         part = slice(None, None, 1 if name == _COUNTED else 10)
         change = _changes(answer, shell.points[part], along[part], way * scale.metre)
-        found[f"{name}_p999"] = float(np.percentile(change, 99.9) * scale.newtons)
-        found[f"{name}_max"] = float(change.max() * scale.newtons)
-        found[f"{name}_rms"] = float(np.sqrt((change**2).mean()) * scale.newtons)
+        found |= _told(name, change * scale.newtons)
         if name == _COUNTED:
             flat = way * scale.metre
-            reference = _nearby(exact, shell.points, along, flat)
+            exactly = _changes(exact, shell.points, along, flat)
+            found |= _told("exact", exactly * scale.newtons)
+            reference = _nearby(exact, shell.points, along, flat, exactly)
             share = excess(change, reference, STEEP * flat, shell.weight)
             worst = _upper(change - reference, shell.weight, RARE)
     passed = share <= ALLOWED and worst <= WORST * flat
@@ -56,11 +56,21 @@ def jumps(answer, exact, shell, along, scale, device):
     return found | {"jumps": share, "worst_n": worst_n, "limit": ALLOWED, "passed": bool(passed)}
 
 
-def _nearby(exact, points, along, way):
+def _told(name, change):
+    """Return the figures of changes of a force, newtons."""
+    levels = {
+        "p999": np.percentile(change, 99.9),
+        "max": change.max(),
+        "rms": np.sqrt((change**2).mean()),
+    }
+    return {f"{name}_{level}": float(value) for level, value in levels.items()}
+
+
+def _nearby(exact, points, along, way, exactly):
     """Return how much the exact force changes nearby (n,), beyond what a flat wall does."""
     middle = points + way / 2 * along
     whole = _changes(exact, middle - NEARBY * way / 2 * along, along, NEARBY * way)
-    return np.maximum(whole - (NEARBY - 1) * way, _changes(exact, points, along, way))
+    return np.maximum(whole - (NEARBY - 1) * way, exactly)
 
 
 def _upper(values, weight, share):
