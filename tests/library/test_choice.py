@@ -180,7 +180,8 @@ def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
 def test_it_names_the_nearest_where_nothing_will_do(tmp_path, monkeypatch):
     monkeypatch.setattr(choice, "SIZES", (16, 24))
     monkeypatch.setattr(choice.Chooser, "_network", lambda self: None)
-    said = r"no field meets the budget of .* mN .* on average.*The nearest is .* which errs by .*mN"
+    said = r"no field meets the budget of .* mN .* on average.*The nearest is .* which has a force "
+    said += "error of .*mN"
     with pytest.raises(PandisError, match=said):
         choose(TORUS, tmp_path, force_error=1e-5, bytes=30_000)
     with pytest.raises(PandisError, match="exact: .* bytes at the least; .*spline"):

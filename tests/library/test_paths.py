@@ -62,15 +62,15 @@ def test_networks_that_differ_in_their_seed_alone_are_repeats():
 
 @pytest.mark.parametrize(
     ("ratios", "said"),
-    [((0.7, 0.71, 0.72), "less than"), ((0.6, 0.9, 1.2), "about as much as"),
-     ((1.3, 1.31, 1.32), "more than")],
+    [((0.7, 0.71, 0.72), "a smaller error than"), ((0.6, 0.9, 1.2), "about the error of"),
+     ((1.3, 1.31, 1.32), "a larger error than")],
 )  # fmt: skip
 def test_the_verdict_is_about_the_interval_over_seeds(ratios, said):
     names = ["pandis", "pandis-b", "pandis-c"]
     table = {n: {"ratios": {"trilinear-64": r}} for n, r in zip(names, ratios, strict=True)}
     mean, half = np.mean(ratios), interval(ratios)
     assert verdict(table, dict.fromkeys([*names, "other"], model())) == (
-        f"pandis, pandis-b, pandis-c err {said} trilinear-64: {mean:.2f} ± {half:.2f} times "
+        f"pandis, pandis-b, pandis-c have {said} trilinear-64: {mean:.2f} ± {half:.2f} times "
         "(3 trainings)."
     )
 
@@ -78,6 +78,6 @@ def test_the_verdict_is_about_the_interval_over_seeds(ratios, said):
 def test_of_one_training_nothing_is_said_of_others():
     table = {"pandis": {"ratios": {"trilinear-box-64": 0.97, "trilinear-64": 0.77}}}
     assert verdict(table, {"pandis": model()}) == (
-        "pandis errs 0.97 times as much as trilinear-box-64 (one training); "
-        "pandis errs 0.77 times as much as trilinear-64 (one training)."
+        "pandis has 0.97 times the error of trilinear-box-64 (one training); "
+        "pandis has 0.77 times the error of trilinear-64 (one training)."
     )

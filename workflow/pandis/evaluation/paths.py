@@ -130,16 +130,16 @@ def verdict(table, models):
                 continue
             what, mean = ", ".join(names), np.mean(ratios)
             if len(ratios) == 1:
-                said.append(f"{what} errs {mean:.2f} times as much as {baseline} (one training)")
+                said.append(f"{what} has {mean:.2f} times the error of {baseline} (one training)")
                 continue
             half = interval(ratios)
             how = (
-                "less than" if mean + half < 1
-                else "more than" if mean - half > 1
-                else "about as much as"
+                "a smaller error than" if mean + half < 1
+                else "a larger error than" if mean - half > 1
+                else "about the error of"
             )  # fmt: skip
             said.append(
-                f"{what} err {how} {baseline}: {mean:.2f} ± {half:.2f} times "
+                f"{what} have {how} {baseline}: {mean:.2f} ± {half:.2f} times "
                 f"({len(ratios)} trainings)"
             )
     return "; ".join(said) + "." if said else ""

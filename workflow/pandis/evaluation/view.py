@@ -1,4 +1,4 @@
-"""What the report's view of a mesh shows: where each field errs, on a mesh that a page can hold."""
+"""What the report's view of a mesh shows: each field's errors, on a mesh that a page can hold."""
 
 import igl
 import numpy as np

@@ -1,7 +1,8 @@
 """How far a field's distances can be trusted to keep a probe out of contact.
 
 A scene asks an object again only when the probe may touch it: a field at distance d cannot be
-touched before the probe has gone d, less what the field errs. Measured against the exact distance.
+touched before the probe has gone d, less the error of that distance. Measured against the exact
+distance.
 """
 
 import numpy as np
@@ -20,7 +21,7 @@ _STARTS, _ROUNDS, _TRIES, _FAR, _NEARER = 64, 10, 12, 0.03, 0.6
 
 
 def clearance(answer, engine, seed=0):
-    """Measure where contacts of a field can be, and by how much its distance errs in free space.
+    """Measure where contacts of a field can be, and the error of its distance in free space.
 
     Parameters
     ----------

@@ -144,7 +144,7 @@ def control_rows(mesh, evaluation, stress):
 
 
 def _errors(evaluation, field):
-    """Return the columns of a row that say how a field errs."""
+    """Return the columns of a row that say what errors a field has."""
     errors = {n: table[field] for n, table in evaluation["errors"].items() if field in table}
     path, mean_force = errors["trajectory"], evaluation["mean_force"]["trajectory"]
     row = {

@@ -97,7 +97,7 @@ def told(force, newtons, mean_force):
 def told_figures(figures, newtons, mean_force):
     """Say what was measured of a field: mean, tail and missing surface."""
     return (
-        f"errs by {told(figures['mean'], newtons, mean_force)} on average, by "
-        f"{1e3 * newtons * figures['p99']:.3g} mN at p99, and lacks "
+        f"has a force error of {told(figures['mean'], newtons, mean_force)} on average and of "
+        f"{1e3 * newtons * figures['p99']:.3g} mN at p99, and lacks the force on "
         f"{100 * figures['missing']:.2g} % of the surface"
     )

@@ -8,7 +8,7 @@ WIDTHS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
 
 def train(options, samples, strata, points, checkpoint, progress, log):
-    """Train one network, or the smallest that errs as little as is asked for.
+    """Train one network, or the smallest that meets the error that is asked for.
 
     Without ``force_error`` among the options it is one run.
 

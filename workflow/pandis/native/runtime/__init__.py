@@ -13,7 +13,7 @@ import numpy as np
 from pandis.errors import ArtifactError
 from pandis.geometry.frame import Frame
 from pandis.native.compiler import load as load_library
-from pandis.native.threads import in_threads
+from pandis.native.threads import core_count, in_threads
 
 #: What a file can hold; numbers of docs/format.md.
 NETWORK, GRID, SPLINE, MESH, SHAPE = 1, 2, 3, 4, 5
@@ -23,6 +23,8 @@ RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tric
 SHAPES = ("sphere", "torus", "box", "capsule")
 #: Bytes written between queries with cold caches: more than the caches of a core hold.
 CACHES = 1 << 26
+#: Fewer points of a network than this are not worth a second thread.
+_FEW = 64
 _MAGIC, _ORDER = b"PANDIS\r\n", 0x0A0B0C0D
 _HEADER, _SECTION, _ALIGN = 256, 24, 64
 _WHOLES, _REALS = 14, 16
@@ -155,7 +157,11 @@ class NativeField:
             where.append(lengths[low:].ctypes.data if slopes else None)
             self._library.runtime_query(self._field, where[0], high - low, *where[1:])
 
-        in_threads(part, count)
+        if self.kind == NETWORK:
+            # slow enough that a second thread pays at once; it takes what cores nobody else uses
+            in_threads(part, count, threads=core_count(), small=_FEW)
+        else:
+            in_threads(part, count)
         return answer, lengths
 
     def distance_and_normal(self, points):
