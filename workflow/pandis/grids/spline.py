@@ -3,10 +3,10 @@
 Three lattices. *Base*: coarse, 16 bit, all coefficients that a point inside, or in the band
 around the surface, asks for. *Fine*: three times as fine, 8 bit, added to the base in those blocks
 where the base has its largest errors, so that creases, thin parts and the surface itself get the
-bytes. Their sum is twice continuously differentiable, and so is the force, however deep a probe is pressed:
-there is no edge inside where one lattice takes over from another. *Far*: very coarse, over all of
-the box, for the free space beyond the band, where there is no force, the band's edge bounds the
-distance and one bit per block of cells knows the side.
+bytes. Their sum is twice continuously differentiable, and so is the force, however deep a probe
+is pressed: there is no edge inside where one lattice takes over from another. *Far*: very coarse,
+over all of the box, for the free space beyond the band, where there is no force, the band's edge
+bounds the distance and one bit per block of cells knows the side.
 """
 
 import numpy as np
