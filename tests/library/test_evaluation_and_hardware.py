@@ -259,6 +259,8 @@ def test_render_shows_the_mesh_where_it_is():
     width, height = np.ptp(columns) + 1, np.ptp(rows) + 1
     assert width / height == pytest.approx(1 / 0.7, rel=0.05)
     assert width == pytest.approx(120 * 0.78 / 2, abs=2)
+    # without holes, though points fall at random
+    assert image[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1, 3].all()
 
 
 def test_render_hides_what_lies_behind():

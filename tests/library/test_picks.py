@@ -33,6 +33,21 @@ def test_the_exact_field_comes_first_and_then_the_best_that_may_be_used():
     assert found[1]["size"] == "800 KB"
 
 
+@pytest.mark.parametrize(
+    ("exact", "other", "why"),
+    [
+        ({"bytes": 9_000_000}, {}, "Or, if that is too large,"),
+        ({"native_p50_us": 0.8}, {}, "Or, if that is too slow,"),
+        ({"bytes": 0}, {"native_p50_us": 0.7}, "Of the others the best is"),
+    ],
+)
+def test_the_second_field_is_not_said_to_be_what_it_is_not(exact, other, why):
+    rows = [row("exact", 0.0, **exact), row("spline-auto", 5e-4, **other)]
+    found = picks(rows, tried("exact", "spline-auto"), "x")
+    assert [one["why"] for one in found] == ["Use", why]
+    assert (found[0]["size"] == "under 1 KB") == (rows[0]["bytes"] == 0)
+
+
 def test_what_is_safe_is_what_an_armed_device_goes_by():
     """The lightest hand that was tried, not the worst: attached runs take 0.7 of that."""
     (found,) = picks([row("exact", 0.0)], tried("exact"), "x")

@@ -24,7 +24,8 @@ def picks(rows, hardware, folder):
     -------
     list of dict
         ``field``, ``file``, and texts: ``error``, ``size``, ``time``, ``most`` (the safe
-        stiffness), ``safe`` (a sentence about it).
+        stiffness), ``safe`` (a sentence about it); ``why`` one may take it (the beginning of a
+        sentence).
     """
     tried = hardware["fields"]
     able = [
@@ -35,7 +36,18 @@ def picks(rows, hardware, folder):
     exact = [row for row in able if row["field"] == "exact"]
     others = [row for row in able if row["field"] != "exact"]
     best = [min(others, key=lambda row: row["contact_mean"])] if others else []
-    return [_pick(row, tried[row["field"]], folder) for row in exact + best]
+    found = [_pick(row, tried[row["field"]], folder) | {"why": "Use"} for row in exact + best]
+    if exact and best:
+        found[1]["why"] = _why(*best, *exact)
+    return found
+
+
+def _why(row, exact):
+    """Say what a field has over the exact one."""
+    if row["bytes"] < exact["bytes"]:
+        return "Or, if that is too large,"
+    faster = row["native_p50_us"] < exact["native_p50_us"]
+    return "Or, if that is too slow," if faster else "Of the others the best is"
 
 
 def _file_is_sound(found):
@@ -77,4 +89,6 @@ def _pick(row, found, folder):
 
 
 def _size(count):
+    if count < 1000:
+        return "under 1 KB"
     return f"{count / 1e6:,.1f} MB" if count >= 1e6 else f"{count / 1e3:,.0f} KB"

@@ -50,9 +50,23 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     image[row, column, :3] = colour.astype(np.uint8) & 0xFC  # fewer tones, shorter files
     image[row, column, 3] = 255
     buffer[row, column] = depth[order]
+    _close_pinholes(image, buffer)
     if points is not None:
         _draw_path(image, buffer, points, axes, size)
     return image
+
+
+def _close_pinholes(image, buffer):
+    """Give pixels on which no point fell, in the midst of others, the colour of one beside them."""
+    covered = image[..., 3] > 0
+    steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
+    around = sum(np.roll(covered, step, (0, 1)).astype(int) for step in steps)
+    row, column = np.nonzero(~covered & (around >= 3))
+    for down, right in steps:
+        beside = (row + down) % len(image), (column + right) % len(image)
+        take = covered[beside]
+        for layer in (image, buffer):
+            layer[row[take], column[take]] = layer[beside][take]
 
 
 def camera(view, up):

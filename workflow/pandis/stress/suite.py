@@ -40,8 +40,9 @@ QUESTIONS = {
     "hold": Question(
         "Does every wall hold as much as the exact one?",
         "gives_way",
-        "on {gives_way:.2%} of the surface the wall gives way at under 0.9 of what the exact one "
-        "holds ({limit:.0%} allowed), on {breaks:.2%} at under half of that ({broken_limit:.1%})",
+        "on {gives_way:.2%} of the surface the wall gives way before it holds 0.9 of what the "
+        "exact one does ({limit:.0%} allowed), and on {breaks:.2%} before it holds half of that "
+        "({broken_limit:.1%} allowed)",
     ),
     "contacts": Question(
         "Are there contacts in free space?",
@@ -72,7 +73,7 @@ QUESTIONS = {
         "restless",
         "on {restless:.0%} of the surface a press shakes or goes through that is calm on the exact "
         "field ({limit:.0%} allowed); a device is calm up to {stable_n_m:.0f} N/m "
-        "(wanted: {least_n_m:.0f})",
+        "(at least {least_n_m:.0f} N/m are asked for)",
     ),
     "invariance": Question(
         "Do units and place matter?",
