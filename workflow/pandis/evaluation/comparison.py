@@ -1,0 +1,54 @@
+"""Everything that the evaluation of a mesh's fields measures: the stage as a function."""
+
+import numpy as np
+
+from pandis.evaluation.coverage import coverage
+from pandis.evaluation.errors import evaluate
+from pandis.evaluation.paths import over_paths, several
+from pandis.evaluation.view import surface_errors
+from pandis.fields.controls import controls
+from pandis.geometry.measure import draw_contacts
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import probes
+from pandis.streams import CONTACTS, generator
+
+
+def compare(fields, trajectory, options, progress):
+    """Compare all fields of a body with the exact one.
+
+    Parameters
+    ----------
+    fields : pandis.fields.registry.Fields
+    trajectory : dict of str to ndarray
+        ``points``, ``distance`` and ``normal`` along the probe's path: exact, unit frame.
+    options : dict
+        See `pandis.run.options.EvaluationOptions`; and ``size``, ``stiffness``, ``seed`` and,
+        where there are several paths, ``trajectory``.
+    progress : callable
+        Makes a `pandis.run.stage.Progress`.
+
+    Returns
+    -------
+    arrays, attributes : dict
+        As stored in ``evaluation.zarr.zip``, but for the frame.
+
+    Raises
+    ------
+    PandisError
+        The measure of missing surface passes a control.
+    """
+    body, seed, count = fields.body, options["seed"], options["probes"]
+    surface, engine = body.surface, body.distance
+    scale = Scale(options["size"], options["stiffness"])
+    path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
+    sets = probes(surface, engine, count, seed)
+    contacts = draw_contacts(surface, engine, scale, count, generator(seed, CONTACTS), even=True)
+    tried = controls(fields.exact, surface, scale)
+    arrays, attributes = evaluate(fields, tried, path, sets, contacts, progress)
+    arrays |= surface_errors(fields, engine, body.corners, body.faces, progress)
+    paths = several(path, surface, engine, options, progress)
+    arrays["paths"] = np.array([points for points, _, _ in paths], np.float32)
+    attributes["coverage"] = coverage(surface, engine, arrays["paths"], seed)
+    attributes["paths"] = over_paths(fields, paths) if len(paths) > 1 else {}
+    attributes |= {"size": scale.size, "stiffness": scale.stiffness}
+    return arrays, attributes | {"newtons": scale.newtons, "count": len(paths)}
