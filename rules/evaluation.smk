@@ -58,6 +58,7 @@ rule stress:
         "<results>/benchmarks/{mesh}/stress.jsonl"
     conda:
         "../workflow/envs/evaluation.yaml"
+    threads: 2
     resources:
         mem_mb=3000,
         runtime=30,

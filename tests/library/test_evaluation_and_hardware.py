@@ -161,7 +161,7 @@ def test_validation_passes_what_agrees_and_fails_what_does_not(sphere):
     _, verdict = run(sphere, bias=-0.01, misses=0.9)
     assert not verdict["agrees"]
     assert verdict["verdict"] == "fail"
-    assert "differ from the library's by" in verdict["sentence"]
+    assert "differ from the evaluated ones by" in verdict["sentence"]
     _, verdict = run(sphere, missing=0.02, misses=0.9)
     assert verdict["verdict"] == "fail"
     assert "2 % of the surface lacks the force (0.5 % allowed)" in verdict["sentence"]

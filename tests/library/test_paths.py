@@ -62,7 +62,7 @@ def test_networks_that_differ_in_their_seed_alone_are_repeats():
 
 @pytest.mark.parametrize(
     ("ratios", "said"),
-    [((0.7, 0.71, 0.72), "a smaller error than"), ((0.6, 0.9, 1.2), "about the error of"),
+    [((0.7, 0.71, 0.72), "a smaller error than"), ((0.6, 0.9, 1.2), "about the same error as"),
      ((1.3, 1.31, 1.32), "a larger error than")],
 )  # fmt: skip
 def test_the_verdict_is_about_the_interval_over_seeds(ratios, said):

@@ -65,6 +65,14 @@ def test_nothing_is_recommended_where_nothing_may_be_used():
     assert found["field"] == "exact"
 
 
+def test_an_auto_that_has_come_to_the_mesh_is_no_approximate_field():
+    rows = [row("exact", 0.0), row("auto", 0.0, native_p50_us=0.4), row("spline-auto", 5e-4)]
+    found = picks(rows, tried("exact", "auto", "spline-auto"), "x")
+    assert [one["field"] for one in found] == ["exact", "spline-auto"]
+    found = picks(rows[1:], tried("auto", "spline-auto"), "x")
+    assert [one["field"] for one in found] == ["auto", "spline-auto"]
+
+
 PRESSED = {"hands": {"0.3": 300.0}, "holds": True, "pressed_missing": 0}
 
 
@@ -81,6 +89,6 @@ PRESSED = {"hands": {"0.3": 300.0}, "holds": True, "pressed_missing": 0}
     ],
 )
 def test_a_file_is_judged_by_itself_whatever_its_field_passes(fault):
-    """The library's answers pass, and the exported file lacks force, or is safe nowhere."""
+    """What was evaluated passes, and in the loop the file lacks force, or is safe nowhere."""
     assert picks([row("spline-auto", 5e-4)], tried("spline-auto"), "x")
     assert picks([row("spline-auto", 5e-4)], tried("spline-auto", **fault), "x") == []

@@ -161,7 +161,7 @@ def test_mesh_from_a_url(workspace, server):
 SMALL = {
     "fields": ["exact", "nearest-12"],
     "trajectory": {"samples": 50, "deep": 0.01},
-    "evaluation": {"probes": 500, "lines": 20},
+    "evaluation": {"probes": 500},
     "stress": {"ticks": 1000, "loops": 5},
     "timing": {"queries": 100, "batch": 100, "cold": 0},
     "hardware": {"seconds": 0.05, "loaded_seconds": 0},

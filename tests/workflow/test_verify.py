@@ -20,7 +20,7 @@ SMALL = {
     "fields": ["exact", "nearest-12"],
     "results": "made/here",
     "trajectory": {"samples": 50, "deep": 0.01},
-    "evaluation": {"probes": 500, "lines": 20},
+    "evaluation": {"probes": 500},
     "stress": {"ticks": 1000, "loops": 5},
     "timing": {"queries": 100, "batch": 100, "cold": 0},
     "hardware": {"seconds": 0.05, "loaded_seconds": 0},
@@ -118,7 +118,7 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
             "summary.csv +differs",
         ),
         "an option changed": (
-            lambda: change_config(evaluation={"probes": 600, "lines": 20}),
+            lambda: change_config(evaluation={"probes": 600}),
             r"evaluation.zarr.zip +stale: options changed \(probes\)",
         ),
         "a module changed": (

@@ -136,7 +136,7 @@ def verdict(table, models):
             how = (
                 "a smaller error than" if mean + half < 1
                 else "a larger error than" if mean - half > 1
-                else "about the error of"
+                else "about the same error as"
             )  # fmt: skip
             said.append(
                 f"{what} have {how} {baseline}: {mean:.2f} ± {half:.2f} times "

@@ -197,8 +197,8 @@ def export_native(field, kind, provenance, weight_bits, body, log):
     log(f"answers as the library does: the largest differences (unit frame) are {told}")
     safe = clearance(_in_unit_frame(native), body.distance)
     log(
-        "a scene trusts its distances in free space but for {:.2g} of the unit frame, and where "
-        "they are flagged as bounds but for {:.2g}".format(*safe[6:])
+        "a scene trusts its distances in free space to within {:.2g} of the unit frame, and where "
+        "they are flagged as bounds to within {:.2g}".format(*safe[6:])
     )
     return native_bytes(field, kind, provenance, weight_bits, safe)
 

@@ -53,5 +53,6 @@ class ExportedField(Field):
         """Return the field as it would be, had its mesh come in other units and elsewhere."""
         moved = super().placed(factor, offset)
         # a closed form is a formula around the origin: elsewhere it is asked through its frame
-        moved._file = None if self._file.kind == SHAPE else self._file.placed(moved.frame)
+        formula = self._file is None or self._file.kind == SHAPE
+        moved._file = None if formula else self._file.placed(moved.frame)
         return moved

@@ -17,7 +17,7 @@ from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
 from pandis.run.machine import describe, governor
 
-#: Largest difference from the library's own force that passes (unit frame, k = 1).
+#: Largest difference from the forces that were evaluated that passes (unit frame, k = 1).
 AGREEMENT = 2e-5
 #: A tick has so much of its period, whatever the deadline.
 WITHIN = 0.8
@@ -162,7 +162,8 @@ def validate(field, frame, points, reference, walls, options):
     points : ndarray, shape (m, 3), mesh units
         The evaluation trajectory.
     reference : ndarray, shape (m, 3)
-        The library's force of this field there (unit frame, k = 1).
+        The force that was evaluated there, of the same file (unit frame, k = 1); export has
+        compared that file with the library.
     walls : dict
         From `pandis.hardware.walls.compare`.
     options : dict
@@ -243,10 +244,10 @@ def _sentence(verdict, options):
         f"{100 * verdict['miss_share']:.2f} % of the ticks computed longer than {deadline:g} ms at "
         f"{rate:g} Hz, {100 * verdict['late_share']:.2f} % began later than that ({allowed})"
     )
-    force = f"forces agree with the library's within {verdict['agreement']:.1e}"
+    force = f"forces are the evaluated ones within {verdict['agreement']:.1e}"
     if not verdict["agrees"]:
         off = verdict["agreement"]
-        force = f"forces differ from the library's by {off:.1e} ({AGREEMENT:.0e} allowed)"
+        force = f"forces differ from the evaluated ones by {off:.1e} ({AGREEMENT:.0e} allowed)"
     walls = verdict["walls"]
     lacks = f"{100 * walls['missing']:.2g} % of the surface lacks the force"
     if walls["pressed_missing"]:

@@ -23,9 +23,9 @@ def machine_verdict(verdict):
     Returns
     -------
     str
-        ``fail``: the file has not the forces of its library or of the exact field, or computes too
-        long; ``late``: none of this, but the machine began ticks too late, for which no field can
-        be blamed, so that nothing is said for it either; ``pass``.
+        ``fail``: the file does not give the forces that were evaluated, or lacks those of the exact
+        field, or computes too long; ``late``: none of this, but the machine began ticks too late,
+        for which no field can be blamed, so that nothing is said for it either; ``pass``.
     """
     if not (verdict["agrees"] and verdict["in_time"] and verdict["walls"]["holds"]):
         return "fail"
@@ -110,8 +110,8 @@ def machine_sentence(verdict, options):
     if not verdict["punctual"]:
         return (
             f"Not judged: the machine was late. {100 * verdict['late_share']:.2g} % of the ticks "
-            f"began more than {deadline:.0f} µs late, which is not the field's doing: it computes "
-            f"for {took:.3g} µs in 99.9 % of them. Stop other programs and validate again."
+            f"began more than {deadline:.0f} µs late, which is not the field's doing: it takes at "
+            f"most {took:.3g} µs in 99.9 % of them. Stop other programs and validate again."
         )
     return f"It holds {rate:g} Hz here: {took:.3g} of {deadline:.0f} µs in 99.9 % of the ticks."
 

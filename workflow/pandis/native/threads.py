@@ -11,15 +11,10 @@ SMALL = 2048
 def thread_count():
     """Return how many threads native code may use: what the stage was given, else all cores."""
     given = os.environ.get("IGL_NUM_THREADS", "")
-    return int(given) if given.isdigit() and int(given) > 0 else core_count()
+    return int(given) if given.isdigit() and int(given) > 0 else len(os.sched_getaffinity(0))
 
 
-def core_count():
-    """Return how many cores this process may run on, whatever the stage was given."""
-    return len(os.sched_getaffinity(0))
-
-
-def in_threads(part, count, parts=None, threads=None, small=SMALL):
+def in_threads(part, count, parts=None, small=SMALL):
     """Call ``part(low, high)`` for pieces of ``range(count)``, on threads if it is long.
 
     Parameters
@@ -28,17 +23,15 @@ def in_threads(part, count, parts=None, threads=None, small=SMALL):
     count : int
     parts : int, optional
         How many pieces; by default as many as there are threads.
-    threads : int, optional
-        By default `thread_count`.
     small : int
-        So few are not worth a second thread.
+        Fewer are not worth a second thread, nor another one for every so many more.
 
     Returns
     -------
     list
         What the calls returned, in order.
     """
-    threads = (threads or thread_count()) if count >= small else 1
+    threads = max(1, min(thread_count(), 2 * count // small))
     parts = parts or threads
     edges = [count * k // parts for k in range(parts + 1)]
     if threads == 1 or parts == 1:

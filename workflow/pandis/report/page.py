@@ -19,7 +19,7 @@ from pandis.geometry.physical import Scale
 from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures, paper
 from pandis.report.builds import build_seconds
-from pandis.report.picks import picks
+from pandis.report.picks import picks, usable
 from pandis.report.tables import COLUMNS, CONTACT, FEW, control_rows, summary_rows
 from pandis.report.view import view
 from pandis.run.artifact import read_artifact
@@ -118,7 +118,7 @@ def mesh_section(name, artifacts, field_names):
         "name": name,
         "rows": rows,
         "picks": picks(rows, held[3], home),
-        "sound": sum(row["bytes"] != "" and may_be_used(row) for row in rows),
+        "sound": len(usable(rows, held[3])),
         "built": sum(row["bytes"] != "" for row in rows),
         "per_unit": Scale(held[2]["size"], held[2]["stiffness"]).newtons * frame.scale,
         "builds": builds,

@@ -190,7 +190,7 @@ def _times(scans):
         _heads(scans, "paper", "in C", "from Python", "caches empty"),
         rows,
         "Here: medians of single queries on one thread, one after the other along the trajectory; "
-        "in C: pandis.h; from Python: ONNX Runtime, or the library itself; caches empty: from "
+        "in C: pandis.h; from Python: ONNX Runtime, or pandis.h; caches empty: from "
         "Python, 64 MB written between two. GT looks at every face, exact at some of a tree's. "
         "The paper's programs were in C++, its network in LibTorch.",
     )

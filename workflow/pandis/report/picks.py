@@ -7,17 +7,11 @@ from pandis.hardware.attached import SHARE
 def picks(rows, hardware, folder):
     """Return the exact field and the best of the others, of those that may be used.
 
-    A field is judged twice: by the library's answers (`may_be_used`), and by its exported file,
-    which is what a program loads: the file has the field's forces, in time, on the whole surface,
-    and there is a stiffness at which it is safe on every simulated device.
-
     Parameters
     ----------
-    rows : list of dict
-        From `pandis.report.tables.summary_rows`.
-    hardware : dict
-        Attributes of the hardware artifact: only what has a file for ``pandis.h`` is in it.
-    folder : path-like
+    rows, hardware
+        As for `usable`.
+    folder : Path
         Of the mesh's results.
 
     Returns
@@ -27,19 +21,37 @@ def picks(rows, hardware, folder):
         stiffness), ``safe`` (a sentence about it); ``why`` one may take it (the beginning of a
         sentence).
     """
-    tried = hardware["fields"]
-    able = [
-        row
-        for row in rows
-        if row["field"] in tried and may_be_used(row) and _file_is_sound(tried[row["field"]])
-    ]
-    exact = [row for row in able if row["field"] == "exact"]
-    others = [row for row in able if row["field"] != "exact"]
+    able, tried = usable(rows, hardware), hardware["fields"]
+    exact = [row for row in able if row["contact_mean"] == 0]
+    exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or `auto`, come to it
+    others = [row for row in able if row["contact_mean"] > 0]
     best = [min(others, key=lambda row: row["contact_mean"])] if others else []
     found = [_pick(row, tried[row["field"]], folder) | {"why": "Use"} for row in exact + best]
     if exact and best:
         found[1]["why"] = _why(*best, *exact)
     return found
+
+
+def usable(rows, hardware):
+    """Return the rows of the fields that may be used.
+
+    A field is judged twice: by what was evaluated of it (`may_be_used`), and by what its exported
+    file does in a servo loop: it answers in time, pushes back on the whole surface, and there is a
+    stiffness at which it is safe on every simulated device.
+
+    Parameters
+    ----------
+    rows : list of dict
+        Of a summary: one mesh's fields.
+    hardware : dict
+        The attributes of ``hardware.zarr.zip``.
+    """
+    tried = hardware["fields"]
+    return [
+        row
+        for row in rows
+        if row["field"] in tried and may_be_used(row) and _file_is_sound(tried[row["field"]])
+    ]
 
 
 def _why(row, exact):

@@ -154,8 +154,8 @@ def _errors(evaluation, field):
         "trajectory_p99": path["p99"],
         "trajectory_max": path["max"],
         "trajectory_angle": path["angle"],
-        "shallow_mean": errors["shallow"]["mean"] if "shallow" in errors else "",
-        "deep_mean": errors["deep"]["mean"] if "deep" in errors else "",
+        "shallow_mean": _told(errors["shallow"]["mean"]) if "shallow" in errors else "",
+        "deep_mean": _told(errors["deep"]["mean"]) if "deep" in errors else "",
     }
     if path["mean"] < ROUNDING:
         row |= {key: 0.0 for key in row if key.startswith("trajectory")}
@@ -175,11 +175,15 @@ def _contact(errors):
         "felt_percent": 100 * found["felt"],
         "contact_mean": found["mean"],
         "contact_p99": found["p99"],
-        "contact_shallow_mean": errors[SHALLOW]["mean"],
     }
     if found["mean"] < ROUNDING:
         row |= {key: 0.0 for key in row if key.startswith("contact")}
-    return row
+    return row | {"contact_shallow_mean": _told(errors[SHALLOW]["mean"])}
+
+
+def _told(mean):
+    """Return a mean error as it is reported: nothing but rounding is none."""
+    return 0.0 if mean < ROUNDING else mean
 
 
 def to_csv(rows, refused=()):

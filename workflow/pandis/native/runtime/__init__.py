@@ -13,7 +13,7 @@ import numpy as np
 from pandis.errors import ArtifactError
 from pandis.geometry.frame import Frame
 from pandis.native.compiler import load as load_library
-from pandis.native.threads import core_count, in_threads
+from pandis.native.threads import SMALL, in_threads
 
 #: What a file can hold; numbers of docs/format.md.
 NETWORK, GRID, SPLINE, MESH, SHAPE = 1, 2, 3, 4, 5
@@ -157,11 +157,8 @@ class NativeField:
             where.append(lengths[low:].ctypes.data if slopes else None)
             self._library.runtime_query(self._field, where[0], high - low, *where[1:])
 
-        if self.kind == NETWORK:
-            # slow enough that a second thread pays at once; it takes what cores nobody else uses
-            in_threads(part, count, threads=core_count(), small=_FEW)
-        else:
-            in_threads(part, count)
+        # a network is slow enough that a second thread pays at once
+        in_threads(part, count, small=_FEW if self.kind == NETWORK else SMALL)
         return answer, lengths
 
     def distance_and_normal(self, points):
