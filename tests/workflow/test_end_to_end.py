@@ -203,8 +203,8 @@ def test_report_sorts_its_tables_and_saves_tables_and_figures(finished, tmp_path
     text = browse(read, tmp_path, "--dump-dom")
     seen = json.loads(re.search(r"<body>(.*)</body>", text, re.S)[1])
     # with the two controls, which hold nothing; what has no bytes stays at the end
-    assert seen["up"] == ["0", "0", "0", "36,528", "165,888", ""]
-    assert seen["down"] == ["165,888", "36,528", "0", "0", "0", ""]
+    assert seen["up"] == ["0", "0", "0", "36,540", "165,888", ""]
+    assert seen["down"] == ["165,888", "36,540", "0", "0", "0", ""]
     saved = dict(seen["saved"])
     assert len(saved) == len(seen["saved"])  # each has a name of its own
     table = saved["sphere-error-size-and-time.csv"]
