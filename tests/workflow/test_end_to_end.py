@@ -59,7 +59,7 @@ def test_contract_of_the_artifacts(finished):
     fields = {"exact", "trilinear-24", "pandis-exact"}
     for errors in evaluation.attributes["errors"].values():
         assert fields < set(errors)
-        assert errors["exact"]["max"] == 0
+        assert errors["exact"]["max"] < 1e-15  # the file has the formula in another frame
         assert {"mean", "p99", "max"} < set(errors["trilinear-24"])
     assert {"contact-shallow", "contact-deep", "shallow", "deep", "trajectory"} == set(
         evaluation.attributes["errors"]
