@@ -1,7 +1,7 @@
 # Two commands do all the set-up:
 #   make all     install into .venv, run the workflow on config/config.yaml
-#   make test    install into .venv, lint, run the tests (20 minutes on two cores)
-#   make check   lint, the tests of what runs when, the fast configuration (two minutes)
+#   make test    install into .venv, lint, run the tests
+#   make check   lint, the tests of what runs when, the fast configuration
 # Also: make test-full (no time limit), make lint, make docs, make figures, make clean.
 PYTHON ?= python3
 JOBS ?= 2

@@ -7,7 +7,7 @@ from pandis.run.provenance import DISTRIBUTIONS, CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVS = ROOT / "workflow" / "envs"
-#: What a family needs besides what it imports: trimesh reads glTF, 3MF and COLLADA through these.
+#: What a family needs besides what it imports: trimesh reads 3MF through these.
 _BESIDES = {"mesh": ("lxml", "networkx")}
 
 

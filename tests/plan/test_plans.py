@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 import yaml
@@ -102,6 +103,19 @@ def test_another_folder_has_its_own_results(rerun):
     for folder in ("../up", "/tmp", "a b", "", 3, "a/../b"):
         with pytest.raises(PandisError, match="results: a folder below the working directory"):
             Plan({"results": folder} | meshes, ROOT / "workflow")
+
+
+def test_another_repository_goes_by_the_query_times_that_come_along(tmp_path, monkeypatch):
+    """As a module: until the working directory has a table of its own, which calibrate makes."""
+    monkeypatch.chdir(tmp_path)
+    budget = {"force_error": 1e-3}
+    meshes = {"x": {"source": "analytic:box", "fields": "auto", "budget": budget}}
+    made = Plan({"meshes": meshes}, ROOT / "workflow")
+    assert Path(made.query_times).samefile(ROOT / "config/query-times.csv")
+    assert made.stage_options("calibrate") == {"table": "config/query-times.csv"}
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/query-times.csv").touch()
+    assert made.query_times == "config/query-times.csv"
 
 
 def test_a_mesh_with_a_fault_of_its_own_keeps_no_other_from_running(rerun):

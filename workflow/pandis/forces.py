@@ -21,3 +21,8 @@ def penalty_force(distance, normal, stiffness=1.0):
     inside = np.less(distance, 0.0)  # not so for NaN
     depth = np.where(inside, -stiffness * np.asarray(distance), 0.0)
     return np.where(inside[:, None], depth[:, None] * normal, 0.0)
+
+
+def force_of(field):
+    """Return what answers the force (n, 3) of a field at points (n, 3): unit frame, k = 1."""
+    return lambda points: penalty_force(*field.answer(points))

@@ -16,7 +16,7 @@ from pandis.fields.exact import ExactField
 from pandis.fields.exported import ExportedField
 from pandis.fields.registry import open_field
 from pandis.fields.sizing import SIZES, SPLINE_BYTES, Grids, grid_bytes, hopeless
-from pandis.forces import penalty_force
+from pandis.forces import force_of
 from pandis.geometry.measure import promise
 from pandis.geometry.strata import Strata
 from pandis.run.artifact import Artifact
@@ -243,7 +243,7 @@ class Chooser:
             return measured._replace(why=f"meets the errors, but cannot be exported: {error}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
         file = ExportedField(field.name, data)
-        measured = self.points.measure(lambda p: penalty_force(*file.answer(p)), self.limits)
+        measured = self.points.measure(force_of(file), self.limits)
         if measured.why:
             return measured
         found = self.suite.ask(file, self.progress, first=True)
@@ -267,8 +267,7 @@ class Chooser:
         tried = controls(exact, self.points.surface, self.points.scale)
         met = []
         for control in tried:
-            _, upper = promise(lambda p, c=control: penalty_force(*c.answer(p)),
-                               self.points.promising)  # fmt: skip
+            _, upper = promise(force_of(control), self.points.promising)
             met += [control.name] if self.limits.excess(upper) <= 1 else []
         demand_failure("the choice by budget", met)
 

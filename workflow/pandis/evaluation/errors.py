@@ -3,7 +3,7 @@
 import numpy as np
 
 from pandis.fields.controls import demand_failure
-from pandis.forces import penalty_force
+from pandis.forces import force_of, penalty_force
 from pandis.geometry.measure import MISSING_LIMIT, contact_errors, shares
 
 #: Ending of the row with the paper's own force, in which Ψ keeps its length.
@@ -84,7 +84,7 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
                 kept = _unnormalised(field)(points)
                 errors[name][field.name + UNNORMALISED] = statistics(kept, exact)
         if not field.ordered:
-            asked = {field.name: _force(field)}
+            asked = {field.name: force_of(field)}
             if field.keeps_length:
                 asked[field.name + UNNORMALISED] = _unnormalised(field)
             for name, force_at in asked.items():
@@ -93,7 +93,7 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
         report.update(index + 1)
     points, distance, normal = trajectory
     arrays["exact_force"] = penalty_force(distance, normal)
-    tried = {control.name: contact_errors(_force(control), contacts) for control in controls}
+    tried = {control.name: contact_errors(force_of(control), contacts) for control in controls}
     demand_failure(
         "the measure of missing surface",
         (name for name, found in tried.items()
@@ -108,11 +108,6 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
         "bytes": {field.name: int(field.bytes) for field in fields},
         "force_unit": "unit frame, k = 1",
     }
-
-
-def _force(field):
-    """Return what answers the force (n, 3) of a field at points (n, 3): k = 1, unit frame."""
-    return lambda points: penalty_force(*field.answer(points))
 
 
 def _unnormalised(field):

@@ -11,6 +11,7 @@ from pandis.errors import PandisError
 from pandis.export.check import FORCE_LENGTH, check, check_points
 from pandis.export.clearance import clearance
 from pandis.fields.exact import ExactField
+from pandis.fields.exported import ExportedField
 from pandis.fields.grid import GridField
 from pandis.fields.siren import SirenField
 from pandis.fields.spline import SplineField
@@ -186,7 +187,8 @@ def export_native(field, kind, provenance, weight_bits, body, log):
     PandisError
         ``pandis.h`` does not answer as the field does.
     """
-    native, wanted = NativeField(native_bytes(field, kind, provenance, weight_bits)), field
+    data, wanted = native_bytes(field, kind, provenance, weight_bits), field
+    native = NativeField(data)
     if weight_bits == 16 and isinstance(field, SirenField):
         # the file must answer as the rounded weights do; what rounding costs is told
         wanted = _rounded(field)
@@ -195,23 +197,13 @@ def export_native(field, kind, provenance, weight_bits, body, log):
     differences = check(native.distance_and_normal, _reference(wanted), field.frame)
     told = ", ".join(f"{key} {value:.1g}" for key, value in differences.items())
     log(f"answers as the library does: the largest differences (unit frame) are {told}")
-    safe = clearance(_in_unit_frame(native), body.distance)
+    file = ExportedField(field.name, data)
+    safe = clearance(lambda points: file.query(points)[::2], body.distance)
     log(
         "a scene trusts its distances in free space to within {:.2g} of the unit frame, and where "
         "they are flagged as bounds to within {:.2g}".format(*safe[6:])
     )
     return native_bytes(field, kind, provenance, weight_bits, safe)
-
-
-def _in_unit_frame(native):
-    """Return what answers distances and flags at points, both in the unit frame."""
-    frame = native.frame
-
-    def answer(points):
-        found = native.query(frame.to_mesh(points))
-        return found.distance * frame.scale, found.flag
-
-    return answer
 
 
 def _rounded(field):

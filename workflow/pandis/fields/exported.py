@@ -25,18 +25,24 @@ class ExportedField(Field):
 
     def __init__(self, name, source):
         self._file = NativeField(source)
-        # asked in the unit frame, so that no digit is lost on the way to mesh units and back
-        self._unit = self._file.placed(_UNIT)
         self.keeps_length = self._file.kind == NETWORK
+        #: A closed form is a formula in mesh units; all else has numbers of the unit frame, and is
+        #: asked there, so that no digit is lost on the way to mesh units and back.
+        self._is_formula = self._file.kind == SHAPE
+        self._unit = None if self._is_formula else self._file.placed(_UNIT)
         super().__init__(name, self._file.frame, self._file.bytes)
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
-        return self._unit.query(points)[:2]
+        return self.query(points)[:2]
 
     def query(self, points):
         """Answer with flags (unit frame)."""
-        return Answer(*self._unit.query(points))
+        if not self._is_formula:
+            return Answer(*self._unit.query(points))
+        home = self._file.frame
+        distance, normal, flag = self._file.query(home.to_mesh(points))
+        return Answer(distance * home.scale, normal, flag)
 
     def direction(self, points):
         """Answer distance (n,) and the direction (n, 3) before it is made a unit vector."""
@@ -44,15 +50,13 @@ class ExportedField(Field):
         return distance, normal * length[:, None]
 
     def distance_and_normal(self, points):
-        """Answer in mesh units, as a program would."""
-        if self._file is None:
-            return super().distance_and_normal(points)
-        return self._file.distance_and_normal(points)
+        """Answer in mesh units: as a program would, but a closed form through its frame."""
+        asked = super() if self._is_formula else self._file
+        return asked.distance_and_normal(points)
 
     def placed(self, factor, offset):
         """Return the field as it would be, had its mesh come in other units and elsewhere."""
         moved = super().placed(factor, offset)
-        # a closed form is a formula around the origin: elsewhere it is asked through its frame
-        formula = self._file is None or self._file.kind == SHAPE
-        moved._file = None if formula else self._file.placed(moved.frame)
+        if not self._is_formula:
+            moved._file = self._file.placed(moved.frame)
         return moved

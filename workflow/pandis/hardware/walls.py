@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.fields.controls import controls, demand_failure
-from pandis.forces import penalty_force
+from pandis.forces import force_of
 from pandis.geometry.measure import (
     JUDGED,
     MISSING_LIMIT,
@@ -72,7 +72,7 @@ def open_walls(exact, surface, scale, seed):
         depth = places.depth(PROBE_DEPTHS["deep"])
         drawn += [places, below(engine, places.feet, places.outward, depth)]
     walls = Walls(*drawn, scale)
-    tried = {c.name: compare(lambda p, c=c: penalty_force(*c.answer(p)), walls)
+    tried = {c.name: compare(force_of(c), walls)
              for c in controls(exact, surface, scale)}  # fmt: skip
     demand_failure("the hardware verdict", (n for n, found in tried.items() if found["holds"]))
     return walls

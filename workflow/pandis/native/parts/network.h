@@ -88,15 +88,13 @@ PANDIS__KINDS(PANDIS__ADD)
                                    w3 = load(at + 3 * (ptrdiff_t)stride);                                        \
                     for (int p = 0; p < 4; p++) {                                                                \
                         const float *x = h + p * (ptrdiff_t)stride + i;                                          \
-                        sum[p][k] = sum[p][k] + ((x[0] * w0 + x[1] * w1) +         \
-                                                 (x[2] * w2 + x[3] * w3));         \
+                        sum[p][k] = sum[p][k] + ((x[0] * w0 + x[1] * w1) + (x[2] * w2 + x[3] * w3));             \
                     }                                                                                            \
                 }                                                                                                \
             for (; i < rows; i++, row += stride)                                                                 \
                 for (int p = 0; p < 4; p++)                                                                      \
                     for (int k = 0; k < PANDIS__PARTS; k++)                                                      \
-                        sum[p][k] = sum[p][k] + h[p * (ptrdiff_t)stride + i] *                    \
-                                                    load(row + k * PANDIS__VECTOR);                              \
+                        sum[p][k] = sum[p][k] + h[p * (ptrdiff_t)stride + i] * load(row + k * PANDIS__VECTOR);   \
             for (int p = 0; p < 4; p++) memcpy(out + p * (ptrdiff_t)stride + j, sum[p], sizeof sum[p]);          \
         }                                                                                                        \
     }

@@ -107,8 +107,8 @@ class NativeField:
         Parameters
         ----------
         frame : pandis.geometry.frame.Frame
-            The one that it would have been made in then. A closed form is a formula around the
-            origin: it can be scaled and not moved.
+            The one that it would have been made in then. Not of a closed form, which is a formula
+            in mesh units around the origin.
         """
         other = object.__new__(NativeField)
         other._library, other.path, other.frame = self._library, self.path, frame

@@ -13,14 +13,12 @@ void runtime_frame(const pandis_field *field, double *numbers) {
 }
 
 /* The same field in another frame: as it would be, had its mesh come in other units and at another place.
- * A closed form lies at the origin: it is scaled, and not moved. */
+ * Not of a closed form, which is a formula in mesh units around the origin. */
 void runtime_place(pandis_field *placed, const pandis_field *field, const double *numbers) {
     *placed = *field;
     placed->mapped = 0; /* the bytes are the other's: it lets go of them */
     for (int k = 0; k < 3; k++) placed->centre[k] = numbers[k];
     placed->scale = numbers[3];
-    if (field->kind == PANDIS_SHAPE)
-        for (int k = 0; k < 3; k++) placed->as.shape.size[k] *= field->scale / numbers[3];
 }
 
 /* The bytes that answers are made of: not those that say where to trust a field, or where it is from. */
