@@ -3,11 +3,12 @@
 from pandis.geometry.body import Body
 from pandis.grids.dense import DenseGrid
 from pandis.run.stage import stage
+from pandis.run.tasks import BakeTask
 
-with stage(snakemake) as job:
+with stage(snakemake, BakeTask) as job:
     mesh = job.read("mesh", "mesh")
-    content, size, band, chunk = (job.options[k] for k in ("content", "size", "band", "chunk"))
-    grid = DenseGrid(Body.open(mesh).distance, content, size, band, job.progress)
-    attributes = grid.attributes() | {"frame": mesh.attributes["frame"]}
-    slabs = ({"values": slab} for slab in grid.slabs(chunk))
-    job.write_pieces("grid", {"values": grid.column(chunk)}, slabs, attributes)
+    body, task = Body.open(mesh), job.options
+    grid = DenseGrid(body.distance, task.content, task.size, task.band, job.progress)
+    attributes = grid.attributes() | body.frame.attributes()
+    slabs = ({"values": slab} for slab in grid.slabs(task.chunk))
+    job.write_pieces("grid", {"values": grid.column(task.chunk)}, slabs, attributes)

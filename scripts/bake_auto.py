@@ -5,12 +5,13 @@ from pandis.fields.sizing import Sizing
 from pandis.geometry.body import Body
 from pandis.geometry.physical import Scale
 from pandis.run.stage import stage
+from pandis.run.tasks import BakeAutoTask
 
-with stage(snakemake) as job:
+with stage(snakemake, BakeAutoTask) as job:
     mesh = job.read("mesh", "mesh")
-    body, frame = Body.open(mesh), mesh.attributes["frame"]
-    scale = Scale(job.options["size"], job.options["stiffness"])
-    points = Points(body.surface, body.distance, scale, job.options["seed"])
-    sizing = Sizing(job.options["kind"], points, frame, job.options, job.progress, job.log)
+    body = Body.open(mesh)
+    scale = Scale.of(job.options)
+    points = Points(body.surface, body.distance, scale, job.options.seed)
+    sizing = Sizing(points, body.frame, job.options, job.progress, job.log)
     arrays, attributes = sizing.find()
-    job.write("grid", arrays, attributes | {"frame": frame})
+    job.write("grid", arrays, attributes | body.frame.attributes())

@@ -3,11 +3,12 @@
 from pandis.geometry.body import Body
 from pandis.grids.spline import SplineFit, samples_for
 from pandis.run.stage import stage
+from pandis.run.tasks import BakeSplineTask
 
-with stage(snakemake) as job:
+with stage(snakemake, BakeSplineTask) as job:
     mesh = job.read("mesh", "mesh")
-    body = Body.open(mesh)
-    size, band, seed = (job.options[k] for k in ("size", "band", "seed"))
-    spline = SplineFit(body.distance, body.surface, band, seed, samples_for(size))
-    arrays, attributes = spline.build(size, None, job.progress)
-    job.write("grid", arrays, attributes | {"frame": mesh.attributes["frame"]})
+    body, task = Body.open(mesh), job.options
+    samples = samples_for(task.size)
+    spline = SplineFit(body.distance, body.surface, task.band, task.seed, samples)
+    arrays, attributes = spline.build(task.size, None, job.progress)
+    job.write("grid", arrays, attributes | body.frame.attributes())

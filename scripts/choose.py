@@ -6,13 +6,13 @@ from pandis.geometry.body import Body
 from pandis.geometry.physical import Scale
 from pandis.run.query_times import QueryTimes
 from pandis.run.stage import stage
+from pandis.run.tasks import ChooseTask
 
-with stage(snakemake) as job:
+with stage(snakemake, ChooseTask) as job:
     mesh, times = job.read("mesh", "mesh"), QueryTimes(job.note_file(job.input.times))
-    body, own = Body.open(mesh), job.options
-    scale = Scale(own["stress"]["size"], own["stress"]["stiffness"])
-    points = Points(body.surface, body.distance, scale, own["seed"])
+    body = Body.open(mesh)
+    points = Points(body.surface, body.distance, Scale.of(job.options), job.options.seed)
     where = job.checkpoint(), job.progress, job.log
-    arrays, attributes, finish = Chooser(body, points, own, times, *where).choose()
-    job.write("choice", arrays, attributes | {"frame": mesh.attributes["frame"]})
+    arrays, attributes, finish = Chooser(body, points, job.options, times, *where).choose()
+    job.write("choice", arrays, attributes | body.frame.attributes())
     finish()

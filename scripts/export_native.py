@@ -5,9 +5,10 @@ from pandis.fields.registry import kind_of, open_field
 from pandis.geometry.body import Body
 from pandis.run.catalogue import parse_field
 from pandis.run.stage import stage
+from pandis.run.tasks import ExportNativeTask
 
-with stage(snakemake) as job:
-    name, bits = job.options["field"], job.options["weight_bits"]
+with stage(snakemake, ExportNativeTask) as job:
+    name, bits = job.options.field, job.options.weight_bits
     held, spec = job.read_path(job.input.held), parse_field(name, [name])
     field, kind = open_field(spec, held), kind_of(spec, held)
     body = Body.open(job.read("mesh", "mesh"))

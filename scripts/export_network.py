@@ -3,9 +3,10 @@
 from pandis.export.networks import export_network
 from pandis.export.programs import export_program
 from pandis.run.stage import stage
+from pandis.run.tasks import ExportTask
 
-with stage(snakemake) as job:
+with stage(snakemake, ExportTask) as job:
     model = job.read("model", "model")
     for index, export in enumerate((export_network, export_program)):
-        data = export(job.options["field"], model, job.provenance(), job.log)
+        data = export(job.options.field, model, job.provenance(), job.log)
         job.write_file(data, index)

@@ -2,7 +2,8 @@
 
 from pandis.export.vti import export_vti
 from pandis.run.stage import stage
+from pandis.run.tasks import ExportTask
 
-with stage(snakemake) as job:
+with stage(snakemake, ExportTask) as job:
     grid = job.read("grid", "grid")
-    job.write_file(export_vti(job.options["field"], grid, job.provenance()))
+    job.write_file(export_vti(job.options.field, grid, job.provenance()))

@@ -2,6 +2,7 @@
 
 from pandis.mesh.fetch import fetch
 from pandis.run.stage import stage
+from pandis.run.tasks import FetchTask
 
-with stage(snakemake) as job:
-    job.write_file(fetch(job.options["url"], job.options["sha256"], job.progress))
+with stage(snakemake, FetchTask) as job:
+    job.write_file(fetch(job.options.url, job.options.sha256, job.progress))

@@ -2,6 +2,7 @@
 
 from pandis.errors import PandisError
 from pandis.run.stage import stage
+from pandis.run.tasks import RefuseTask
 
-with stage(snakemake) as job:
-    raise PandisError(job.options["why"])
+with stage(snakemake, RefuseTask) as job:
+    raise PandisError(job.options.why)

@@ -5,11 +5,12 @@ from pathlib import Path
 from pandis.report.page import build, mesh_sections
 from pandis.report.seal import seal
 from pandis.run.stage import stage
+from pandis.run.tasks import SummaryTask
 
-with stage(snakemake) as job:
+with stage(snakemake, SummaryTask) as job:
     meshes = {
         mesh: ([path for path in job.input if Path(path).parent.name == mesh], fields)
-        for mesh, fields in job.options["fields"].items()
+        for mesh, fields in job.options.fields.items()
     }
     sections = mesh_sections(meshes, job.threads, job.progress, job.note_digest)
     job.write_file(seal(build(sections), job.provenance()).encode())

@@ -3,10 +3,11 @@
 from pandis.geometry.body import Body
 from pandis.geometry.strata import Strata
 from pandis.run.stage import stage
+from pandis.run.tasks import SampleTask
 
-with stage(snakemake) as job:
+with stage(snakemake, SampleTask) as job:
     mesh = job.read("mesh", "mesh")
     body = Body.open(mesh)
-    strata = Strata(body.surface, body.distance, job.options)
-    attributes = strata.attributes() | {"frame": mesh.attributes["frame"]}
+    strata = Strata(body.surface, body.distance, job.options, job.options.seed)
+    attributes = strata.attributes() | body.frame.attributes()
     job.write_pieces("samples", strata.columns(), strata.shards(job.progress), attributes)

@@ -2,11 +2,12 @@
 
 from pandis.evaluation.scenes import try_scene
 from pandis.run.stage import stage
+from pandis.run.tasks import SceneTask
 
-with stage(snakemake) as job:
+with stage(snakemake, SceneTask) as job:
     files = [job.note_file(path) for path in job.input.fields]
     name = snakemake.wildcards.scene
-    arrays, attributes, text = try_scene(name, files, job.options, job.progress, job.log)
+    arrays, attributes, text, header = try_scene(name, files, job.options, job.progress, job.log)
     job.write("scene", arrays, attributes)
     job.write_file(text.encode(), index=1)
-    job.write_file(attributes["header"].encode(), index=2)
+    job.write_file(header.encode(), index=2)

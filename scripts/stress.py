@@ -2,13 +2,15 @@
 
 from pandis.fields.controls import controls
 from pandis.fields.registry import open_fields
+from pandis.geometry.physical import Scale
 from pandis.run.stage import stage
+from pandis.run.tasks import StressTask
 from pandis.stress.suite import Suite, stress
 
-with stage(snakemake) as job:
+with stage(snakemake, StressTask) as job:
     mesh = job.read("mesh", "mesh")
-    fields = open_fields(job.options["fields"], mesh, map(job.read_input, job.input.fields))
-    suite = Suite(fields.body, job.options)
+    fields = open_fields(job.options.fields, mesh, map(job.read_input, job.input.fields))
+    suite = Suite(fields.body, Scale.of(job.options), job.options, job.options.seed)
     tried = controls(fields.exact, fields.body.surface, suite.scale)
     arrays, attributes = stress(fields, tried, suite, job.progress)
     for name, failed in attributes["failed"].items():

@@ -3,13 +3,14 @@
 from pandis.evaluation.timing import time_fields, time_program
 from pandis.fields.registry import open_fields
 from pandis.run.stage import stage
+from pandis.run.tasks import TimingTask
 
-with stage(snakemake) as job:
+with stage(snakemake, TimingTask) as job:
     mesh = job.read("mesh", "mesh")
     points = job.read("trajectory", "trajectory").arrays["points"]
     exports = [job.note_file(path) for path in job.input.exports]
     natives = [job.note_file(path) for path in job.input.natives]
-    fields = open_fields(job.options["in_python"], mesh, map(job.read_input, job.input.fields))
+    fields = open_fields(job.options.in_python, mesh, map(job.read_input, job.input.fields))
     arrays, attributes = time_fields(
         fields, exports, natives, fields.body, points, job.options, job.progress
     )

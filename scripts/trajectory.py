@@ -3,11 +3,13 @@
 from pandis.geometry.body import Body
 from pandis.geometry.trajectories import trace
 from pandis.run.stage import stage
+from pandis.run.tasks import TrajectoryTask
 
-with stage(snakemake) as job:
+with stage(snakemake, TrajectoryTask) as job:
     mesh = job.read("mesh", "mesh")
     body = Body.open(mesh)
-    arrays, attributes = trace(body.surface, body.distance, job.options, job.progress)
+    seed = job.options.seed
+    arrays, attributes = trace(body.surface, body.distance, job.options, seed, job.progress)
     if attributes["followed"]:
         job.log(attributes["followed"])
-    job.write("trajectory", arrays, attributes | {"frame": mesh.attributes["frame"]})
+    job.write("trajectory", arrays, attributes | body.frame.attributes())

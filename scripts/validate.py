@@ -6,15 +6,16 @@ from pandis.geometry.physical import Scale
 from pandis.hardware.validation import validate_exports
 from pandis.hardware.walls import open_walls
 from pandis.run.stage import stage
+from pandis.run.tasks import ValidateTask
 
-with stage(snakemake) as job:
+with stage(snakemake, ValidateTask) as job:
     mesh = job.read("mesh", "mesh")
     trajectory = job.read("trajectory", "trajectory")
     evaluation = job.read("evaluation", "evaluation")
     exports = [job.note_file(path) for path in job.input.exports]
     body = Body.open(mesh)
-    scale = Scale(job.options["size"], job.options["stiffness"])
-    walls = open_walls(ExactField("exact", body), body.surface, scale, job.options["seed"])
+    scale = Scale.of(job.options)
+    walls = open_walls(ExactField("exact", body), body.surface, scale, job.options.seed)
     arrays, attributes, text = validate_exports(
         exports, walls, trajectory, evaluation, job.mesh, job.options, job.progress
     )

@@ -2,7 +2,8 @@
 
 from pandis.run.plan import Plan
 from pandis.run.stage import stage
+from pandis.run.tasks import VerifyTask
 from pandis.run.verification import verify
 
-with stage(snakemake) as job:
-    verify(Plan(snakemake.config, job.workflow(), job.options["configfiles"]), job.log)
+with stage(snakemake, VerifyTask) as job:
+    verify(Plan(snakemake.config, job.workflow(), job.options.configfiles), job.log)

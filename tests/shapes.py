@@ -137,6 +137,6 @@ def opened(mesh):
     assert mesh.volume > 0
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
     arrays = {"vertices": vertices, "faces": faces}
-    held = artifact("mesh", arrays, {"shape": None, "frame": frame.attributes()})
+    held = artifact("mesh", arrays, {"shape": None, **frame.attributes()})
     engine = MeshDistance(frame.to_unit(vertices), faces)
     return Shape(held, engine, Surface(engine.vertices, engine.faces), frame)

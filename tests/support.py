@@ -153,7 +153,7 @@ def write_obj(path, vertices, faces):
     return Path(path)
 
 
-def sample(surface, engine, options, progress):
+def sample(surface, engine, options, seed, progress):
     """Return the arrays and attributes of a samples artifact."""
-    strata = Strata(surface, engine, options)
+    strata = Strata(surface, engine, options, seed)
     return strata.arrays(progress), strata.attributes()

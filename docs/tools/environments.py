@@ -7,6 +7,8 @@ from pandis.run.provenance import DISTRIBUTIONS, CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVS = ROOT / "workflow" / "envs"
+#: What every stage needs: the models of its options.
+_ALWAYS = {"pydantic"}
 #: What a family needs besides what it imports: trimesh reads 3MF through these.
 _BESIDES = {"mesh": ("lxml", "networkx")}
 
@@ -18,7 +20,7 @@ def environments():
         names = re.findall(r'"\.\./scripts/(\w+)\.py"', rules.read_text(encoding="utf-8"))
         keys = {key for name in names for key in digests.modules(name)}
         packages = {key.removeprefix("package ") for key in keys if key.startswith("package ")}
-        packages |= set(_BESIDES.get(rules.stem, ()))
+        packages |= _ALWAYS | set(_BESIDES.get(rules.stem, ()))
         wanted = sorted(pins[_key(DISTRIBUTIONS.get(name, name))] for name in packages)
         if names:
             texts[ENVS / f"{rules.stem}.yaml"] = _text(rules.name, wanted)

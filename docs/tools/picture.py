@@ -22,7 +22,7 @@ SLICE, NODES, DEEP = -0.05, 500, 0.06
 def main():
     """Draw the picture."""
     mesh = read_artifact(HOME / "mesh.zarr.zip")
-    frame = Frame.from_attributes(mesh.attributes["frame"])
+    frame = Frame.of(mesh)
     field = pandis.load(HOME / "export" / "exact.pandis")
     figure = Figure(figsize=(10.4, 3.9), layout="constrained")
     axes = [figure.add_subplot(1, 3, k + 1) for k in range(3)]

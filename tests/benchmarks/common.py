@@ -11,7 +11,7 @@ sys.path.insert(0, str(ROOT / "workflow"))
 
 from pandis.geometry.frame import Frame  # noqa: E402
 from pandis.run.machine import describe  # noqa: E402
-from pandis.run.options import MeshOptions  # noqa: E402
+from pandis.run.tasks import MeshTask  # noqa: E402
 
 #: The scans that the accuracy bars name.
 SCANS = {
@@ -26,8 +26,8 @@ def load(path):
     from pandis.mesh.build import build  # needs the mesh libraries, training does not
 
     path = Path(os.environ["PANDIS_MESHES"]) / path
-    options = MeshOptions().model_dump() | {"source": str(path), "sha256": None, "seed": 0}
-    arrays, _ = build(options, path, lambda text: None)
+    task = MeshTask(source=str(path), sha256=None, seed=0)
+    arrays, _ = build(task, path, lambda text: None)
     vertices = arrays["vertices"]
     frame = Frame.of_bounds(vertices.min(0), vertices.max(0))
     return frame.to_unit(vertices), arrays["faces"]

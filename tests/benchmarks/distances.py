@@ -126,8 +126,8 @@ def sample_memory(vertices, faces):
     engine = MeshDistance(vertices, faces)
     counts = {"surface": 2, "offsets": 2, "shallow": 1, "penetration": 2, "bent": 1, "core": 0}
     counts = {k: n * 1_000_000 for k, n in counts.items()} | {"box": 2_000_000}
-    options = SampleOptions().model_dump() | counts
-    strata = Strata(Surface(engine.vertices, engine.faces), engine, options | {"seed": 0})
+    options = SampleOptions(**counts)
+    strata = Strata(Surface(engine.vertices, engine.faces), engine, options, 0)
     path = Path(tempfile.mkdtemp()) / "samples.zarr.zip"
     with ArtifactWriter(path, "samples") as writer:
         for name, column in strata.columns().items():

@@ -78,7 +78,7 @@ def main(names):
                 arrays, attributes = dense(vertices, faces, kind, size, path)
             row = {"mesh": name, "field": field, "build_s": time.perf_counter() - start}
             row["disk_bytes"] = path.stat().st_size
-            attributes = attributes | {"frame": Frame((0.0, 0.0, 0.0), 1.0).attributes()}
+            attributes = attributes | Frame((0.0, 0.0, 0.0), 1.0).attributes()
             made = GRID_OPENERS[kind](field, Artifact(None, "grid", arrays, attributes, {}, ""))
             row |= {"bytes": made.bytes, "flagged": 0}
             for where, (points, distance, normal) in sets.items():

@@ -40,7 +40,7 @@ GRIDS = (
     "tricubic-58",
     "spline-auto",
 )  # fmt: skip
-UNIT = {"frame": Frame((0.0, 0.0, 0.0), 1.0).attributes()}
+UNIT = Frame((0.0, 0.0, 0.0), 1.0).attributes()
 #: What a row is of; the rest are its figures.
 KEYS = ("mesh", "field", "weighting", "points", "seed", "steps")
 FIGURES = ("shallow", "deep", "contact", "missing", "path")
@@ -53,12 +53,11 @@ class Measure:
         self.scan = scan = Scan(path)
         self.engine = scan.strata.engine
         own = scan.strata.surface, self.engine
-        scale = Scale(**DeviceOptions().model_dump())
+        scale = Scale.of(DeviceOptions())
         self.contacts = draw_contacts(*own, scale, POINTS, np.random.default_rng(4), even=True)
         self.paths = []
         for seed in SEEDS:
-            options = TrajectoryOptions().model_dump() | {"seed": seed}
-            path, _ = trace(*own, options, silent_progress)
+            path, _ = trace(*own, TrajectoryOptions(), seed, silent_progress)
             self.paths.append(tuple(path[key] for key in ("points", "distance", "normal")))
 
     def figures(self, field):

@@ -40,20 +40,20 @@ from pandis.native.compiler import load
 from pandis.native.runtime import NativeField
 from pandis.run.artifact import Artifact
 from pandis.run.catalogue import GRID_FIELDS, parse_field
-from pandis.run.options import MeshOptions, TrajectoryOptions
+from pandis.run.options import TrajectoryOptions
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import MeshTask
 from pandis.training.network import Siren, named_arrays
 
 TURNS, QUERIES = 5, 2000
-UNIT = {"frame": Frame((0.0, 0.0, 0.0), 1.0).attributes()}
+UNIT = Frame((0.0, 0.0, 0.0), 1.0).attributes()
 COLUMNS = ("field", "way", "median_us", "p999_us", "bytes", "of_native")
 
 
 def bunny():
     """Return the bunny's vertices and faces in the unit frame."""
-    options = MeshOptions().model_dump()
-    options |= {"source": "pymeshlab:bunny.obj", "sha256": None, "seed": 0}
-    arrays, _ = build(options, None, lambda text: None)
+    task = MeshTask(source="pymeshlab:bunny.obj", sha256=None, seed=0)
+    arrays, _ = build(task, None, lambda text: None)
     frame = Frame.of_bounds(arrays["vertices"].min(0), arrays["vertices"].max(0))
     return frame.to_unit(arrays["vertices"]), arrays["faces"]
 
@@ -142,9 +142,10 @@ def ways(vertices, faces):
     for name, kind, field in fields(vertices, faces):
         if name == "exact":
             engine = field.engine
-            options = TrajectoryOptions().model_dump() | {"seed": 2}
             surface = Surface(engine.vertices, engine.faces)
-            path["points"] = trace(surface, engine, options, silent_progress)[0]["points"]
+            path["points"] = trace(surface, engine, TrajectoryOptions(), 2, silent_progress)[0][
+                "points"
+            ]
         points = path["points"]
         network = not isinstance(kind, str)
         for bits in (32, 16) if network else (32,):

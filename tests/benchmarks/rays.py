@@ -52,7 +52,7 @@ def fitted(engine, surface, budget=BYTES):
     """Return the spline of a budget of bytes."""
     fit = SplineFit(engine, surface, (0.045, 0.02), 7, samples_for(budget=budget))
     arrays, attributes = fit.build(fit.choose_size(budget), budget, silent_progress)
-    attributes["frame"] = Frame((0.0, 0.0, 0.0), 1.0).attributes()
+    attributes |= Frame((0.0, 0.0, 0.0), 1.0).attributes()
     return SplineField("spline-auto", Artifact(None, "grid", arrays, attributes, {}, ""))
 
 

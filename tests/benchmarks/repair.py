@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT / "workflow"))
 from pandis.errors import PandisError  # noqa: E402
 from pandis.mesh.build import build  # noqa: E402
 from pandis.run.machine import describe  # noqa: E402
-from pandis.run.options import MeshOptions  # noqa: E402
+from pandis.run.tasks import MeshTask  # noqa: E402
 
 COLUMNS = (
     "folder",
@@ -49,11 +49,10 @@ SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".3mf")
 
 def measure(path, option):
     """Repair one file in this process and print its row as JSON."""
-    options = MeshOptions().model_dump() | option
-    options |= {"source": str(path), "sha256": None, "seed": 0}
+    task = MeshTask(**option, source=str(path), sha256=None, seed=0)
     row, start = {}, time.perf_counter()
     try:
-        arrays, found = build(options, path, lambda text: print(f"  {text}", file=sys.stderr))
+        arrays, found = build(task, path, lambda text: print(f"  {text}", file=sys.stderr))
         moved, before, after = found["deviation"], found["before"], found["after"]
         percent = 100 / after["diagonal"]
         row = {

@@ -46,7 +46,7 @@ def row(name, load, run):
 def main(seconds=60.0):
     """Measure, and write the table."""
     trajectory = read_artifact(HOME / "trajectory.zarr.zip", "trajectory")
-    frame = Frame.from_attributes(trajectory.attributes["frame"])
+    frame = Frame.of(trajectory)
     points = frame.to_mesh(trajectory.arrays["points"])
     fields = {path.stem: NativeField(path) for path in sorted((HOME / "export").glob("*.pandis"))}
     rows, ticks = [], round(seconds * RATE)

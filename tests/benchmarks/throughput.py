@@ -22,6 +22,7 @@ from common import notes
 from training import Scan, log
 
 from pandis.run.recipes import ExactRecipe
+from pandis.run.tasks import TrainTask
 from pandis.training.exact_loss import exact_loss
 from pandis.training.products import product
 from pandis.training.trainer import Trainer
@@ -38,11 +39,11 @@ class Plain:
     """The loop that one would write first."""
 
     def __init__(self, options, omega, device):
-        width, self.omega, self.options = options["width"], omega, options
-        sizes = [3, *[width] * options["depth"], 1]
+        width, self.omega, self.options = options.width, omega, options
+        sizes = [3, *[width] * options.depth, 1]
         layers = [torch.nn.Linear(a, b) for a, b in itertools.pairwise(sizes)]
         self.layers = torch.nn.ModuleList(layers).to(device)
-        self.optimiser = torch.optim.Adam(self.layers.parameters(), options["learning_rate"])
+        self.optimiser = torch.optim.Adam(self.layers.parameters(), options.learning_rate)
 
     def step(self, rows):
         """Learn from a batch."""
@@ -97,15 +98,15 @@ class Same:
 def works_of(trainer, options, device):
     """Return what to measure: a function, and how often to call it, by what it is."""
     fresh, rows = trainer.batches, trainer.batches.batch(0).clone()
-    plain, same = Plain(options, trainer.shape["omega"], device), Same(rows)
+    plain, same = Plain(options, trainer.shape.omega, device), Same(rows)
     blocks = itertools.count()
 
     def ours(batches):
         trainer.batches = batches
         trainer._advance(0.5)
 
-    width, layers = options["width"], options["depth"] - 1
-    a, b = (torch.randn(width, n, device=device) for n in (width, options["batch"]))
+    width, layers = options.width, options.depth - 1
+    a, b = (torch.randn(width, n, device=device) for n in (width, options.batch))
     return {
         # so many steps that every turn holds the drawing of its points
         OURS: (lambda: ours(fresh), fresh.per_block),
@@ -119,10 +120,10 @@ def works_of(trainer, options, device):
 def main(folder, table, device="cpu"):
     """Measure, and write the table."""
     scan = Scan(Path(folder) / "bunny.npz")
-    options = ExactRecipe(steps=10**6, device=device, threads=2).model_dump()
-    options |= {"seed": 1, "recipe": "pandis-exact"}
-    trainer = Trainer(options, scan.samples, scan.strata, Path(table).with_suffix(".pt"), log)
-    batch, per_block = options["batch"], trainer.batches.per_block
+    options = ExactRecipe(steps=10**6, device=device, threads=2)
+    task = TrainTask(name="pandis-exact", recipe=options, seed=1)
+    trainer = Trainer(task, scan.samples, scan.strata, Path(table).with_suffix(".pt"), log)
+    batch, per_block = options.batch, trainer.batches.per_block
     works = works_of(trainer, options, device)
     for work, steps in works.values():
         seconds(work, min(steps, 8), device)
@@ -133,7 +134,7 @@ def main(folder, table, device="cpu"):
         log(f"turn {turn + 1} of {TURNS}: " + str({w: f"{t[-1]:.4g}" for w, t in taken.items()}))
     taken = {what: float(np.median(times)) for what, times in taken.items()}
     taken[DRAWING] /= per_block
-    work = OPERATIONS * (options["depth"] - 1) * options["width"] ** 2 * batch / 1e9
+    work = OPERATIONS * (options.depth - 1) * options.width**2 * batch / 1e9
     lines = []
     for what, s in taken.items():
         rates = ["", ""] if what == DRAWING else [taken[PLAIN] / s, work / s]

@@ -47,6 +47,7 @@ from pandis.run.artifact import Artifact
 from pandis.run.options import SampleOptions, TrajectoryOptions
 from pandis.run.recipes import RECIPES, ExactRecipe, PaperRecipe
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import TrainTask
 from pandis.training.trainer import Trainer
 
 COLUMNS = ("mesh", "recipe", "options", "device", "steps", "seconds", "points_per_s", "bytes")
@@ -60,21 +61,19 @@ class Scan:
         mesh = np.load(path)
         engine = MeshDistance(mesh["vertices"], mesh["faces"])
         surface = Surface(engine.vertices, engine.faces)
-        law = SampleOptions().model_dump() | {"seed": 0}
-        self.strata = SharedStrata(surface, engine, law)
+        law = SampleOptions()
+        self.strata = SharedStrata(surface, engine, law, 0)
         only = dict.fromkeys(("offsets", "shallow", "penetration", "bent", "core"), 0)
         only |= {"surface": 50_000, "box": 50_000}
-        self.paper_strata = SharedStrata(surface, engine, law | only)
+        self.paper_strata = SharedStrata(surface, engine, law.model_copy(update=only), 0)
         arrays = self.strata.arrays(silent_progress)
         self.samples = Artifact(None, "samples", arrays, self.strata.attributes(), {}, "")
         self.sets = probes(surface, engine, 50_000, seed=1)
         box = np.random.default_rng(3).uniform(-1, 1, (50_000, 3))
         distance, normal = engine.distance_and_normal(box)
-        core = distance < -law["depth"]
+        core = distance < -law.depth
         self.free, self.core = box[distance > 0], (box[core], distance[core], normal[core])
-        path, _ = trace(
-            surface, engine, TrajectoryOptions().model_dump() | {"seed": 2}, silent_progress
-        )
+        path, _ = trace(surface, engine, TrajectoryOptions(), 2, silent_progress)
         self.sets["trajectory"] = tuple(path[key] for key in ("points", "distance", "normal"))
 
     def errors(self, field):
@@ -96,8 +95,8 @@ class SharedStrata(Strata):
 
     KEPT = 64
 
-    def __init__(self, surface, engine, options):
-        super().__init__(surface, engine, options)
+    def __init__(self, surface, engine, options, seed):
+        super().__init__(surface, engine, options, seed)
         self._lock, self._blocks = threading.Lock(), OrderedDict()
 
     def fresh(self, block, size):
@@ -132,8 +131,9 @@ class Training:
         base = RECIPES.get(self.recipe, {"loss": "exact"})
         own = {k: v for k, v in self.changes.items() if k not in ("seed", "law")}
         model = PaperRecipe if (base | own)["loss"] == "paper" else ExactRecipe
-        options = model(**base | own).model_dump()
-        self.options = options | {"seed": self.changes.get("seed", 1), "recipe": self.recipe}
+        seed, recipe = self.changes.get("seed", 1), model(**base | own)
+        self.task = TrainTask(name=self.recipe, recipe=recipe, seed=seed)
+        self.options = recipe.model_dump() | {"seed": seed, "recipe": self.recipe}
         named = self.options | ({"law": "paper"} if "law" in self.changes else {})
         key = hashlib.sha256(repr(named).encode()).hexdigest()[:12]
         self.checkpoint = folder / f"{self.mesh}-{self.recipe}.{key}.pt"
@@ -144,7 +144,7 @@ class Training:
         """Train it; return a row of the table, or None if there was no time to end, or no end."""
         scan = self.scans[self.mesh]
         strata = scan.paper_strata if "law" in self.changes else scan.strata
-        trainer = Trainer(self.options, scan.samples, strata, self.checkpoint, log)
+        trainer = Trainer(self.task, scan.samples, strata, self.checkpoint, log)
         try:
             arrays, attributes = trainer.run(partial(_Until, deadline))
         except OutOfTimeError:
@@ -156,7 +156,7 @@ class Training:
             return None
         np.savez(self.weights, **arrays, options=repr(self.options | self.changes))
         trainer.finish()
-        attributes["frame"] = Frame((0.0, 0.0, 0.0), 1.0).attributes()
+        attributes |= Frame((0.0, 0.0, 0.0), 1.0).attributes()
         field = SirenField(self.recipe, Artifact(None, "model", arrays, attributes, {}, ""))
         shown = self.options["batch"] * (2 if trainer.paper else 1) * trainer.step
         return {

@@ -9,6 +9,7 @@ from pandis.geometry.frame import Frame
 from pandis.grids.base import fit_base
 from pandis.run.recipes import ExactRecipe
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import TrainTask
 from pandis.training.trainer import Trainer
 from support import artifact
 from test_training import samples  # noqa: F401  (a fixture)
@@ -46,10 +47,10 @@ def test_it_answers_up_to_the_faces_of_the_box():
 def field(samples, tmp_path, **options):  # noqa: F811
     """Train a small network on the sphere; open it as a field."""
     small = {"width": 32, "depth": 2, "steps": 200, "batch": 1024, "threads": 1}
-    own = ExactRecipe(**small | options).model_dump() | {"seed": 7, "recipe": "r"}
+    own = TrainTask(name="r", recipe=ExactRecipe(**small | options), seed=7)
     trainer = Trainer(own, *samples, tmp_path / "c.pt", log=lambda text: None)
     arrays, attributes = trainer.run(silent_progress)
-    attributes["frame"] = Frame((0.0, 0.0, 0.0), 1.0).attributes()
+    attributes |= Frame((0.0, 0.0, 0.0), 1.0).attributes()
     return SirenField("r", artifact("model", arrays, attributes))
 
 

@@ -24,7 +24,7 @@ def answers(body, points):
 
 def test_a_body_opened_is_one_made_from_arrays():
     made = Body(VERTICES, FACES)
-    attributes = {"frame": made.frame.attributes(), "shape": None}
+    attributes = {**made.frame.attributes(), "shape": None}
     opened = Body.open(artifact("mesh", {"vertices": VERTICES, "faces": FACES}, attributes))
     points = RNG.uniform(-1, 1, (200, 3))
     for one, other in zip(answers(made, points), answers(opened, points), strict=True):

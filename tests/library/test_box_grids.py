@@ -19,8 +19,8 @@ from pandis.grids.dense import DenseGrid
 from pandis.mesh.build import build
 from pandis.native.runtime import NativeField
 from pandis.run.artifact import Artifact
-from pandis.run.options import MeshOptions
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import MeshTask
 from support import box_mesh
 
 FRAME = Frame((3.0, -2.0, 0.5), 0.6)
@@ -50,7 +50,7 @@ def mesh(name):
 def baked(kind, engine, size, band):
     grid = DenseGrid(engine, "force-box", size, band, silent_progress)
     values = np.concatenate(list(grid.slabs(16)))
-    attributes = grid.attributes() | {"frame": FRAME.attributes()}
+    attributes = grid.attributes() | FRAME.attributes()
     return GRID_OPENERS[kind](kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
 
 
@@ -163,8 +163,8 @@ def test_deep_nodes_are_completed_along_cells_that_are_no_cubes(name):
 @pytest.mark.parametrize("name", SCANS)
 def test_answers_on_scans_are_those_of_the_definition(name, meshes):
     path = Path(meshes) / SCANS[name]
-    options = MeshOptions().model_dump() | {"source": str(path), "sha256": None, "seed": 0}
-    arrays, _ = build(options, path, lambda text: None)
+    task = MeshTask(source=str(path), sha256=None, seed=0)
+    arrays, _ = build(task, path, lambda text: None)
     vertices = arrays["vertices"]
     vertices = Frame.of_bounds(vertices.min(0), vertices.max(0)).to_unit(vertices)
     engine = MeshDistance(vertices, arrays["faces"])
@@ -188,7 +188,7 @@ def test_the_same_bytes_err_less_on_the_box_than_on_the_cube():
     exact = penalty_force(distance, normal)
     cube = DenseGrid(engine, "force", 48, BAND, silent_progress)
     values = np.concatenate(list(cube.slabs(48)))
-    attributes = cube.attributes() | {"frame": FRAME.attributes()}
+    attributes = cube.attributes() | FRAME.attributes()
     held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
     errors = {}
     for name, field in {
@@ -207,7 +207,7 @@ def test_older_readers_still_take_grids_on_the_cube():
     own = native_bytes(baked("trilinear-box", engine, 8, BAND), "trilinear-box", {})
     cube = DenseGrid(engine, "force", 8, BAND, silent_progress)
     values = np.concatenate(list(cube.slabs(8)))
-    attributes = cube.attributes() | {"frame": FRAME.attributes()}
+    attributes = cube.attributes() | FRAME.attributes()
     held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
     plain = native_bytes(GRID_OPENERS["trilinear"]("trilinear", held), "trilinear", {})
     assert (plain[12], own[12]) == (1, 2)

@@ -24,6 +24,7 @@ from pandis.run.options import SampleOptions, StressOptions
 from pandis.run.query_times import QueryTimes
 from pandis.run.recipes import ExactRecipe
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import ChooseTask
 from shapes import Shape, open_shape
 from support import ROOT, artifact
 
@@ -40,7 +41,7 @@ def shape(name, mesh_only=False, **size):
     """Return the shape of a closed form, or of its tessellation alone."""
     vertices, faces = SHAPES[name].tessellation(**size)
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
-    attributes = {"shape": None if mesh_only else name, "frame": frame.attributes()}
+    attributes = {"shape": None if mesh_only else name, **frame.attributes()}
     mesh = artifact("mesh", {"vertices": vertices, "faces": faces}, attributes)
     if mesh_only:
         engine = MeshDistance(frame.to_unit(vertices), faces)
@@ -53,17 +54,17 @@ TORUS = shape("torus", mesh_only=True)
 
 
 def chooser(found, tmp_path, table=TABLE, log=lambda text: None, points=None, **budget):
-    recipe = ExactRecipe(width=48, depth=2, steps=150, batch=1024, base=8).model_dump()
-    stress = StressOptions(ticks=2000, loops=5).model_dump()
-    options = {
-        "budget": BUDGET | budget,
-        "band": (0.045, 0.02),
-        "seed": 3,
-        "samples": SAMPLES.model_dump(),
-        "recipe": recipe | {"recipe": "pandis-exact"},
-        "stress": stress | {"size": 0.1, "stiffness": 400.0},
-        "weight_bits": 32,
-    }
+    recipe = ExactRecipe(width=48, depth=2, steps=150, batch=1024, base=8)
+    options = ChooseTask(
+        budget=BUDGET | budget,
+        band=(0.045, 0.02),
+        seed=3,
+        samples=SAMPLES,
+        name="pandis-exact",
+        recipe=recipe,
+        stress=StressOptions(ticks=2000, loops=5),
+        weight_bits=32,
+    )
     points = points or Points(found.surface, found.engine, SCALE, 3)
     where = tmp_path / "c.pt", silent_progress, log
     return Chooser(Body.open(found.mesh), points, options, QueryTimes(table), *where)
@@ -72,7 +73,7 @@ def chooser(found, tmp_path, table=TABLE, log=lambda text: None, points=None, **
 def choose(found, tmp_path, table=TABLE, **budget):
     arrays, attributes, finish = chooser(found, tmp_path, table, **budget).choose()
     finish()
-    frame = {"frame": found.mesh.attributes["frame"]}
+    frame = Frame.of(found.mesh).attributes()
     return artifact("choice", arrays, attributes | frame)
 
 
@@ -163,11 +164,11 @@ def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
     finish()
     chosen = attributes["choice"]
     assert chosen["field"] == "pandis-exact"
-    held = artifact("choice", arrays, attributes | {"frame": TORUS.mesh.attributes["frame"]})
+    held = artifact("choice", arrays, attributes | Frame.of(TORUS.mesh).attributes())
     (network,) = open_fields(["auto"], TORUS.mesh, [held])
     file = native_bytes(network, "network", {})
     assert chosen["bytes"] == NativeField(file).bytes <= wanted["bytes"]
-    held = artifact("choice", arrays, attributes | {"frame": TORUS.mesh.attributes["frame"]})
+    held = artifact("choice", arrays, attributes | Frame.of(TORUS.mesh).attributes())
     assert figures_of(held, TORUS)["mean"] <= 2e-3
     assert [c["field"] for c in attributes["considered"]][-1] == "spline"
     assert not list(tmp_path.glob("*.pt"))
@@ -238,7 +239,8 @@ def test_a_field_without_force_is_never_sold(tmp_path, name):
 
 
 def test_a_choice_that_passes_a_control_is_blind(tmp_path):
-    loose = chooser(TORUS, tmp_path, force_error=1.0, missed=0.9)
+    loose = chooser(TORUS, tmp_path, force_error=1.0)
+    loose.limits = loose.limits._replace(missed=0.9)
     with pytest.raises(PandisError, match="the choice by budget is blind.*control-gap"):
         loose.choose()
 

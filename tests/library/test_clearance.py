@@ -11,7 +11,7 @@ from support import artifact
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)
 ENGINE = ShapeDistance(SHAPES["sphere"], FRAME)
-MESH = artifact("mesh", {}, {"shape": "sphere", "frame": FRAME.attributes()})
+MESH = artifact("mesh", {}, {"shape": "sphere", **FRAME.attributes()})
 
 
 def margins(error, flag=OK):

@@ -12,12 +12,12 @@ from pandis.fields.registry import Fields
 from pandis.geometry.body import Body
 from pandis.geometry.shapes import SHAPES
 from pandis.geometry.trajectories import trace
-from pandis.run.options import EvaluationOptions, TrajectoryOptions
+from pandis.run.options import TrajectoryOptions
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import EvaluateTask
 
 BODY = Body(*SHAPES["torus"].tessellation(60, 30), shape="torus")
 EXACT = ExactField("exact", BODY)
-DEVICE = {"size": 0.1, "stiffness": 400.0, "seed": 3}
 
 
 class Soft(Field):
@@ -33,10 +33,10 @@ class Soft(Field):
 
 def compared(fields, **options):
     path = TrajectoryOptions(samples=300)
-    asked = EvaluationOptions(probes=2000, **options).model_dump()
-    asked |= DEVICE | {"trajectory": path.model_dump()}
-    drawn, _ = trace(BODY.surface, BODY.distance, path.model_dump() | DEVICE, silent_progress)
-    return compare(Fields(fields, BODY, EXACT), drawn, asked, silent_progress)
+    names = [field.name for field in fields]
+    task = EvaluateTask(probes=2000, **options, trajectory=path, fields=names, seed=3)
+    drawn, _ = trace(BODY.surface, BODY.distance, path, 3, silent_progress)
+    return compare(Fields(fields, BODY, EXACT), drawn, task, silent_progress)
 
 
 def test_a_field_that_is_a_tenth_too_soft_has_a_tenth_of_the_force_as_its_error():

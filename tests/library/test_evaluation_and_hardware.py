@@ -18,8 +18,12 @@ from pandis.report.render import render
 from pandis.report.tables import COLUMNS, summary_rows, to_csv
 from pandis.run.machine import describe
 from pandis.run.options import HardwareOptions, TimingOptions
+from pandis.run.records.evaluation import EvaluationRecord, Figures
+from pandis.run.records.stress import StressRecord
+from pandis.run.records.timing import TimingRecord
 from pandis.run.stage import Progress, silent_progress
 from support import box_mesh
+from verdicts import SOUND, WHOLE, changed, validated
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.5)
 
@@ -145,34 +149,34 @@ def children_now():
 
 
 def run(sphere, bias=0.0, missing=0.0, **options):
-    options = HardwareOptions(seconds=0.05, loaded_seconds=0.02, **options).model_dump()
+    options = HardwareOptions(seconds=0.05, loaded_seconds=0.02, **options)
     frame = Frame((0.0, 0.0, 0.0), 0.5)
     reference = sphere.force(PATH) * frame.scale + [0, 0, bias]
-    walls = {"holds": True, "missing": missing, "pressed_missing": 0} | {"holds": missing < 0.005}
+    walls = changed(WHOLE, missing=missing, holds=missing < 0.005)
     return validate(sphere, frame, PATH, reference, walls, options)
 
 
 def test_validation_passes_what_agrees_and_fails_what_does_not(sphere):
     arrays, verdict = run(sphere, misses=0.9)
-    assert verdict["agrees"]
-    assert verdict["agreement"] < 1e-12
-    assert len(arrays["compute"]) == verdict["ticks"] == 50
-    assert verdict["loaded"]["ticks"] == 20
+    assert verdict.agrees
+    assert verdict.agreement < 1e-12
+    assert len(arrays["compute"]) == verdict.ticks == 50
+    assert verdict.loaded.ticks == 20
     _, verdict = run(sphere, bias=-0.01, misses=0.9)
-    assert not verdict["agrees"]
-    assert verdict["verdict"] == "fail"
-    assert "differ from the evaluated ones by" in verdict["sentence"]
+    assert not verdict.agrees
+    assert verdict.verdict == "fail"
+    assert "differ from the evaluated ones by" in verdict.sentence
     _, verdict = run(sphere, missing=0.02, misses=0.9)
-    assert verdict["verdict"] == "fail"
-    assert "2 % of the surface lacks the force (0.5 % allowed)" in verdict["sentence"]
+    assert verdict.verdict == "fail"
+    assert "2 % of the surface lacks the force (0.5 % allowed)" in verdict.sentence
 
 
 def test_validation_counts_misses(sphere):
     _, verdict = run(sphere, deadline=1e-12)
-    assert verdict["misses"] == verdict["longest_run_of_misses"] == 50
-    assert not verdict["in_time"]
-    assert not verdict["punctual"]  # no tick begins within a picosecond
-    assert verdict["verdict"] == "fail"
+    assert verdict.misses == verdict.longest_run_of_misses == 50
+    assert not verdict.in_time
+    assert not verdict.punctual  # no tick begins within a picosecond
+    assert verdict.verdict == "fail"
     missed = np.array([1, 0, 1, 1, 1, 0, 1, 1], bool)
     assert _longest_run(missed) == 3
     assert _longest_run(missed[1:2]) == 0
@@ -187,20 +191,20 @@ def test_machine_is_described_without_its_name():
 
 
 def test_summary_has_every_column_and_the_configs_order():
-    errors = dict.fromkeys(("mean", "rms", "p95", "p99", "max", "eq7", "angle"), 0.5)
+    errors = Figures(**dict.fromkeys(("mean", "rms", "p95", "p99", "max", "eq7", "angle"), 0.5))
     table = {"b": errors, "a": errors, "a" + UNNORMALISED: errors}
-    keys = ("mean", "p99", "max", "relative", "newtons", "judged", "missing", "felt")
-    contact = dict.fromkeys(keys, 0.25) | {"missing": 0.001}
-    evaluation = {
-        "fields": ["b", "a"],
-        "errors": dict.fromkeys(("trajectory", "shallow", "deep"), table),
-        "bytes": {"a": 1, "b": 2},
-        "newtons": 2.0,
-        "mean_force": {"trajectory": 2.0},
-        "controls": {"control-zero": dict.fromkeys(SETS, contact | {"missing": 1.0})},
-    }
+    keys = ("mean", "p99", "max", "relative", "newtons", "judged", "felt")
+    contact = Figures(**dict.fromkeys(keys, 0.25), missing=0.001)
+    evaluation = EvaluationRecord.model_construct(
+        fields=["b", "a"],
+        errors=dict.fromkeys(("trajectory", "shallow", "deep"), table),
+        bytes={"a": 1, "b": 2},
+        newtons=2.0,
+        mean_force={"trajectory": 2.0},
+        controls={"control-zero": dict.fromkeys(SETS, changed(contact, missing=1.0))},
+    )
     for name in SETS:
-        evaluation["errors"][name] = {"a": contact, "b": contact}
+        evaluation.errors[name] = {"a": contact, "b": contact}
     times = {
         "native_p50_us": 0.5,
         "native_p999_us": 0.6,
@@ -209,13 +213,16 @@ def test_summary_has_every_column_and_the_configs_order():
         "one_p999_us": 2.5,
         "batch_us": 3.0,
     }
-    timing = {"fields": {"a": times}}
+    timing = TimingRecord(fields={"a": times}, machine={})
     jumps = {"mm01_max": 0.5, "mm01_rms": 0.1}
     ghosts = {"ghosts": 0.01, "largest_n": 0.2}
-    stress = {"fields": {"a": {"jumps": jumps, "contacts": ghosts}}, "failed": {"a": []}}
-    stress["controls"] = {"control-zero": ["missing"]}
-    hardware = {"fields": {"a": {"compute_us": {"p99.9": 4.0}, "misses": 0, "verdict": "pass"}}}
-    rows = summary_rows("m", evaluation, timing, stress, hardware, {"b": 1.5})
+    stress = StressRecord.model_construct(
+        fields={"a": {"jumps": jumps, "contacts": ghosts}},
+        failed={"a": []},
+        controls={"control-zero": ["missing"]},
+    )
+    records = evaluation, timing, stress, validated({"a": SOUND})
+    rows = summary_rows("m", *records, {"b": 1.5})
     assert [row["field"] for row in rows] == ["b", "a", "a" + UNNORMALISED]
     lines = to_csv(rows).splitlines()
     assert lines[0] == ",".join(COLUMNS)
@@ -227,14 +234,14 @@ def test_summary_has_every_column_and_the_configs_order():
     assert rows[0]["missing_percent"] == pytest.approx(0.1)
     # what is off by rounding is exact
     for name in SETS:
-        evaluation["errors"][name]["b"] = contact | {"mean": 3e-17, "newtons": 6e-16}
-    (exact, *_) = summary_rows("m", evaluation, timing, stress, hardware, {})
+        evaluation.errors[name]["b"] = changed(contact, mean=3e-17, newtons=6e-16)
+    (exact, *_) = summary_rows("m", *records, {})
     assert exact["contact_millinewtons"] == exact["contact_mean"] == 0
     assert exact["missing_percent"] == pytest.approx(0.1)
-    stress["controls"] = {"control-zero": []}
-    evaluation["controls"]["control-zero"] = dict.fromkeys(SETS, contact)
+    stress.controls["control-zero"] = []
+    evaluation.controls["control-zero"] = dict.fromkeys(SETS, contact)
     with pytest.raises(PandisError, match="front of unbeaten fields is blind.*control-zero"):
-        summary_rows("m", evaluation, timing, stress, hardware, {})
+        summary_rows("m", *records, {})
 
 
 def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
@@ -246,8 +253,17 @@ def test_a_field_that_needs_a_path_is_judged_on_the_path_alone():
     _, attributes = evaluate(fields, [], truth(), sets, contacts(), silent_progress)
     assert "path" in attributes["errors"]["trajectory"]
     assert "path" not in attributes["errors"]["shallow"]
-    nothing = [{"fields": {}, "controls": {}}] * 3
-    rows = summary_rows("m", attributes | {"newtons": 1.0}, *nothing, {})
+    more = {
+        "coverage": {},
+        "paths": {},
+        "size": 0.1,
+        "stiffness": 400.0,
+        "newtons": 1.0,
+        "count": 1,
+    }
+    nothing = StressRecord.model_construct(fields={}, controls={}), validated({})
+    timing = TimingRecord(fields={}, machine={})
+    rows = summary_rows("m", EvaluationRecord(**attributes, **more), timing, *nothing, {})
     assert [row["shallow_mean"] for row in rows] == [0, ""]
 
 

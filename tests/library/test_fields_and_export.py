@@ -38,7 +38,7 @@ ENGINE = ShapeDistance(SHAPES["sphere"], Frame((0.0, 0.0, 0.0), 0.9))
 def grid(content, size):
     made = DenseGrid(ENGINE, content, size, (0.045, 0.02), silent_progress)
     values = np.concatenate(list(made.slabs(5)))
-    return artifact("grid", {"values": values}, made.attributes() | {"frame": FRAME.attributes()})
+    return artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
 
 
 def model(width=16, depth=2, omega=15.0, outputs=4, seed=0, base=False):
@@ -50,7 +50,7 @@ def model(width=16, depth=2, omega=15.0, outputs=4, seed=0, base=False):
     if base:
         arrays["base"] = fit_base(ENGINE, 8).coefficients
     shape = {"width": width, "depth": depth, "omega": omega, "outputs": outputs}
-    attributes = {"frame": FRAME.attributes(), "architecture": shape, "recipe": "exact"}
+    attributes = {**FRAME.attributes(), "architecture": shape, "recipe": "exact"}
     attributes |= {"steps": 0, "held_out_error": {"mean": 0.1}}
     return artifact("model", arrays, attributes), network
 
@@ -272,7 +272,7 @@ def test_far_from_the_origin_no_digits_are_lost():
     """Centre and scale are taken off in float64: float32 points would be off by 0.06 at 1e6."""
     held, _ = model(32, 3)
     far = Frame((1e6, -1e6, 1e6), 0.9)
-    held.attributes["frame"] = far.attributes()
+    held.attributes.update(far.attributes())
     session = Session(export_network("s", held, {}, print))
     unit = np.random.default_rng(0).uniform(-1, 1, (500, 3))
     distance, _ = session.distance_and_normal(far.to_mesh(unit))
@@ -296,7 +296,7 @@ def named(held):
 def test_what_has_a_file_is_answered_by_it(tmp_path):
     """Evaluation and stress see the file: one that holds another field shows as that field."""
     arrays = dict(zip(("vertices", "faces"), SHAPES["sphere"].tessellation(), strict=True))
-    mesh = artifact("mesh", arrays, {"frame": FRAME.attributes(), "shape": "sphere"})
+    mesh = artifact("mesh", arrays, {**FRAME.attributes(), "shape": "sphere"})
     held = {n: grid("force", n) for n in (8, 24)}
     coarse, fine = (open_field(parse_field(f"trilinear-{n}", ()), held[n]) for n in held)
     path = tmp_path / "trilinear-24.pandis"

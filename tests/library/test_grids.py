@@ -21,6 +21,7 @@ from pandis.grids.dense import CHANNELS, DenseGrid
 from pandis.run.artifact import Artifact, ArtifactWriter, read_artifact
 from pandis.run.catalogue import GRID_FIELDS
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import BakeAutoTask
 from support import box_mesh
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)
@@ -49,7 +50,7 @@ CONTENT = {
 
 def field(kind, engine, size, band=BAND):
     grid = DenseGrid(engine, CONTENT[kind], size, band, silent_progress)
-    attributes = grid.attributes() | {"frame": FRAME.attributes()}
+    attributes = grid.attributes() | FRAME.attributes()
     values = np.concatenate(list(grid.slabs(7)))
     return GRID_OPENERS[kind](kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
 
@@ -344,7 +345,7 @@ def made_spline(engine, surface, budget):
 
 
 def open_spline(arrays, attributes):
-    attributes = attributes | {"frame": FRAME.attributes()}
+    attributes = attributes | FRAME.attributes()
     return GRID_OPENERS["spline"]("s", Artifact(None, "grid", arrays, attributes, {}, ""))
 
 
@@ -448,7 +449,8 @@ def test_refinement_goes_where_the_error_is():
 # --- sizes by what they achieve -------------------------------------------------------------------
 
 
-TARGET = {"force_error": None, "tail": None, "missed": 0.005, "bytes": None, "band": BAND}
+def asked(kind, **target):
+    return BakeAutoTask(kind=kind, band=BAND, seed=1, **target)
 
 
 def silent(text):
@@ -462,9 +464,8 @@ def silent(text):
 def test_sizing(torus, kind, target, monkeypatch):
     monkeypatch.setattr("pandis.fields.sizing.SIZES", (16, 24, 32, 48))
     engine, surface = torus
-    options = TARGET | target
-    points, frame = Points(surface, engine, SCALE, 1), FRAME.attributes()
-    arrays, attributes = Sizing(kind, points, frame, options, silent_progress, silent).find()
+    task, points = asked(kind, **target), Points(surface, engine, SCALE, 1)
+    arrays, attributes = Sizing(points, FRAME, task, silent_progress, silent).find()
     sizing = attributes["sizing"]
     if "bytes" in target:
         # of pandis.h, which holds a node more on every side
@@ -486,12 +487,9 @@ def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypa
     engine, surface = torus
     # the first covers no band at all, and the largest asks for more samples than drawn at first
     monkeypatch.setattr("pandis.fields.sizing.SPLINE_BYTES", (8_000, 60_000, 120_000))
-    options = TARGET | {"force_error": 2e-3}
-    frame, lines = FRAME.attributes(), []
+    task, lines = asked("spline", force_error=2e-3), []
     points = Points(surface, engine, SCALE, 1)
-    arrays, attributes = Sizing(
-        "spline", points, frame, options, silent_progress, lines.append
-    ).find()
+    arrays, attributes = Sizing(points, FRAME, task, silent_progress, lines.append).find()
     assert attributes["sizing"]["held_out_error"] <= 2e-3
     assert any("does not cover the band" in line for line in lines)
     size = next(
@@ -515,7 +513,7 @@ def test_vti_says_what_the_field_says(torus, kind, tmp_path):
     else:
         grid = DenseGrid(engine, GRID_FIELDS[kind], 20, BAND, silent_progress)
         arrays, attributes = {"values": np.concatenate(list(grid.slabs(20)))}, grid.attributes()
-    held = Artifact(None, "grid", arrays, attributes | {"frame": FRAME.attributes()}, {}, "")
+    held = Artifact(None, "grid", arrays, attributes | FRAME.attributes(), {}, "")
     name = f"{kind}-{attributes['grid']['size']}"
     path = tmp_path / "grid.vti"
     path.write_bytes(export_vti(name, held, {"why": "a -- b"}))

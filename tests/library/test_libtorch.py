@@ -11,6 +11,7 @@ from pandis.export.networks import export_network
 from pandis.export.programs import export_program
 from pandis.geometry.frame import Frame
 from pandis.run.artifact import Artifact
+from pandis.run.options import TimingOptions
 from test_fields_and_export import FRAME, model
 
 
@@ -22,9 +23,9 @@ def test_program_in_cpp_answers_as_onnx_does_and_is_timed(tmp_path, outputs):
     path = tmp_path / "net.pt2"
     path.write_bytes(export_program("net", held, {}, print))
     path.with_suffix(".onnx").write_bytes(export_network("net", held, {}, print))
-    mesh = Artifact(None, "mesh", {}, {"frame": FRAME.attributes()}, {}, "")
+    mesh = Artifact(None, "mesh", {}, FRAME.attributes(), {}, "")
     points = np.random.default_rng(0).uniform(-0.9, 0.9, (300, 3))
-    found, options = {"net": {}}, {"queries": 700}
+    found, options = {"net": {}}, TimingOptions(queries=700)
     arrays = timing.time_program(path, mesh, points, options, found, print)
     assert arrays["libtorch_net"].shape == (700,)
     assert (arrays["libtorch_net"] > 0).all()
@@ -46,10 +47,15 @@ def test_a_wrong_answer_is_not_reported(monkeypatch, tmp_path):
     held, _ = model(16, 2)
     path = tmp_path / "net.onnx"
     path.write_bytes(export_network("net", held, {}, print))
-    mesh = Artifact(None, "mesh", {}, {"frame": Frame((0.0, 0.0, 0.0), 1.0).attributes()}, {}, "")
+    mesh = Artifact(None, "mesh", {}, Frame((0.0, 0.0, 0.0), 1.0).attributes(), {}, "")
     wrong = np.full(10, -0.1), np.tile([0.0, 0, 1], (10, 1)), np.ones(5)
     monkeypatch.setattr(libtorch, "ask", lambda *_: wrong)
     with pytest.raises(PandisError, match=r"set timing\.libtorch to false"):
         timing.time_program(
-            path.with_suffix(".pt2"), mesh, np.zeros((10, 3)), {"queries": 5}, {"net": {}}, print
+            path.with_suffix(".pt2"),
+            mesh,
+            np.zeros((10, 3)),
+            TimingOptions.model_construct(queries=5),
+            {"net": {}},
+            print,
         )

@@ -27,6 +27,7 @@ from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import Surface
 from pandis.geometry.thickness import inscribed_radius
 from pandis.run.budget import Limits, amount
+from pandis.run.options import BudgetOptions
 from shapes import SHAPES, open_shape
 
 SCALE = Scale(0.1, 400.0)
@@ -160,11 +161,11 @@ def test_amounts_and_limits():
         with pytest.raises(ValueError, match="an amount of force is"):
             amount(bad)
     newtons = SCALE.newtons  # 22.2 N per unit of force
-    target = {"force_error": "20 mN", "tail": "50 %", "missed": 0.005}
+    target = BudgetOptions(force_error="20 mN", tail="50 %")
     limits = Limits.of(target, newtons, 0.02)
     assert limits.mean == pytest.approx(0.02 / newtons)
     assert limits.tail == pytest.approx(0.01)
-    assert Limits.of({"force_error": 1e-3, "missed": 0.005}, newtons, 0.02).tail == 0.01
+    assert Limits.of(BudgetOptions(force_error=1e-3), newtons, 0.02).tail == 0.01
     assert limits.excess({"mean": limits.mean / 2, "p99": 0.0, "missing": 0.01}) == 2
     assert limits.excess({"mean": float("nan"), "p99": 0.0, "missing": 0.0}) == float("inf")
 

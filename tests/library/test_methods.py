@@ -23,7 +23,7 @@ from pandis.run.stage import silent_progress
 from support import artifact, box_mesh
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)
-AT = {"frame": FRAME.attributes()}
+AT = FRAME.attributes()
 ENGINE = ShapeDistance(SHAPES["sphere"], FRAME)
 #: Mean error as a share of the mean force: what correct code gives, computed apart from this
 #: code with NumPy scripts, for a spiral of 2,000 samples 2 to 5 % deep and 100³ nodes.
@@ -65,8 +65,8 @@ def opened(name):
 
 
 def spiral(samples=2000):
-    options = TrajectoryOptions(kind="spiral", samples=samples).model_dump() | {"seed": 0}
-    path, _ = trace(None, ENGINE, options, silent_progress)
+    options = TrajectoryOptions(kind="spiral", samples=samples)
+    path, _ = trace(None, ENGINE, options, 0, silent_progress)
     return path["points"], penalty_force(path["distance"], path["normal"])
 
 
@@ -92,9 +92,8 @@ def test_spiral_is_as_deep_as_it_should_be():
 
 def test_spiral_is_for_spheres():
     engine = ShapeDistance(SHAPES["torus"], FRAME)
-    options = TrajectoryOptions(kind="spiral").model_dump() | {"seed": 0}
     with pytest.raises(PandisError, match=r"trajectory\.kind: a spiral is for analytic:sphere"):
-        trace(None, engine, options, silent_progress)
+        trace(None, engine, TrajectoryOptions(kind="spiral"), 0, silent_progress)
 
 
 # --- [22] ---------------------------------------------------------------------------------

@@ -9,14 +9,15 @@ from pandis.geometry.physical import Scale
 from pandis.run.stage import silent_progress
 from pandis.training.sizing import WIDTHS, train
 from pandis.training.trainer import Trainer
-from test_training import recipe, same, samples  # noqa: F401  (a fixture)
+from test_training import same, samples, task  # noqa: F401  (a fixture)
 
 
 def sized(drawn, folder, log=lambda text: None, **options):
-    own = recipe(steps=150, width=64, base=None, **options)  # the base alone is good at spheres
-    own |= {"tail": 1.0, "missed": 1.0} | options
+    own = task(steps=150, width=64, base=None, **options)  # the base alone is good at spheres
+    loose = {"tail": 1.0, "missed": 1.0}
+    own = own.model_copy(update={"recipe": own.recipe.model_copy(update=loose)})
     strata = drawn[1]
-    points = Points(strata.surface, strata.engine, Scale(0.1, 400.0), own["seed"])
+    points = Points(strata.surface, strata.engine, Scale(0.1, 400.0), own.seed)
     return train(own, *drawn, points, folder / "train-r.0.pt", silent_progress, log)
 
 
@@ -29,7 +30,7 @@ def test_it_is_the_narrowest_and_the_one_that_training_alone_makes(samples, tmp_
     assert tried[-1]["force_error"] <= 7e-3
     assert len(tried) > 1
     assert (np.diff([one["bytes"] for one in tried]) > 0).all()
-    alone = Trainer(recipe(steps=150, width=width, base=None), *samples, tmp_path / "a.pt", print)
+    alone = Trainer(task(steps=150, width=width, base=None), *samples, tmp_path / "a.pt", print)
     own = {key: value for key, value in attributes.items() if key != "sizing"}
     assert same((arrays, own), alone.run(silent_progress))
     finish()
@@ -55,7 +56,7 @@ def test_finished_networks_are_not_trained_again(samples, tmp_path, monkeypatch)
     advance, steps = Trainer._advance, []
 
     def counted(self, share):
-        steps.append(self.shape["width"])
+        steps.append(self.shape.width)
         if len(steps) == 200:
             raise KeyboardInterrupt
         return advance(self, share)

@@ -1,36 +1,45 @@
 """The paper's tables: our figures beside the printed ones, and nothing where there are none."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
 from pandis.report.builds import build_seconds
 from pandis.report.paper import METHODS, tables
+from pandis.run.records.evaluation import EvaluationRecord, Figures
+from pandis.run.records.mesh import MeshRecord
+from pandis.run.records.model import ModelRecord
+from pandis.run.records.timing import TimingRecord
 
 
 def section(name, fields):
-    error = {"mean": 0.002, "eq7": 0.01}
-    errors = {field: error | {"mean": 0.002 * (k + 1)} for k, field in enumerate(fields)}
+    errors = {
+        f: Figures.model_construct(mean=0.002 * (k + 1), eq7=0.01) for k, f in enumerate(fields)
+    }
     times = {"native_p50_us": 0.54, "one_p50_us": 12.0, "cold_p50_us": 34.0}
     rows = [
-        {"field": f, "bytes": 2048 * k, "trajectory_mean": errors[f]["mean"]}
+        {"field": f, "bytes": 2048 * k, "trajectory_mean": errors[f].mean}
         for k, f in enumerate(fields)
     ]
-    contact = {f: {"mean": 0.03 * e["mean"] / 0.002, "missing": 0.01} for f, e in errors.items()}
-    network = {"steps": 3000, "device": "cpu", "options": {"loss": "paper", "weighting": "subset"}}
-    return {
-        "name": name,
-        "mesh": {"after": {"vertices": 1234, "faces": 5678}},
-        "rows": rows,
-        "evaluation": {
-            "errors": {"trajectory": errors, "contact-deep": contact},
-            "mean_force": {"trajectory": 0.02},
-            "newtons": 2.0,
-        },
-        "timing": {"fields": dict.fromkeys([*fields, "exact-all-faces"], times)},
-        "models": {f: network for f in fields if f.startswith("pandis")},
-        "builds": dict.fromkeys(fields, 3725.0),
+    contact = {
+        f: Figures.model_construct(mean=15 * e.mean, missing=0.01) for f, e in errors.items()
     }
+    options = {"loss": "paper", "weighting": "subset"}
+    network = ModelRecord.model_construct(steps=3000, device="cpu", options=options)
+    return SimpleNamespace(
+        name=name,
+        mesh=MeshRecord.model_construct(after={"vertices": 1234, "faces": 5678}),
+        rows=rows,
+        evaluation=EvaluationRecord.model_construct(
+            errors={"trajectory": errors, "contact-deep": contact},
+            mean_force={"trajectory": 0.02},
+            newtons=2.0,
+        ),
+        timing=TimingRecord(fields=dict.fromkeys([*fields, "exact-all-faces"], times), machine={}),
+        models={f: network for f in fields if f.startswith("pandis")},
+        builds=dict.fromkeys(fields, 3725.0),
+    )
 
 
 def test_every_table_has_the_papers_figure_beside_ours():
@@ -65,8 +74,9 @@ def test_networks_trained_alike_share_a_row_with_an_interval():
     trained, mean = rows["PANDIS"][2], rows["PANDIS"][4]
     assert trained == "weighting subset, 3,000 steps, 3 seeds"
     assert mean == "0.00800 ± 0.00497"  # 6, 8 and 10e-3: 4.303 times 2e-3 / √3
-    other = one["models"]["pandis-c"]
-    one["models"]["pandis-c"] = other | {"options": other["options"] | {"weighting": "batch"}}
+    other = one.models["pandis-c"]
+    options = other.options | {"weighting": "batch"}
+    one.models["pandis-c"] = other.model_copy(update={"options": options})
     rows = {row[1]: row for row in tables([one])[-1].rows}
     assert rows["PANDIS"][2] == "weighting subset, 3,000 steps, 2 seeds"
     assert rows["pandis-c"][2] == "weighting batch, 3,000 steps, 1 seed"

@@ -7,6 +7,8 @@ from scipy import stats
 from pandis.evaluation.paths import interval, over_paths, repeats, verdict
 from pandis.fields.base import Field
 from pandis.geometry.frame import Frame
+from pandis.run.records.evaluation import PathsRecord
+from pandis.run.records.model import ModelRecord
 
 NORMAL = np.array([0.0, 0.0, 1.0])
 
@@ -29,7 +31,12 @@ def path(depth, count=50):
 
 
 def model(steps=600, **options):
-    return {"options": {"loss": "paper"} | options, "steps": steps, "device": "cpu"}
+    options = {"loss": "paper"} | options
+    return ModelRecord.model_construct(options=options, steps=steps, device="cpu")
+
+
+def known(**ratios):
+    return PathsRecord(mean=0.01, interval=0.001, ratios=ratios)
 
 
 def test_means_and_intervals_are_those_of_the_paths():
@@ -39,10 +46,10 @@ def test_means_and_intervals_are_those_of_the_paths():
     paths = [path(depth) for depth in (0.02, 0.03, 0.05, 0.008)]
     table = over_paths(fields, paths)
     none = dict.fromkeys(("trilinear-64", "trilinear-box-64"), 0)
-    assert table["exact"] == {"mean": 0, "interval": 0, "ratios": none}
-    assert table["trilinear-64"]["mean"] == pytest.approx(0.01)
-    assert table["trilinear-64"]["ratios"]["trilinear-64"] == 1
-    assert table["pandis"]["ratios"] == pytest.approx({"trilinear-64": 20, "trilinear-box-64": 40})
+    assert table["exact"] == PathsRecord(mean=0, interval=0, ratios=none)
+    assert table["trilinear-64"].mean == pytest.approx(0.01)
+    assert table["trilinear-64"].ratios["trilinear-64"] == 1
+    assert table["pandis"].ratios == pytest.approx({"trilinear-64": 20, "trilinear-box-64": 40})
     values = np.array([1.0, 2.0, 4.0, 9.0])
     low, high = stats.t.interval(0.95, 3, values.mean(), stats.sem(values))
     assert interval(values) == pytest.approx((high - low) / 2)
@@ -51,7 +58,7 @@ def test_means_and_intervals_are_those_of_the_paths():
 
 def test_without_the_baseline_there_are_no_ratios():
     table = over_paths([Plane("pandis", 0.1)], [path(0.1), path(0.2)])
-    assert table["pandis"]["ratios"] == {}
+    assert table["pandis"].ratios == {}
     assert verdict(table, {"pandis": model()}) == ""
 
 
@@ -67,7 +74,7 @@ def test_networks_that_differ_in_their_seed_alone_are_repeats():
 )  # fmt: skip
 def test_the_verdict_is_about_the_interval_over_seeds(ratios, said):
     names = ["pandis", "pandis-b", "pandis-c"]
-    table = {n: {"ratios": {"trilinear-64": r}} for n, r in zip(names, ratios, strict=True)}
+    table = {n: known(**{"trilinear-64": r}) for n, r in zip(names, ratios, strict=True)}
     mean, half = np.mean(ratios), interval(ratios)
     assert verdict(table, dict.fromkeys([*names, "other"], model())) == (
         f"pandis, pandis-b, pandis-c have {said} trilinear-64: {mean:.2f} ± {half:.2f} times "
@@ -76,7 +83,7 @@ def test_the_verdict_is_about_the_interval_over_seeds(ratios, said):
 
 
 def test_of_one_training_nothing_is_said_of_others():
-    table = {"pandis": {"ratios": {"trilinear-box-64": 0.97, "trilinear-64": 0.77}}}
+    table = {"pandis": known(**{"trilinear-box-64": 0.97, "trilinear-64": 0.77})}
     assert verdict(table, {"pandis": model()}) == (
         "pandis has 0.97 times the error of trilinear-box-64 (one training); "
         "pandis has 0.77 times the error of trilinear-64 (one training)."

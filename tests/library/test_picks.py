@@ -5,6 +5,7 @@ import pytest
 from pandis.evaluation.front import may_be_used
 from pandis.report.picks import picks
 from pandis.report.tables import COLUMNS
+from verdicts import PRESSED, SOUND, WHOLE, changed, validated
 
 
 def row(field, error, **changes):
@@ -14,11 +15,9 @@ def row(field, error, **changes):
 
 
 def tried(*fields, light=300.0, **changes):
-    device = {"hands": {"0.3": light, "1": 700.0, "3.0": 200.0}}
-    device |= {"holds": True, "pressed_missing": 0}
-    sound = {"agrees": True, "in_time": True, "walls": {"holds": True}}
-    sound |= {"devices": {"touch": device}} | changes
-    return {"fields": dict.fromkeys(fields, sound)}
+    device = changed(PRESSED, hands={"0.3": light, "1": 700.0, "3.0": 200.0})
+    sound = changed(SOUND, **({"devices": {"touch": device}} | changes))
+    return validated(dict.fromkeys(fields, sound))
 
 
 def test_the_exact_field_comes_first_and_then_the_best_that_may_be_used():
@@ -73,19 +72,16 @@ def test_an_auto_that_has_come_to_the_mesh_is_no_approximate_field():
     assert [one["field"] for one in found] == ["auto", "spline-auto"]
 
 
-PRESSED = {"hands": {"0.3": 300.0}, "holds": True, "pressed_missing": 0}
-
-
 @pytest.mark.parametrize(
     "fault",
     [
         {"agrees": False},
         {"in_time": False},
-        {"walls": {"holds": False}},
+        {"walls": changed(WHOLE, holds=False)},
         {"light": 0.0},
-        {"devices": {"touch": PRESSED, "other": PRESSED | {"holds": False}}},
-        {"devices": {"touch": PRESSED, "other": PRESSED | {"pressed_missing": 1}}},
-        {"devices": {"touch": PRESSED, "other": PRESSED | {"hands": {"0.3": 0.0}}}},
+        {"devices": {"touch": PRESSED, "other": changed(PRESSED, holds=False)}},
+        {"devices": {"touch": PRESSED, "other": changed(PRESSED, pressed_missing=1)}},
+        {"devices": {"touch": PRESSED, "other": changed(PRESSED, hands={"0.3": 0.0})}},
     ],
 )
 def test_a_file_is_judged_by_itself_whatever_its_field_passes(fault):

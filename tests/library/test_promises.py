@@ -19,6 +19,7 @@ from pandis.fields.controls import controls
 from pandis.fields.siren import SirenField
 from pandis.fields.sizing import Grids, grid_bytes
 from pandis.forces import penalty_force
+from pandis.geometry.frame import Frame
 from pandis.geometry.measure import draw_contacts, promise
 from pandis.run.catalogue import DENSE_KINDS
 from pandis.run.options import SampleOptions
@@ -202,8 +203,10 @@ def test_promises_of_networks_are_kept(name, tmp_path, monkeypatch):
         made = chooser(
             shape(name), tmp_path, log=log, points=points_of(name), force_error=error, bytes=120_000
         )
-        made.options["recipe"] |= {"steps": 600, "width": 64, "depth": 4, "batch": 4096}
-        made.options["samples"] = SampleOptions().model_dump()
+        large = {"steps": 600, "width": 64, "depth": 4, "batch": 4096}
+        recipe = made.options.recipe.model_copy(update=large)
+        update = {"recipe": recipe, "samples": SampleOptions()}
+        made.options = made.options.model_copy(update=update)
         limits = made.limits
         try:
             arrays, attributes, finish = made.choose()
@@ -212,7 +215,7 @@ def test_promises_of_networks_are_kept(name, tmp_path, monkeypatch):
             continue
         finish()
         assert attributes["choice"]["field"] == "pandis-exact"
-        frame = {"frame": shape(name).mesh.attributes["frame"]}
+        frame = Frame.of(shape(name).mesh).attributes()
         held = artifact("model", arrays, attributes | frame)
         found = figures(SirenField("pandis-exact", held), name)
         assert kept(found, {"mean": limits.mean, "tail": limits.tail}, limits.missed), found

@@ -16,17 +16,16 @@ from pandis.mesh.holes import fill_holes
 from pandis.mesh.intake import read_mesh
 from pandis.mesh.remesh import orient_by_sight, winding_remesh
 from pandis.run.options import MeshOptions
+from pandis.run.tasks import MeshTask
 from support import box_mesh, octahedron
 from test_diagnosis import copies
 from validity import assert_valid, volume
-
-OPTIONS = MeshOptions().model_dump() | {"seed": 0}
 
 
 def fix(vertices, faces, **options):
     """Repair; return vertices, faces, the record and the names of what was kept."""
     arrays, record = ladder.repair(
-        vertices, np.asarray(faces, np.int64), OPTIONS | options, log=lambda text: None
+        vertices, np.asarray(faces, np.int64), MeshOptions(**options), 0, log=lambda text: None
     )
     kept = [rung["operation"] for rung in record["rungs"] if rung["kept"]]
     return arrays["vertices"], arrays["faces"], record, kept
@@ -436,7 +435,7 @@ def test_deviation_is_that_of_an_offset():
 
 def test_origin_of_every_face():
     vertices, faces = ball(3)
-    arrays, _ = ladder.repair(vertices, faces[4:], OPTIONS, log=lambda text: None)
+    arrays, _ = ladder.repair(vertices, faces[4:], MeshOptions(), 0, log=lambda text: None)
     assert (arrays["origin"] == 0).sum() == len(faces) - 4
     assert (arrays["origin"] == 2).sum() > 0
     assert (arrays["deviation"][arrays["origin"] == 0] == 0).all()
@@ -464,13 +463,13 @@ def test_the_same_bytes_again():
 
 
 def test_build_closed_form_and_shipped_mesh():
-    arrays, attributes = build(OPTIONS | {"source": "analytic:torus"}, None, lambda text: None)
+    arrays, attributes = build(MeshTask(source="analytic:torus", sha256=None, seed=0), None, print)
     assert attributes["shape"] == "torus"
     assert attributes["frame"]["scale"] == pytest.approx(1.8 / 2.8)
     assert attributes["deviation"]["to_result"]["max"] < 1e-3
     assert arrays["faces"].dtype == np.int32
-    options = OPTIONS | {"source": "pymeshlab:bunny10k_textured.obj", "sha256": None, "seed": 1}
-    arrays, attributes = build(options, None, lambda text: None)
+    task = MeshTask(source="pymeshlab:bunny10k_textured.obj", sha256=None, seed=1)
+    arrays, attributes = build(task, None, print)
     assert [r["operation"] for r in attributes["rungs"] if r["kept"]] == ["clean", "fill"]
     assert len(attributes["before"]["holes"]) == 5
     assert attributes["deviation"]["to_result"]["max"] == 0  # what was there has stayed

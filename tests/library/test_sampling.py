@@ -14,7 +14,7 @@ from pandis.native.bvh import TIED
 from pandis.run.options import SampleOptions, TrajectoryOptions
 from pandis.run.stage import silent_progress
 from shapes import SHAPES, open_shape
-from support import box_mesh, sample
+from support import artifact, box_mesh, sample
 
 SMALL = SampleOptions(
     surface=3000,
@@ -33,8 +33,7 @@ def test_frame():
     points = np.array([[1e6, 0, 0], [1e6 + 4, 2, 1]])
     assert np.abs(frame.to_unit(points)).max() == pytest.approx(0.9)
     assert np.abs(frame.to_mesh(frame.to_unit(points)) - points).max() < 1e-9
-    assert Frame.from_attributes(frame.attributes()) == frame
-    assert frame.newtons(size=0.1, stiffness=400) * 1.8 == pytest.approx(40)
+    assert Frame.of(artifact("mesh", {}, frame.attributes())) == frame
 
 
 def test_penalty_force_pushes_out_and_never_pulls():
@@ -53,7 +52,7 @@ def torus():
 
 def test_samples_are_labelled_exactly_where_they_lie(torus):
     surface, engine = torus
-    arrays, attributes = sample(surface, engine, SMALL.model_dump() | {"seed": 5}, silent_progress)
+    arrays, attributes = sample(surface, engine, SMALL, 5, silent_progress)
     assert list(attributes["strata"]) == list(STRATA)
     assert all(len(a) == 14_000 for a in arrays.values())
     on_surface = slice(*attributes["strata"]["surface"])
@@ -80,7 +79,7 @@ def test_samples_are_labelled_exactly_where_they_lie(torus):
 
 def test_points_can_be_made_again_from_face_barycentrics_and_offset(torus):
     surface, engine = torus
-    arrays, attributes = sample(surface, engine, SMALL.model_dump() | {"seed": 5}, silent_progress)
+    arrays, attributes = sample(surface, engine, SMALL, 5, silent_progress)
     start = attributes["strata"]["box"][0]
     points, normals = surface.at(arrays["face"][:start], arrays["barycentrics"][:start])
     again = points + arrays["offset"][:start, None].astype(float) * normals
@@ -89,7 +88,7 @@ def test_points_can_be_made_again_from_face_barycentrics_and_offset(torus):
 
 def test_same_seed_same_samples(torus):
     def draw(seed):
-        return sample(*torus, SMALL.model_dump() | {"seed": seed}, silent_progress)[0]["points"]
+        return sample(*torus, SMALL, seed, silent_progress)[0]["points"]
 
     assert np.array_equal(draw(5), draw(5))
     assert not np.array_equal(draw(5), draw(6))
@@ -98,7 +97,7 @@ def test_same_seed_same_samples(torus):
 def test_shards_do_not_show(torus, monkeypatch):
     """Fewer points at once: other random numbers, but strata of the same law, in one order."""
     monkeypatch.setattr("pandis.geometry.strata.SHARD", 256)
-    arrays, attributes = sample(*torus, SMALL.model_dump() | {"seed": 5}, silent_progress)
+    arrays, attributes = sample(*torus, SMALL, 5, silent_progress)
     assert all(len(a) == 14_000 for a in arrays.values())
     start, stop = attributes["strata"]["surface"]
     rank = np.empty(len(torus[0].order), int)
@@ -109,7 +108,7 @@ def test_shards_do_not_show(torus, monkeypatch):
 def test_threads_do_not_show(torus, monkeypatch):
     def draw(threads):
         monkeypatch.setenv("IGL_NUM_THREADS", threads)
-        return sample(*torus, SMALL.model_dump() | {"seed": 5}, silent_progress)[0]
+        return sample(*torus, SMALL, 5, silent_progress)[0]
 
     one, three = draw("1"), draw("3")
     assert all(np.array_equal(one[name], three[name]) for name in one)
@@ -119,7 +118,7 @@ def test_points_with_two_closest_points_are_marked():
     vertices, faces = box_mesh()
     engine = MeshDistance(vertices * [0.9, 0.9, 0.06], faces)
     surface = Surface(engine.vertices, engine.faces)
-    arrays, _ = sample(surface, engine, SMALL.model_dump() | {"seed": 5}, silent_progress)
+    arrays, _ = sample(surface, engine, SMALL, 5, silent_progress)
     flags = engine.label(arrays["points"].astype(float)).flags
     assert np.array_equal(arrays["tied"], (flags & TIED) > 0)
     assert 0 < arrays["tied"].mean() < 0.2
@@ -211,8 +210,7 @@ def test_probe_sets_follow_the_contract(torus):
 
 
 def path_of(surface, engine, **options):
-    options = TrajectoryOptions(**options).model_dump() | {"seed": 3}
-    return trace(surface, engine, options, silent_progress)[0]
+    return trace(surface, engine, TrajectoryOptions(**options), 3, silent_progress)[0]
 
 
 def test_trajectory_is_exact_smooth_and_of_the_depth_asked_for(torus):
@@ -239,8 +237,8 @@ def test_trajectory_is_seeded(torus):
 def test_a_path_follows_the_thickness_of_what_is_too_thin_for_it(name):
     """A sheet-metal part got no report at all: its walls are thinner than the usual depth."""
     shape = open_shape(name)
-    options = TrajectoryOptions(samples=200).model_dump() | {"seed": 1}
-    found, attributes = trace(shape.surface, shape.engine, options, silent_progress)
+    options = TrajectoryOptions(samples=200)
+    found, attributes = trace(shape.surface, shape.engine, options, 1, silent_progress)
     distance, normal = shape.engine.distance_and_normal(found["points"])
     assert (distance < 0).all()
     assert np.array_equal(distance, found["distance"])

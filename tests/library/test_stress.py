@@ -15,6 +15,7 @@ from pandis.geometry.measure import Stratified
 from pandis.geometry.physical import Scale
 from pandis.geometry.shapes import SHAPES
 from pandis.grids.dense import DenseGrid
+from pandis.run.options import StressOptions
 from pandis.run.stage import silent_progress
 from pandis.stress.contact import ghosts, holding, wanted_force
 from pandis.stress.coupled import LADDER, simulate, stable_stiffness
@@ -34,7 +35,7 @@ TOUCH = {
     "mass": 0.045, "damping": 0.1, "friction": 0.26, "encoder": 55e-6, "delay": 0,
     "force_limit": 3.3, "hand_stiffness": 20.0, "hand_damping": 3.0, "press": 0.5,
 }  # fmt: skip
-OPTIONS = TOUCH | {"loops": 20, "ticks": 60_000, "size": 0.1, "stiffness": 400.0, "seed": 0}
+OPTIONS = StressOptions(**TOUCH, loops=20, ticks=60_000)
 SCALE = Scale(0.1, 400.0)
 
 
@@ -158,7 +159,7 @@ CONTROLS = {
 @pytest.fixture(scope="module")
 def sphere():
     vertices, faces = SHAPES["sphere"].tessellation()
-    return Suite(Body(vertices, faces, FRAME, "sphere"), OPTIONS)
+    return Suite(Body(vertices, faces, FRAME, "sphere"), SCALE, OPTIONS, 0)
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +213,7 @@ def test_fields_that_need_a_path_are_skipped_with_a_reason(sphere):
 def grid(kind, content, size):
     made = DenseGrid(ENGINE, content, size, (0.09, 0.02), silent_progress)
     values = np.concatenate(list(made.slabs(8)))
-    held = artifact("grid", {"values": values}, made.attributes() | {"frame": FRAME.attributes()})
+    held = artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
     return GRID_OPENERS[kind](f"{kind}-{size}", held)
 
 
@@ -301,7 +302,7 @@ def test_a_walk_stays_in_the_box_and_goes_at_its_pace():
 
 
 def test_same_seed_same_figures(sphere):
-    again = Suite(sphere.body, OPTIONS)
+    again = Suite(sphere.body, SCALE, OPTIONS, 0)
     field = grid("tricubic", "distance", 24)
     assert again.ask(field, silent_progress) == sphere.ask(field, silent_progress)
     assert np.abs(penalty_force(*field.answer(again.shell.points))).max() > 0

@@ -11,8 +11,10 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import SHAPES
 from pandis.geometry.strata import Strata
+from pandis.run.options import SampleOptions
 from pandis.run.recipes import ExactRecipe, PaperRecipe
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import TrainTask
 from pandis.training import exact_loss, vectors
 from pandis.training import paper_loss as losses
 from pandis.training import trainer as trainer_module
@@ -29,29 +31,27 @@ def samples():
     frame = Frame((0.0, 0.0, 0.0), 0.9)
     engine = ShapeDistance(SHAPES["sphere"], frame)
     vertices, faces = SHAPES["sphere"].tessellation()
-    options = {"surface": 4000, "offsets": 4000, "scales": [0.01, 0.05], "shallow": 4000}
-    options |= {
-        "penetration": 4000,
-        "depth": 0.05,
-        "bent": 0,
-        "core": 500,
-        "box": 2000,
-        "held_out": 2000,
-        "seed": 1,
-    }
+    options = SampleOptions(
+        surface=4000, offsets=4000, scales=[0.01, 0.05], shallow=4000, penetration=4000,
+        depth=0.05, bent=0, core=500, box=2000, held_out=2000,
+    )  # fmt: skip
     surface = Surface(frame.to_unit(vertices), faces, engine)
-    drawn = artifact("samples", *sample(surface, engine, options, silent_progress))
-    return drawn, Strata(surface, engine, options)
+    drawn = artifact("samples", *sample(surface, engine, options, 1, silent_progress))
+    return drawn, Strata(surface, engine, options, 1)
 
 
 def recipe(loss="exact", **options):
     model = PaperRecipe if loss == "paper" else ExactRecipe
     small = {"width": 24, "depth": 2, "steps": 60, "batch": 256, "threads": 1}
-    return model(**small | options).model_dump() | {"seed": 7, "recipe": "r"}
+    return model(**small | options)
+
+
+def task(seed=7, **options):
+    return TrainTask(name="r", recipe=recipe(**options), seed=seed)
 
 
 def trainer(samples, tmp_path, **options):
-    return Trainer(recipe(**options), *samples, tmp_path / "c.pt", log=lambda text: None)
+    return Trainer(task(**options), *samples, tmp_path / "c.pt", log=lambda text: None)
 
 
 def same(one, other):
@@ -209,7 +209,7 @@ def test_a_mean_over_the_whole_batch_is_one_with_zeros_where_a_term_does_not_hol
         torch.cat([1 - vectors.cosine(here[:, 1:], n), zeros_off]),
         torch.cat([zeros_on, 1 - vectors.cosine(there[:, 1:], g_there)]),
     ]
-    by_hand = sum(w * t.mean() for w, t in zip(recipe("paper")["weights"], each, strict=True))
+    by_hand = sum(w * t.mean() for w, t in zip(recipe("paper").weights, each, strict=True))
     assert total == pytest.approx(by_hand.item(), rel=1e-9)
     subset = losses.paper_loss(*given, recipe("paper")).item()
     assert subset > total  # four of the terms weigh more there
@@ -262,7 +262,7 @@ def test_exact_loss_is_zero_at_the_truth_and_counts_force():
     off = exact_loss.exact_loss(distance + 0.01, normal, distance, normal, options).item()
     assert off == pytest.approx(0.01 * (0.5 + 1) / 2, rel=1e-3)
     turned = exact_loss.exact_loss(distance, normal.flip(0), distance, normal, options).item()
-    assert turned == pytest.approx(options["normal_weight"] * 2**0.5 * 0.75, rel=1e-3)
+    assert turned == pytest.approx(options.normal_weight * 2**0.5 * 0.75, rel=1e-3)
 
 
 # --- the trainer ---------------------------------------------------------------------------
@@ -321,8 +321,7 @@ def test_damaged_checkpoint_starts_afresh(samples, tmp_path):
 
 def test_seed_and_options_matter(samples, tmp_path):
     one = trainer(samples, tmp_path).run(silent_progress)
-    options = recipe() | {"seed": 8}
-    other = Trainer(options, *samples, tmp_path / "c.pt", print).run(silent_progress)
+    other = Trainer(task(seed=8), *samples, tmp_path / "c.pt", print).run(silent_progress)
     assert not same(one, other)
 
 
@@ -347,7 +346,7 @@ def test_divergence_is_an_error_not_a_field(samples, tmp_path):
 @pytest.mark.parametrize("harm", ["nan", "wild"])
 def test_divergence_restarts_from_the_last_good_state(samples, tmp_path, harm):
     lines = []
-    run = Trainer(recipe(steps=200), *samples, tmp_path / "c.pt", lines.append)
+    run = Trainer(task(steps=200), *samples, tmp_path / "c.pt", lines.append)
     advance, done = run._advance, []
 
     def harmed(share):
@@ -378,7 +377,7 @@ def test_checkpoint_that_cannot_be_written_does_not_stop_the_run(samples, tmp_pa
     monkeypatch.setattr("pandis.training.trainer.CHECKPOINT_SECONDS", 0.0)
     (tmp_path / "file").write_text("in the way")
     lines = []
-    run = Trainer(recipe(steps=5), *samples, tmp_path / "file" / "c.pt", lines.append)
+    run = Trainer(task(steps=5), *samples, tmp_path / "file" / "c.pt", lines.append)
     assert run.run(silent_progress)[1]["steps"] == 5
     assert any("no checkpoint at step" in line for line in lines)
 

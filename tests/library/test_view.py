@@ -13,7 +13,6 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.shapes import SHAPES
 from pandis.report.view import DECADES, view
 from pandis.run.stage import silent_progress
-from support import artifact
 
 
 class Shallower(Field):
@@ -62,7 +61,7 @@ def test_the_page_gets_positions_and_shades_that_can_be_read_back():
         "view_error_a": np.array([1e-3, 1e-2, 1e-6], np.float32),
         "paths": np.zeros((2, 5, 3), np.float32),
     }
-    held = json.loads(view(artifact("evaluation", arrays, {"newtons": 10.0}), ["a", "b"], "b"))
+    held = json.loads(view(arrays, 10.0, ["a", "b"], "b"))
     whole = np.frombuffer(base64.b64decode(held["vertices"]), "<i2").reshape(-1, 3)
     assert np.abs(whole / 32767 - vertices).max() < 2e-5
     assert np.array_equal(np.frombuffer(base64.b64decode(held["faces"]), "<u2"), [0, 1, 2])

@@ -31,7 +31,7 @@ def closed_form(name):
     shape = SHAPES[name]
     frame = Frame.of_bounds(-shape.half_extent, shape.half_extent)
     arrays = dict(zip(("vertices", "faces"), shape.tessellation(), strict=True))
-    return artifact("mesh", arrays, {"shape": name, "frame": frame.attributes()})
+    return artifact("mesh", arrays, {"shape": name, **frame.attributes()})
 
 
 def network(engine, width, depth, outputs, base):
@@ -45,7 +45,7 @@ def network(engine, width, depth, outputs, base):
     if base:
         arrays["base"] = fit_base(engine, base).coefficients
     shape = {"width": width, "depth": depth, "omega": 30.0, "outputs": outputs}
-    attributes = {"architecture": shape, "frame": FRAME.attributes()}
+    attributes = {"architecture": shape, **FRAME.attributes()}
     return SirenField("network", artifact("model", arrays, attributes))
 
 
@@ -62,7 +62,7 @@ def meshes():
     vertices, faces = SHAPES["torus"].tessellation(60, 30)
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
     own = artifact("mesh", {"vertices": FRAME.to_mesh(frame.to_unit(vertices)), "faces": faces},
-                   {"frame": FRAME.attributes(), "shape": None})  # fmt: skip
+                   {**FRAME.attributes(), "shape": None})  # fmt: skip
     return Meshes({name: closed_form(name) for name in SHAPES} | {"exact": own})
 
 
@@ -75,13 +75,11 @@ def fields(meshes):
     for rule in (*RULES, "nearest-box", "trilinear-box"):
         made = DenseGrid(engine, GRID_FIELDS[rule], 20, (0.2, 0.1), silent_progress)
         values = np.concatenate(list(made.slabs(32)))
-        held = artifact(
-            "grid", {"values": values}, made.attributes() | {"frame": FRAME.attributes()}
-        )
+        held = artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
         found[rule] = open_field(parse_field(f"{rule}-20", ()), held), rule
     fitted = SplineFit(engine, surface, (0.2, 0.1), 0, samples_for(budget=60_000))
     arrays, attributes = fitted.build(fitted.choose_size(60_000), 60_000, silent_progress)
-    held = artifact("grid", arrays, attributes | {"frame": FRAME.attributes()})
+    held = artifact("grid", arrays, attributes | FRAME.attributes())
     found["spline"] = open_field(parse_field("spline-auto", ()), held), "spline"
     found["network"] = network(engine, 64, 4, 4, 0), "network"
     found["gradient"] = network(engine, 50, 4, 1, 8), "network"

@@ -21,6 +21,7 @@ from pandis.geometry.body import Body
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import SceneTask
 
 NATIVE = Path(pandis.__file__).parent / "native"
 #: Way of a tick at 0.5 m/s (m).
@@ -244,19 +245,19 @@ COMMON = {"rotation": (10.0, 90.0, -20.0), "size": 0.05, "stiffness": 400.0}
 
 @pytest.fixture
 def tried(files, tmp_path):
-    """Return the files, arrays, attributes and text of a scene that was tried."""
+    """Return the files, arrays, attributes, text and header of a scene that was tried."""
     found = []
     for mesh, name in (("a", "spline"), ("b", "sphere")):
         path = tmp_path / mesh / "export" / f"{name}.pandis"
         path.parent.mkdir(parents=True)
         path.write_bytes(files[name].read_bytes())
         found.append(path)
-    options = {"objects": [own | COMMON for own in OBJECTS], "ticks": 5000, "speed": 0.5}
+    options = SceneTask(objects=[own | COMMON for own in OBJECTS], ticks=5000, speed=0.5)
     return found, *try_scene("my-table", found, options, silent_progress, print)
 
 
 def test_a_scene_is_tried(tried):
-    _, arrays, attributes, text = tried
+    _, arrays, attributes, text, _ = tried
     assert attributes["different"] == 0
     assert 0.1 < attributes["touched_share"] < 0.9
     assert attributes["asked_mean"] < 1.5
@@ -273,15 +274,15 @@ def test_a_scene_that_loses_contacts_fails(tried, tmp_path):
     found, *_ = tried
     data = resealed(found[0].read_bytes(), [-0.1, -0.1, -0.1, 0.1, 0.1, 0.1, 0.0, 0.0])
     found[0].write_bytes(data)  # so small a box: nearly all of it is left out
-    options = {"objects": [own | COMMON for own in OBJECTS], "ticks": 5000, "speed": 0.5}
+    options = SceneTask(objects=[own | COMMON for own in OBJECTS], ticks=5000, speed=0.5)
     with pytest.raises(PandisError, match=r"scene table: .* export it again"):
         try_scene("table", found, options, silent_progress, print)
 
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
 def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
-    _, arrays, attributes, _ = tried
-    (tmp_path / "scene.h").write_text(attributes["header"])
+    _, arrays, _, _, header = tried
+    (tmp_path / "scene.h").write_text(header)
     (tmp_path / "main.c").write_text(
         '#define PANDIS_IMPLEMENTATION\n#include "scene.h"\n'
         "int main(void) {\n"

@@ -7,6 +7,7 @@ import pytest
 
 from pandis.hardware import touch
 from pandis.native.runtime import NativeField
+from verdicts import PRESSED, SOUND, changed, validated
 
 
 @pytest.fixture
@@ -16,11 +17,9 @@ def exported(files, tmp_path):
     folder.mkdir()
     path = folder / "exact.pandis"
     path.write_bytes(files["sphere"].read_bytes())
-    pressed = {"hands": {"0.3": 200.0}}
-    walls = {"holds": True, "pressed_missing": 0}
-    sound = {"agrees": True, "in_time": True}
-    field = sound | {"sha256": touch.digest(path), "devices": {"touch": pressed}, "walls": walls}
-    report = {"size": 0.1, "rate": 1000.0, "fields": {"exact": field}}
+    pressed = changed(PRESSED, hands={"0.3": 200.0})
+    field = changed(SOUND, sha256=touch.digest(path), devices={"touch": pressed})
+    report = validated({"exact": field}).attributes()
     (tmp_path / "hardware.json").write_text(json.dumps(report))
     return path
 
@@ -43,10 +42,11 @@ def test_the_simulated_device_is_led_into_the_object(exported):
     [
         (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"), "about another file"),
         (lambda path: (path.parent.parent / "hardware.json").unlink(), "is not there"),
+        (lambda path: (path.parent.parent / "hardware.json").write_text("{}"), "of this version"),
     ],
 )
 def test_what_is_known_of_another_file_arms_nothing(damage, said, exported):
-    assert touch.known(exported, "touch", 0.1)[0]["hands"] == {"0.3": 200.0}
+    assert touch.known(exported, "touch", 0.1)[0].hands == {"0.3": 200.0}
     damage(exported)
     pressed, walls, why = touch.known(exported, "touch", 0.1)
     assert (pressed, walls) == (None, None)

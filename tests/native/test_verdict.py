@@ -14,7 +14,7 @@ from pandis.geometry.body import Body
 from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import Surface
 from pandis.geometry.trajectories import trace
-from pandis.hardware.attached import run_attached, stiffness_for
+from pandis.hardware.attached import Span, run_attached, stiffness_for
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.pressing import Hand, contact, press
 from pandis.hardware.validation import _attached, _statement, press_devices
@@ -22,13 +22,19 @@ from pandis.hardware.verdict import device_sentence, judge, machine_sentence, ma
 from pandis.hardware.walls import compare, open_walls
 from pandis.native.device import Order
 from pandis.native.runtime import NativeField
-from pandis.run.options import HardwareOptions, TrajectoryOptions
+from pandis.run.options import AttachedOptions, TrajectoryOptions
 from pandis.run.stage import silent_progress
+from pandis.run.tasks import ValidateTask
 from shapes import open_shape
+from verdicts import PRESSED, SOUND, TIMES, WHOLE, changed
 
 HAND = {"stiffness": 20.0, "damping": 3.0, "press": 0.5, "delay": 0}
 SIZE = 0.1
 SCALE = Scale(SIZE, 400.0)
+
+
+def task(**options):
+    return ValidateTask(**options, fields=[], hand=HAND, seed=0)
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +42,8 @@ def surface(fields):
     """Return where the torus is pressed on: as `trajectory` gives it."""
     field = fields["exact"][0]
     engine = field.engine
-    options = TrajectoryOptions(samples=400).model_dump() | {"seed": 2}
     own = Surface(engine.vertices, engine.faces)
-    held, _ = trace(own, engine, options, silent_progress)
+    held, _ = trace(own, engine, TrajectoryOptions(samples=400), 2, silent_progress)
     walls = open_walls(fields["exact"][0], own, SCALE, 3)
     return contact(held, walls.pressed, SIZE)
 
@@ -46,61 +51,60 @@ def surface(fields):
 def pressed(name, files, surface, device="touch", stiffness=400.0, **hand):
     field = NativeField(files[name])
     spec = DEVICES[device]
-    found = press(field, spec, surface, SIZE, stiffness, Hand(**(HAND | hand)), 1000.0)
-    return found | {"device": device, "pressed_missing": 0, "holds": True}
+    return press(field, spec, surface, SIZE, stiffness, Hand(**(HAND | hand)), 1000.0)
 
 
 def test_an_exact_surface_is_safe_on_every_device(files, surface):
     for device, spec in DEVICES.items():
         found = pressed("exact", files, surface, device)
-        assert found["within_limits"] == (device != "falcon")
-        assert found["passive"]
-        assert found["quiet"] == 1
-        assert found["safe_n_m"] <= spec.stiffness
-        sentence = device_sentence(found)
+        assert found.within_limits == (device != "falcon")
+        assert found.passive
+        assert found.quiet == 1
+        assert found.safe_n_m <= spec.stiffness
+        sentence = device_sentence(device, found, WHOLE)
         if device == "falcon":  # whose workspace has a radius of 40 mm, the torus one of 50
-            assert judge(found) == "fail"
+            assert judge(found, WHOLE) == "fail"
             assert "reaches 50 mm from the middle of a workspace of 40 mm" in sentence
             continue
-        assert judge(found) == "pass"
+        assert judge(found, WHOLE) == "pass"
         assert "keeps still and gives no energy" in sentence
 
 
 def test_a_stepped_field_gives_energy_and_is_told_so(files, surface):
     """The nearest of 20³ nodes: its force jumps at every cell, and work goes missing."""
     found = pressed("nearest", files, surface)
-    assert not found["passive"]
-    assert found["energy_j"] < -1e-4
-    assert judge(found) == "fail"
-    sentence = device_sentence(found)
+    assert not found.passive
+    assert found.energy_j < -1e-4
+    assert judge(found, WHOLE) == "fail"
+    sentence = device_sentence("touch", found, WHOLE)
     assert "mJ more than the device loses" in sentence
     assert "use at most" in sentence or "do not use it" in sentence
-    assert found["safe_n_m"] < pressed("exact", files, surface)["safe_n_m"]
+    assert found.safe_n_m < pressed("exact", files, surface).safe_n_m
 
 
 def test_a_field_that_pushes_in_free_space_is_pressed_from_above_its_ghosts(files, surface):
     """No device is armed within a force: pressed from 0.2 mm, it got none, and was called calm."""
     found = pressed("trilinear", files, surface)
-    assert found["unarmed"] == 0
-    assert found["strongest_n"] > 0.3
+    assert found.unarmed == 0
+    assert found.strongest_n > 0.3
 
 
 def test_a_press_that_gets_no_force_is_not_calm(files, surface, monkeypatch):
     monkeypatch.setattr("pandis.hardware.pressing._HEIGHTS", np.full(7, -3e-4))
     found = pressed("exact", files, surface)
-    assert found["unarmed"] == len(surface.feet)
-    assert found["quiet"] == 0
-    assert found["safe_n_m"] == 0
-    assert judge(found) == "fail"
-    assert "presses got no force" in device_sentence(found)
+    assert found.unarmed == len(surface.feet)
+    assert found.quiet == 0
+    assert found.safe_n_m == 0
+    assert judge(found, WHOLE) == "fail"
+    assert "presses got no force" in device_sentence("touch", found, WHOLE)
 
 
 def test_a_hard_push_is_beyond_the_devices_limit(files, surface):
     found = pressed("exact", files, surface, press=6.0)
-    assert found["cut"] > 0
-    assert found["strongest_n"] == pytest.approx(DEVICES["touch"].force)
-    assert judge(found) == "fail"
-    assert "wanted more than its 3.3 N" in device_sentence(found)
+    assert found.cut > 0
+    assert found.strongest_n == pytest.approx(DEVICES["touch"].force)
+    assert judge(found, WHOLE) == "fail"
+    assert "wanted more than its 3.3 N" in device_sentence("touch", found, WHOLE)
 
 
 def test_late_forces_lower_the_safe_stiffness(files, surface):
@@ -108,7 +112,7 @@ def test_late_forces_lower_the_safe_stiffness(files, surface):
     prompt, late = (
         pressed("exact", files, surface, "touch-x", 1000.0, delay=delay) for delay in (0, 10)
     )
-    assert late["safe_n_m"] < prompt["safe_n_m"]
+    assert late.safe_n_m < prompt.safe_n_m
 
 
 def test_the_verdict_is_the_same_again(files, surface):
@@ -116,45 +120,42 @@ def test_the_verdict_is_the_same_again(files, surface):
 
 
 def test_every_device_is_named(files, surface):
-    options = HardwareOptions(devices=["touch", "falcon"]).model_dump()
-    options |= {"hand": HAND, "size": SIZE, "stiffness": 400.0}
-    walls = {"pressed_missing": 0, "holds": True}
-    found = press_devices(NativeField(files["torus"]), surface, walls, options)
+    options = task(devices=["touch", "falcon"])
+    found = press_devices(NativeField(files["torus"]), surface, WHOLE, options)
     assert list(found) == ["touch", "falcon"]
-    assert found["touch"]["verdict"] == "pass"
-    walls = {"pressed_missing": 2, "holds": True}
+    assert found["touch"].verdict == "pass"
+    walls = changed(WHOLE, pressed_missing=2)
     failed = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
-    assert failed["verdict"] == "fail"
-    assert "at 2 of the points that it presses on the force is missing" in failed["sentence"]
-    assert "do not use it" in failed["sentence"]
-    walls = {"pressed_missing": 0, "holds": False}
+    assert failed.verdict == "fail"
+    assert "at 2 of the points that it presses on the force is missing" in failed.sentence
+    assert "do not use it" in failed.sentence
+    walls = changed(WHOLE, holds=False)
     lacking = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
-    assert lacking["verdict"] == "fail"
-    assert "lacks a part of the surface; do not use it" in lacking["sentence"]
-    assert found["falcon"]["sentence"].startswith(
+    assert lacking.verdict == "fail"
+    assert "lacks a part of the surface; do not use it" in lacking.sentence
+    assert found["falcon"].sentence.startswith(
         "On a simulated Falcon in a hand of 3 Ns/m at 400 N/m"
     )
 
 
 def test_a_slow_machine_is_told_what_to_do():
-    verdict = {"agrees": True, "in_time": False, "miss_share": 0.25, "compute_us": {"p99.9": 900.0}}
-    verdict |= {"punctual": True, "late_share": 0.5, "walls": {"holds": True, "missing": 0.02}}
-    options = {"rate": 1000.0, "deadline": 0.8e-3}
+    lacking = changed(WHOLE, holds=False, missing=0.02)
+    slow = {"in_time": False, "miss_share": 0.25, "late_share": 0.5}
+    verdict = changed(SOUND, **slow, compute_us=TIMES | {"p99.9": 900.0})
+    good = changed(verdict, in_time=True)
+    options = task()
     assert "25 % of the ticks compute longer than 800 µs" in machine_sentence(verdict, options)
-    good = machine_sentence(verdict | {"in_time": True}, options)
-    assert good == "It holds 1000 Hz here: 900 of 800 µs in 99.9 % of the ticks."
-    assert "export it again" in machine_sentence(verdict | {"agrees": False}, options)
-    late = machine_sentence(verdict | {"in_time": True, "punctual": False}, options)
+    said = machine_sentence(good, options)
+    assert said == "It holds 1000 Hz here: 900 of 800 µs in 99.9 % of the ticks."
+    assert "export it again" in machine_sentence(changed(verdict, agrees=False), options)
+    late = machine_sentence(changed(good, punctual=False), options)
     assert "Not judged: the machine was late. 50 % of the ticks began more than 800 µs late" in late
-    verdicts = {
-        machine_verdict(verdict | {"agrees": True, "in_time": True} | change): change
-        for change in ({}, {"punctual": False}, {"punctual": False, "in_time": False})
-    }
-    assert list(verdicts) == ["pass", "late", "fail"]
-    gone = verdict | {"in_time": True, "walls": {"holds": False, "missing": 0.02}}
-    assert "Do not use it: on 2 % of the surface the force is missing" in machine_sentence(
-        gone, options
-    )
+    changes = ({}, {"punctual": False}, {"punctual": False, "in_time": False})
+    verdicts = [machine_verdict(changed(good, **change)) for change in changes]
+    assert verdicts == ["pass", "late", "fail"]
+    assert machine_verdict(changed(good, walls=lacking)) == "fail"
+    gone = machine_sentence(changed(good, walls=lacking), options)
+    assert "Do not use it: on 2 % of the surface the force is missing" in gone
 
 
 @pytest.mark.parametrize("name", ["plate-2", "finned-ball", "blade", "cage"])
@@ -163,15 +164,15 @@ def test_no_control_passes_the_hardware_verdict(name):
     shape = open_shape(name)
     exact = ExactField("exact", Body.open(shape.mesh))
     walls = open_walls(exact, shape.surface, SCALE, 1)
-    assert compare(lambda p: penalty_force(*exact.answer(p)), walls)["holds"]
+    assert compare(lambda p: penalty_force(*exact.answer(p)), walls).holds
     for control in controls(exact, shape.surface, SCALE):
         found = compare(lambda p, c=control: penalty_force(*c.answer(p)), walls)
-        assert not found["holds"]
-        assert found["missing"] > 0.005
+        assert not found.holds
+        assert found.missing > 0.005
 
 
 #: What allows a device to be armed: a stiffness that is safe for a light hand, and all walls.
-SAFE, WHOLE = {"hands": {"0.3": 1e3}}, {"holds": True, "pressed_missing": 0}
+SAFE = changed(PRESSED, hands={"0.3": 1e3})
 
 
 def attach(library, files, monkeypatch, arm=True, fault="", place=RADIUS + 5e-4, allowed=True):
@@ -180,10 +181,11 @@ def attach(library, files, monkeypatch, arm=True, fault="", place=RADIUS + 5e-4,
     monkeypatch.setenv("PANDIS_STANDIN", f"300 6 {place - 4.5e-3}")
     monkeypatch.setenv("PANDIS_ARM", "1")
     monkeypatch.setattr("pandis.hardware.attached.Order", partial(Order, gap=100.0, patience=100.0))
-    options = HardwareOptions(seconds=0.05, deadline=10, attached={"library": str(library)})
-    options = options.model_dump() | options.attached.model_dump() | {"arm": arm}
+    options = AttachedOptions(library=str(library), arm=arm)
     known = (SAFE, WHOLE) if allowed else ()
-    return run_attached(NativeField(files["sphere"]), SIZE, 1e4, options, *known)
+    return run_attached(
+        NativeField(files["sphere"]), Scale(SIZE, 1e4), options, Span(0.05, 10), *known
+    )
 
 
 @pytest.fixture(scope="module")
@@ -199,12 +201,12 @@ def libraries(tmp_path_factory):
 @pytest.mark.parametrize(("arm", "fault"), [(True, ""), (False, ""), (True, "error 20 301")])
 def test_a_stand_in_is_never_a_device(arm, fault, libraries, files, monkeypatch):
     arrays, found = attach(libraries[0], files, monkeypatch, arm, fault)
-    assert found["stand_in"]
-    assert not found["hardware"]
-    assert found["stiffness"] == DEVICES["touch"].stiffness
-    assert "nothing of it is a hardware result" in found["statement"]
+    assert found.stand_in
+    assert not found.hardware
+    assert found.stiffness == DEVICES["touch"].stiffness
+    assert "nothing of it is a hardware result" in found.statement
     assert arrays["force"].any() == arm
-    statement = _statement({"sphere": {"attached": found}})
+    statement = _statement({"sphere": changed(SOUND, attached=found)})
     assert "forces were sent" not in statement
     assert "stand-in" in statement
 
@@ -212,8 +214,8 @@ def test_a_stand_in_is_never_a_device(arm, fault, libraries, files, monkeypatch)
 def test_what_is_said_of_a_device(libraries, files, monkeypatch):
     """A hardware result is a run to the end in which forces were sent, and nothing else."""
     arrays, found = attach(libraries[1], files, monkeypatch)
-    assert found["hardware"]
-    assert "forces were sent to it" in found["statement"]
+    assert found.hardware
+    assert "forces were sent to it" in found.statement
     assert arrays["force"].any()
     for said, changes in {
         "no force was sent": {"arm": False},
@@ -222,8 +224,8 @@ def test_what_is_said_of_a_device(libraries, files, monkeypatch):
         "No device ran": {"fault": "init"},
     }.items():
         _, found = attach(libraries[1], files, monkeypatch, **changes)
-        assert said in found["statement"]
-        assert not found["hardware"]
+        assert said in found.statement
+        assert not found.hardware
 
 
 def test_arming_needs_a_word_of_its_own_for_each_run(libraries, files, monkeypatch):
@@ -231,18 +233,18 @@ def test_arming_needs_a_word_of_its_own_for_each_run(libraries, files, monkeypat
     monkeypatch.setattr("pandis.hardware.attached.Order", order)
     monkeypatch.delenv("PANDIS_ARM", raising=False)
     monkeypatch.setenv("PANDIS_PLACE", f"{0.9 * RADIUS} 0 0")
-    options = HardwareOptions(seconds=0.05, attached={"library": str(libraries[1]), "arm": True})
-    options = options.model_dump() | options.attached.model_dump()
-    arrays, found = run_attached(NativeField(files["sphere"]), SIZE, 400.0, options, SAFE, WHOLE)
+    options = AttachedOptions(library=str(libraries[1]), arm=True)
+    field = NativeField(files["sphere"])
+    arrays, found = run_attached(field, SCALE, options, Span(0.05, 8e-4), SAFE, WHOLE)
     assert not arrays["force"].any()
-    assert not found["armed"]
-    assert "PANDIS_ARM is not set" in found["statement"]
+    assert not found.armed
+    assert "PANDIS_ARM is not set" in found.statement
 
 
 def test_an_armed_device_gets_what_is_safe_for_a_light_hand():
     touch = DEVICES["touch"]
     assert stiffness_for(1e4, touch, SAFE, WHOLE) == (touch.stiffness, "")
-    weak = {"hands": {"0.3": 200.0, "3": 1e3}}
+    weak = changed(SAFE, hands={"0.3": 200.0, "3": 1e3})
     assert stiffness_for(400.0, touch, weak, WHOLE) == (pytest.approx(140.0), "")
     assert stiffness_for(100.0, touch, weak, WHOLE) == (100.0, "")
     assert "has not the forces" in stiffness_for(400.0, touch, SAFE, WHOLE, sound=False)[1]
@@ -252,8 +254,10 @@ def test_an_armed_device_gets_what_is_safe_for_a_light_hand():
         (0, 2): "lacks a part of the surface",
         (1, 0): "no stiffness is safe",
     }.items():
-        pressed = (SAFE, {"hands": {"0.3": 0.0}})[known[0]] if known[0] is not None else None
-        walls = (WHOLE, WHOLE | {"holds": False}, WHOLE | {"pressed_missing": 1})
+        pressed = (
+            (SAFE, changed(SAFE, hands={"0.3": 0.0}))[known[0]] if known[0] is not None else None
+        )
+        walls = (WHOLE, changed(WHOLE, holds=False), changed(WHOLE, pressed_missing=1))
         found = stiffness_for(
             400.0, touch, pressed, walls[known[1]] if known[1] is not None else None
         )
@@ -262,16 +266,16 @@ def test_an_armed_device_gets_what_is_safe_for_a_light_hand():
 
 def test_without_a_safe_stiffness_no_force_is_sent(libraries, files, monkeypatch):
     arrays, found = attach(libraries[1], files, monkeypatch, allowed=False)
-    assert not found["armed"]
+    assert not found.armed
     assert not arrays["force"].any()
-    assert "though it was to be armed: no safe stiffness is known" in found["statement"]
+    assert "though it was to be armed: no safe stiffness is known" in found.statement
 
 
 def test_the_stiffness_that_is_sent_is_the_one_found_safe(libraries, files, monkeypatch):
     """On every tick, by the record: at most 0.7 of what is safe for a light hand."""
-    monkeypatch.setitem(SAFE["hands"], "0.3", 100.0)
+    monkeypatch.setitem(SAFE.hands, "0.3", 100.0)
     arrays, found = attach(libraries[1], files, monkeypatch)
-    assert found["stiffness"] == pytest.approx(70.0)
+    assert found.stiffness == pytest.approx(70.0)
     depth = np.maximum(RADIUS - np.linalg.norm(arrays["position"], axis=1), 0)
     assert arrays["force"].any()
     assert (np.linalg.norm(arrays["force"], axis=1) <= 70.0 * depth + 0.05).all()
@@ -279,19 +283,15 @@ def test_the_stiffness_that_is_sent_is_the_one_found_safe(libraries, files, monk
 
 def test_a_whole_validation_arms_with_no_more_than_its_own_figure(libraries, files, surface):
     """The simulated device of the attached model is pressed though nobody asked for it."""
-    options = HardwareOptions(devices=[], seconds=0.05, attached={"library": str(libraries[0])})
-    options = options.model_dump() | {"hand": HAND, "size": SIZE, "stiffness": 400.0}
-    verdict = {"devices": {}, "agrees": True, "in_time": True}
-    _, found = _attached(NativeField(files["exact"]), surface, WHOLE, verdict, options)
-    own = press_devices(
-        NativeField(files["exact"]), surface, WHOLE, options | {"devices": ["touch"]}
-    )["touch"]
-    assert found["stiffness"] == pytest.approx(min(400.0, 0.7 * own["hands"]["0.3"]))
+    options = task(devices=[], seconds=0.05, attached={"library": str(libraries[0])})
+    _, found = _attached(NativeField(files["exact"]), surface, SOUND, {}, options)
+    alone = options.model_copy(update={"devices": ["touch"]})
+    own = press_devices(NativeField(files["exact"]), surface, WHOLE, alone)["touch"]
+    assert found.stiffness == pytest.approx(min(400.0, 0.7 * own.hands["0.3"]))
 
 
 def test_no_library_is_said(files, tmp_path):
-    options = HardwareOptions(seconds=0.01, attached={"library": str(tmp_path / "none.so")})
-    options = options.model_dump() | options.attached.model_dump()
-    _, found = run_attached(NativeField(files["sphere"]), SIZE, 400.0, options)
-    assert found["statement"].startswith("No device ran: the device's library cannot be used")
-    assert not found["hardware"]
+    options = AttachedOptions(library=str(tmp_path / "none.so"))
+    _, found = run_attached(NativeField(files["sphere"]), SCALE, options, Span(0.01, 8e-4))
+    assert found.statement.startswith("No device ran: the device's library cannot be used")
+    assert not found.hardware

@@ -133,8 +133,8 @@ def test_methods_are_called_as_the_catalogue_says():
 
 def test_the_other_loss_makes_no_network_stale(tree):
     change = ("training/paper_loss.py", "\ndef", "\nx = 1\n\n\ndef")
-    assert "train" not in stale(tree, *change, {"loss": "exact"})
-    assert "train" in stale(tree, *change, {"loss": "paper"})
+    assert "train" not in stale(tree, *change, {"recipe": {"loss": "exact"}})
+    assert "train" in stale(tree, *change, {"recipe": {"loss": "paper"}})
 
 
 # --- sources in C -------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -146,10 +147,10 @@ def test_the_line_of_c_in_the_report_holds_for_small_units(finished):
     artifacts = [read_artifact(finished / path) for path in paths]
     mesh = next(one for one in artifacts if one.path.name == "mesh.zarr.zip")
     section = mesh_section("torus", artifacts, ["exact", "trilinear-24", "pandis-exact"])
-    assert section["picks"][0]["file"] == f"{home}/export/exact.pandis"
+    assert section.picks[0]["file"] == f"{home}/export/exact.pandis"
     scale = mesh.attributes["frame"]["scale"]
-    assert section["per_unit"] == pytest.approx(400 * 0.1 * scale / 1.8)
-    page = build([section | {"per_unit": 4000 / 3}])
+    assert section.per_unit == pytest.approx(400 * 0.1 * scale / 1.8)
+    page = build([replace(section, per_unit=4000 / 3)])
     assert "pandis_force(&amp;field, position, 1333.33, force);" in page
 
 

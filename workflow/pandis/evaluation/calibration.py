@@ -92,7 +92,7 @@ def _grids(engine):
 def _grid(engine, kind, size):
     made = DenseGrid(engine, GRID_FIELDS[kind], size, BAND, silent_progress)
     values = np.concatenate(list(made.slabs(32)))
-    attributes = made.attributes() | {"frame": FRAME.attributes()}
+    attributes = made.attributes() | FRAME.attributes()
     held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
     return _native(open_field(parse_field(f"{kind}-{size}", ()), held), kind)
 
@@ -105,7 +105,7 @@ def _splines(engine, surface):
 def _spline(engine, surface, size):
     fitted = SplineFit(engine, surface, BAND, 0, samples_for(budget=size))
     arrays, attributes = fitted.build(fitted.choose_size(size), size, silent_progress)
-    attributes["frame"] = FRAME.attributes()
+    attributes |= FRAME.attributes()
     held = Artifact(None, "grid", arrays, attributes, {}, "")
     return _native(open_field(parse_field("spline-auto", ()), held), "spline")
 
@@ -120,7 +120,7 @@ def _network(base, width):
     network = Siren(width, DEPTH, 30.0, 1, torch.Generator().manual_seed(0))
     arrays = named_arrays(list(network.parameters())) | {"base": base}
     shape = {"width": width, "depth": DEPTH, "omega": 30.0, "outputs": 1}
-    attributes = {"architecture": shape, "frame": FRAME.attributes()}
+    attributes = {"architecture": shape, **FRAME.attributes()}
     return _native(
         SirenField("network", Artifact(None, "model", arrays, attributes, {}, "")), "network"
     )

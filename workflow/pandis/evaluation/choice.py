@@ -21,6 +21,8 @@ from pandis.geometry.measure import promise
 from pandis.geometry.strata import Strata
 from pandis.run.artifact import Artifact
 from pandis.run.catalogue import DENSE_KINDS, parse_field
+from pandis.run.records.choice import ChoiceRecord, Chosen, Passed, ScaleRecord
+from pandis.run.tasks import TrainTask
 from pandis.stress.suite import QUESTIONS, Suite, failures
 from pandis.training.sizing import narrowest, widths_up_to
 
@@ -32,15 +34,14 @@ class Found(NamedTuple):
     ----------
     arrays, attributes : dict
         As in the field's own artifact.
-    choice : dict
-        ``field``, ``bytes``, ``held_out_error``, ``held_out`` and, if asked for, ``query_time``.
+    choice : pandis.run.records.choice.Chosen
     finish : callable
         To be called once the artifact is written.
     """
 
     arrays: dict
     attributes: dict
-    choice: dict
+    choice: Chosen
     finish: object
 
 
@@ -52,11 +53,7 @@ class Chooser:
     body : pandis.geometry.body.Body
     points : pandis.evaluation.points.Points
         Of that body.
-    options : dict
-        ``budget`` (`pandis.run.options.BudgetOptions`), ``band``, ``seed``, ``samples``
-        (`pandis.run.options.SampleOptions`), ``recipe`` (`pandis.run.recipes.ExactRecipe`),
-        ``stress`` (`pandis.run.options.StressOptions`; and ``size``, ``stiffness``),
-        ``weight_bits``.
+    options : pandis.run.tasks.ChooseTask
     times : pandis.run.query_times.QueryTimes
     checkpoint : path-like
         Where training keeps its state.
@@ -68,9 +65,9 @@ class Chooser:
     def __init__(self, body, points, options, times, checkpoint, progress, log):
         self.body, self.points, self.options, self.times = body, points, options, times
         self.checkpoint, self.progress, self.log = checkpoint, progress, log
-        self.budget = options["budget"]
+        self.budget = options.budget
         self.limits = points.limits(self.budget)
-        self.grids = Grids(points, body.frame.attributes(), options["band"], progress)
+        self.grids = Grids(points, body.frame, options.band, progress)
         self.considered, self._nearest, self._suite = [], None, None
 
     def choose(self):
@@ -101,19 +98,18 @@ class Chooser:
 
     def _told(self, choice):
         scale = self.points.scale
-        figures = {"newtons": scale.newtons, "mean_force": self.points.mean_force}
-        says = self.points.told(choice["held_out"])
-        self.log(f"chosen: {choice['field']}, {choice['bytes']:,} bytes; it {says}")
-        return {
-            "choice": choice,
-            "asked": self.budget,
-            "limits": self.limits._asdict(),
-            "considered": self.considered,
-            "scale": figures,
-        }
+        says = self.points.told(choice.held_out)
+        self.log(f"chosen: {choice.field}, {choice.bytes:,} bytes; it {says}")
+        return ChoiceRecord(
+            choice=choice,
+            asked=self.budget.model_dump(),
+            limits=self.limits._asdict(),
+            considered=self.considered,
+            scale=ScaleRecord(newtons=scale.newtons, mean_force=self.points.mean_force),
+        ).attributes()
 
     def _refusal(self):
-        reasons = "; ".join(f"{c['field']}: {c['why']}" for c in self.considered)
+        reasons = "; ".join(f"{one.field}: {one.why}" for one in self.considered)
         nearest = ""
         if self._nearest:
             name, measured = self._nearest
@@ -130,16 +126,19 @@ class Chooser:
         size, count = self.body.bytes, self.body.size
         if not self._fitting("exact", {count: size}):
             return None
-        if self.budget["bytes"] is None and self.budget["query_time"] is None:
+        if self.budget.bytes is None and self.budget.query_time is None:
             self.log(
                 "a budget without bytes and query_time takes the exact field: it has no error; "
                 "add budget.bytes or budget.query_time if it is too large or too slow"
             )
         held = {"mean": 0.0, "p99": 0.0, "missing": 0.0}
-        choice = {"field": "exact", "held_out_error": 0.0, "held_out": held, "bytes": size}
+        choice = Chosen(
+            field="exact", held_out_error=0.0, held_out=held, bytes=size,
+            query_time=self._time("exact", count),
+        )  # fmt: skip
         arrays = {"vertices": self.body.vertices, "faces": self.body.faces}
         attributes = {"shape": self.body.shape}
-        return Found(arrays, attributes, choice | self._time("exact", count), _nothing)
+        return Found(arrays, attributes, choice, _nothing)
 
     def _dense(self):
         sizes = [
@@ -154,44 +153,47 @@ class Chooser:
         return self._first([(size, "spline", size) for size in sizes])
 
     def _network(self):
-        recipe = self.options["recipe"]
-        widths = widths_up_to(recipe["width"])
+        name, recipe = self.options.name, self.options.recipe
+        widths = widths_up_to(recipe.width)
         fit = self._fitting("network", {w: self._weights(w) for w in widths})
         if not fit:
             return None
         # a seed of its own: a spline that was tried drew from this job's, too
-        law = self.options["samples"] | {"seed": self.options["seed"] + 1}
-        strata = Strata(self.points.surface, self.points.engine, law)
+        law, seed = self.options.samples, self.options.seed
+        strata = Strata(self.points.surface, self.points.engine, law, seed + 1)
         drawn = strata.arrays(self.progress)
         samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")
-        own = recipe | {"seed": self.options["seed"]}
-        spec = parse_field(recipe["recipe"], [recipe["recipe"]])
+        task = TrainTask(name=name, recipe=recipe, seed=seed)
+        spec = parse_field(name, [name])
 
         def judge(trainer, arrays, attributes):
             measured = self.points.measure(trainer.force_at, self.limits)
             if measured.why:
                 return measured
-            held = Artifact(None, "model", arrays, attributes | self._frame(), {}, "")
+            held = Artifact(
+                None, "model", arrays, attributes | self.body.frame.attributes(), {}, ""
+            )
             return self._proved(open_field(spec, held), "network", measured)
 
         try:
             found, tried, finish = narrowest(
-                own, fit, samples, strata, self.checkpoint, self.progress, self.log, judge
+                task, fit, samples, strata, self.checkpoint, self.progress, self.log, judge
             )
         except PandisError as error:
-            self._skip(recipe["recipe"], str(error))
+            self._skip(name, str(error))
             return None
         if found is None:
-            best = min(tried, key=lambda one: one["excess"])
-            self._skip(recipe["recipe"], f"of {best['size']} units, {best['why']}")
-            self._note(f"{recipe['recipe']} of {best['size']} units",
-                       Measured({}, best["why"], best["excess"]))  # fmt: skip
+            best = min(tried, key=lambda one: one.excess)
+            self._skip(name, f"of {best.size} units, {best.why}")
+            self._note(f"{name} of {best.size} units",
+                       Measured({}, best.why, best.excess))  # fmt: skip
             finish()
             return None
         arrays, attributes, measured = found
         width = attributes["architecture"]["width"]
-        choice = self._choice(recipe["recipe"], self._weights(width), measured)
-        return Found(arrays, attributes, choice | self._time("network", width), finish)
+        taken = self._time("network", width)
+        choice = self._choice(name, self._weights(width), measured, taken)
+        return Found(arrays, attributes, choice, finish)
 
     def _first(self, sizes):
         """Return the first grid that will do, of (bytes, kind, size) from cheap to dear."""
@@ -206,7 +208,7 @@ class Chooser:
             before.append((size, measured))
             name = "spline-auto" if kind == "spline" else f"{kind}-{size}"
             if not measured.why:
-                choice = self._choice(name, bytes_, measured) | self._time(kind, size)
+                choice = self._choice(name, bytes_, measured, self._time(kind, size))
                 made = made or self.grids.make(kind, size)
                 return Found(made.arrays, made.attributes, choice, _nothing)
             if kind not in best or measured.excess < best[kind][1].excess:
@@ -237,7 +239,7 @@ class Chooser:
     def _proved(self, field, kind, measured):
         """Export a field that meets the budget, and ask its file all that it must pass."""
         try:
-            bits = self.options["weight_bits"]
+            bits = self.options.weight_bits
             data = export_native(field, kind, {}, bits, self.body, _silent)
         except PandisError as error:
             return measured._replace(why=f"meets the errors, but cannot be exported: {error}",
@@ -258,8 +260,8 @@ class Chooser:
     def suite(self):
         """The stress suite of the body, made when it is first needed."""
         if self._suite is None:
-            options = self.options["stress"] | {"seed": self.options["seed"]}
-            self._suite = Suite(self.body, options)
+            options, seed = self.options.stress, self.options.seed
+            self._suite = Suite(self.body, self.points.scale, options, seed)
         return self._suite
 
     def _try_controls(self):
@@ -273,37 +275,40 @@ class Chooser:
 
     def _say_least(self):
         """Say what grids and splines can reach, before anything is trained."""
-        said = "; ".join(f"{one['field']}: {one['why']}" for one in self.considered)
+        said = "; ".join(f"{one.field}: {one.why}" for one in self.considered)
         self.log(f"before a network is trained, what the other kinds can reach: {said}")
 
-    def _choice(self, name, bytes_, measured):
-        figures = measured.figures
-        held = {"held_out_error": figures["mean"], "held_out": figures}
-        return {"field": name, "bytes": bytes_, "fits": measured.excess} | held
-
-    def _frame(self):
-        return {"frame": self.body.frame.attributes()}
+    def _choice(self, name, bytes_, measured, seconds):
+        return Chosen(
+            field=name,
+            bytes=bytes_,
+            held_out_error=measured.figures["mean"],
+            held_out=measured.figures,
+            fits=measured.excess,
+            query_time=seconds,
+        )
 
     def _weights(self, width):
         """Return the bytes of a network and its base."""
-        recipe = self.options["recipe"]
-        outputs = 1 if recipe["direction"] == "gradient" else 4
-        bits = self.options["weight_bits"]
-        return network_bytes(width, recipe["depth"], outputs, recipe["base"], bits)
+        recipe = self.options.recipe
+        outputs = 1 if recipe.direction == "gradient" else 4
+        bits = self.options.weight_bits
+        return network_bytes(width, recipe.depth, outputs, recipe.base, bits)
 
     def _time(self, kind, size):
-        if self.budget["query_time"] is None:
-            return {}
-        layers = {"layers": self.options["recipe"]["depth"]} if kind == "network" else {}
-        return {"query_time": self.times.seconds(kind, size, **layers)}
+        """Return the seconds of a query, where the budget names any."""
+        if self.budget.query_time is None:
+            return None
+        layers = {"layers": self.options.recipe.depth} if kind == "network" else {}
+        return self.times.seconds(kind, size, **layers)
 
     def _too_dear(self, kind, size, bytes_):
         """Say by what a field is beyond the budget; an empty text if it is not."""
         limits = []
-        if self.budget["bytes"] is not None and bytes_ > self.budget["bytes"]:
+        if self.budget.bytes is not None and bytes_ > self.budget.bytes:
             limits.append(f"{bytes_:,} bytes")
-        slow = self._time(kind, size).get("query_time", 0.0)
-        if slow > (self.budget["query_time"] or float("inf")):
+        slow = self._time(kind, size) or 0.0
+        if slow > (self.budget.query_time or float("inf")):
             limits.append(f"{slow * 1e6:.3g} µs a query")
         return " and ".join(limits)
 
@@ -311,13 +316,13 @@ class Chooser:
         """Return those of the sizes, with their bytes, that keep to the budget; note if none."""
         dear = {size: self._too_dear(kind, size, bytes_) for size, bytes_ in sizes.items()}
         if all(dear.values()):
-            name = self.options["recipe"]["recipe"] if kind == "network" else kind
+            name = self.options.name if kind == "network" else kind
             self._skip(name, f"{next(iter(dear.values()))} at the least")
         return [size for size, why in dear.items() if not why]
 
     def _skip(self, name, why):
         self.log(f"{name}: {why}")
-        self.considered.append({"field": name, "why": why})
+        self.considered.append(Passed(field=name, why=why))
 
     def _note(self, name, measured):
         if self._nearest is None or measured.excess < self._nearest[1].excess:

@@ -10,6 +10,7 @@ from pandis.fields.controls import controls
 from pandis.geometry.measure import draw_contacts
 from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import probes
+from pandis.run.records.evaluation import EvaluationRecord
 from pandis.streams import CONTACTS, generator
 
 
@@ -21,9 +22,7 @@ def compare(fields, trajectory, options, progress):
     fields : pandis.fields.registry.Fields
     trajectory : dict of str to ndarray
         ``points``, ``distance`` and ``normal`` along the probe's path: exact, unit frame.
-    options : dict
-        See `pandis.run.options.EvaluationOptions`; and ``size``, ``stiffness``, ``seed`` and,
-        where there are several paths, ``trajectory``.
+    options : pandis.run.tasks.EvaluateTask
     progress : callable
         Makes a `pandis.run.stage.Progress`.
 
@@ -37,9 +36,9 @@ def compare(fields, trajectory, options, progress):
     PandisError
         The measure of missing surface passes a control.
     """
-    body, seed, count = fields.body, options["seed"], options["probes"]
+    body, seed, count = fields.body, options.seed, options.probes
     surface, engine = body.surface, body.distance
-    scale = Scale(options["size"], options["stiffness"])
+    scale = Scale.of(options)
     path = tuple(trajectory[key] for key in ("points", "distance", "normal"))
     sets = probes(surface, engine, count, seed)
     contacts = draw_contacts(surface, engine, scale, count, generator(seed, CONTACTS), even=True)
@@ -48,7 +47,13 @@ def compare(fields, trajectory, options, progress):
     arrays |= surface_errors(fields, engine, body.corners, body.faces, progress)
     paths = several(path, surface, engine, options, progress)
     arrays["paths"] = np.array([points for points, _, _ in paths], np.float32)
-    attributes["coverage"] = coverage(surface, engine, arrays["paths"], seed)
-    attributes["paths"] = over_paths(fields, paths) if len(paths) > 1 else {}
-    attributes |= {"size": scale.size, "stiffness": scale.stiffness}
-    return arrays, attributes | {"newtons": scale.newtons, "count": len(paths)}
+    record = EvaluationRecord(
+        **attributes,
+        coverage=coverage(surface, engine, arrays["paths"], seed),
+        paths=over_paths(fields, paths) if len(paths) > 1 else {},
+        size=scale.size,
+        stiffness=scale.stiffness,
+        newtons=scale.newtons,
+        count=len(paths),
+    )
+    return arrays, record.attributes()

@@ -7,6 +7,7 @@ from scipy import stats
 
 from pandis.forces import penalty_force
 from pandis.geometry.trajectories import trace
+from pandis.run.records.evaluation import PathsRecord
 
 #: What the paper's claim is about: its own network against its best grid, on the box around the
 #: surface as in the paper, and on the cube that all other grids lie on.
@@ -35,8 +36,8 @@ def repeats(models):
 
     Parameters
     ----------
-    models : dict of str to dict
-        Attributes of model artifacts by recipe.
+    models : dict of str to pandis.run.records.model.ModelRecord
+        By recipe.
 
     Returns
     -------
@@ -45,7 +46,7 @@ def repeats(models):
     """
     groups = {}
     for name, model in models.items():
-        key = json.dumps([model["options"], model["steps"], model["device"]], sort_keys=True)
+        key = json.dumps([model.options, model.steps, model.device], sort_keys=True)
         groups.setdefault(key, []).append(name)
     return list(groups.values())
 
@@ -59,15 +60,14 @@ def several(first, surface, engine, options, progress):
         Exact, unit frame.
     surface, engine
         See `pandis.geometry.trajectories.trace`.
-    options : dict
-        ``paths``: how many in all; ``trajectory``, ``seed``.
+    options : pandis.run.tasks.EvaluateTask
     progress : callable
         Makes a `pandis.run.stage.Progress`.
     """
     paths = [first]
-    for index in range(1, options["paths"]):
-        own = options["trajectory"] | {"seed": [options["seed"], 5, index]}
-        more, _ = trace(surface, engine, own, progress)
+    for index in range(1, options.paths):
+        seed = [options.seed, 5, index]
+        more, _ = trace(surface, engine, options.trajectory, seed, progress)
         paths.append(tuple(more[key] for key in ("points", "distance", "normal")))
     return paths
 
@@ -83,7 +83,7 @@ def over_paths(fields, paths):
 
     Returns
     -------
-    dict of str to dict
+    dict of str to pandis.run.records.evaluation.PathsRecord
         By field: ``mean`` of the paths' mean force errors (unit frame, k = 1) and ``interval``,
         what other paths would change; ``ratios``: of the mean to that of each of `BASELINES`
         that is among the fields.
@@ -95,11 +95,11 @@ def over_paths(fields, paths):
         off = [np.linalg.norm(f - e, axis=1).mean() for f, e in zip(forces, exact, strict=True)]
         means[field.name] = np.array(off)
     return {
-        name: {
-            "mean": float(found.mean()),
-            "interval": interval(found),
-            "ratios": {b: float(found.mean() / means[b].mean()) for b in BASELINES if b in means},
-        }
+        name: PathsRecord(
+            mean=float(found.mean()),
+            interval=interval(found),
+            ratios={b: float(found.mean() / means[b].mean()) for b in BASELINES if b in means},
+        )
         for name, found in means.items()
     }
 
@@ -112,10 +112,10 @@ def verdict(table, models):
 
     Parameters
     ----------
-    table : dict
-        From `over_paths`.
-    models : dict of str to dict
-        Attributes of the networks' artifacts by name.
+    table : dict of str to pandis.run.records.evaluation.PathsRecord
+        By field.
+    models : dict of str to pandis.run.records.model.ModelRecord
+        By name.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def verdict(table, models):
     said = []
     for names in repeats({n: m for n, m in models.items() if n in table}):
         for baseline in BASELINES:
-            ratios = [table[n]["ratios"][baseline] for n in names if baseline in table[n]["ratios"]]
+            ratios = [table[n].ratios[baseline] for n in names if baseline in table[n].ratios]
             if not ratios:
                 continue
             what, mean = ", ".join(names), np.mean(ratios)

@@ -12,6 +12,7 @@ from pandis.forces import penalty_force
 from pandis.geometry.frame import Frame
 from pandis.native.runtime import CACHES, NativeField
 from pandis.run.machine import describe
+from pandis.run.records.timing import TimingRecord
 
 #: The exact field without a tree, as the paper's ground truth: every face at every query. Its
 #: single queries, and no batches.
@@ -35,8 +36,7 @@ def time_fields(fields, exports, natives, body, points, options, progress):
         ``{field}.pandis``: run by ``pandis.h``, timed in C.
     body : pandis.geometry.body.Body
     points : ndarray, shape (m, 3), unit frame
-    options : dict
-        See `pandis.run.options.TimingOptions`.
+    options : pandis.run.options.TimingOptions
     progress : callable
         Makes a `pandis.run.stage.Progress`.
 
@@ -47,7 +47,7 @@ def time_fields(fields, exports, natives, body, points, options, progress):
         caches, and of every batch (per point), by field; and of `BRUTE`.
     """
     points = body.frame.to_mesh(points)
-    counts = (options["queries"], options["batch"], options["repeats"])
+    counts = (options.queries, options.batch, options.repeats)
     answers = [(f.name, f.distance_and_normal, _IN_C, counts) for f in fields]
     if body.can_be_scanned:
         answers.append((BRUTE, body.scan, _IN_C, BRUTE_COUNTS))
@@ -60,15 +60,15 @@ def time_fields(fields, exports, natives, body, points, options, progress):
         single, batched = time_queries(answer, points, *counts)
         arrays |= {f"single_{name}": single, f"batch_{name}": batched}
         found[name] = summarise(single, batched) | {"engine": engine}
-        if options["cold"]:
-            cold = arrays[f"cold_{name}"] = time_cold(answer, points, options["cold"])
+        if options.cold:
+            cold = arrays[f"cold_{name}"] = time_cold(answer, points, options.cold)
             found[name]["cold_p50_us"] = float(np.median(cold) * 1e6)
         report.update(index + 1)
     for path in natives:
         own, told = time_native(NativeField(path), points, options)
         arrays |= {f"{way}_{path.stem}": seconds for way, seconds in own.items()}
         found.setdefault(path.stem, {}).update(told)
-    return arrays, {"fields": found, "machine": describe(), "reproducible": False}
+    return arrays, TimingRecord(fields=found, machine=describe()).attributes()
 
 
 def time_native(field, points, options):
@@ -79,8 +79,7 @@ def time_native(field, points, options):
     field : pandis.native.runtime.NativeField
     points : ndarray, shape (m, 3), mesh units
         The trajectory.
-    options : dict
-        See `pandis.run.options.TimingOptions`.
+    options : pandis.run.options.TimingOptions
 
     Returns
     -------
@@ -92,13 +91,13 @@ def time_native(field, points, options):
         Of each of the three, median and largest, in microseconds.
     """
     field.time(points, 100)
-    arrays = {"native": field.time(points, options["queries"])}
+    arrays = {"native": field.time(points, options.queries)}
     places = field.frame.to_mesh(np.random.default_rng(0).uniform(-1, 1, (ANYWHERE, 3)))
     tries = [field.time(places, ANYWHERE) for _ in range(TRIES)]
     arrays["anywhere"] = np.min(tries, axis=0)
-    if options["cold"]:
-        some = points[np.arange(options["cold"]) * len(points) // options["cold"]]
-        arrays["native_cold"] = field.time(some, options["cold"], cold=True)
+    if options.cold:
+        some = points[np.arange(options.cold) * len(points) // options.cold]
+        arrays["native_cold"] = field.time(some, options.cold, cold=True)
     figures = _percentiles("native", arrays["native"])
     for way, seconds in arrays.items():
         figures[f"{way}_p50_us"] = float(np.median(seconds) * 1e6)
@@ -129,9 +128,9 @@ def time_program(path, mesh, points, options, found, log):
     PandisError
         The program does not build, or does not answer as the ONNX model does.
     """
-    frame, name = Frame.from_attributes(mesh.attributes["frame"]), path.stem
+    frame, name = Frame.of(mesh), path.stem
     points = frame.to_mesh(points)
-    distance, normal, seconds = libtorch.ask(path, points, options["queries"])
+    distance, normal, seconds = libtorch.ask(path, points, options.queries)
     wanted = Session(path.with_suffix(".onnx")).distance_and_normal(points)
     force, wanted_force = penalty_force(distance, normal), penalty_force(*wanted)
     off = np.linalg.norm(force - wanted_force, axis=1).max() * frame.scale

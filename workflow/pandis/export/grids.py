@@ -150,7 +150,7 @@ def export_grid(name, artifact, provenance, log):
     """
     spec = parse_field(name, ())
     field = open_field(spec, artifact)
-    metadata = {"field": name, "frame": field.frame.attributes(), "provenance": provenance}
+    metadata = {"field": name, **field.frame.attributes(), "provenance": provenance}
     model = grid_graph(field, spec.kind).model(name, metadata)
 
     def reference(points):

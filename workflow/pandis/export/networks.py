@@ -11,6 +11,7 @@ from pandis.export.splines import tricubic
 from pandis.fields.base import clamp_to_box, normalise
 from pandis.fields.siren import load_base, load_layers
 from pandis.geometry.frame import Frame
+from pandis.run.records.model import Architecture
 from pandis.training.network import Siren
 
 
@@ -26,7 +27,7 @@ def network_graph(artifact):
     -------
     Graph
     """
-    frame = Frame.from_attributes(artifact.attributes["frame"])
+    frame = Frame.of(artifact)
     graph = Graph()
     clamped, outside = enter(graph, frame)
     h = graph.apply("Cast", clamped, to=TensorProto.FLOAT)
@@ -57,9 +58,7 @@ def network_graph(artifact):
 
 def torch_network(artifact):
     """Return the torch network of a model artifact, ω0 not folded: as it was trained."""
-    shape = artifact.attributes["architecture"]
-    sizes = [shape[key] for key in ("width", "depth", "omega", "outputs")]
-    network = Siren(*sizes, torch.Generator())
+    network = Siren(**dict(Architecture.of(artifact)), generator=torch.Generator())
     with torch.no_grad():
         for index, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
             weight.copy_(torch.from_numpy(artifact.arrays[f"weight_{index}"]))
@@ -101,7 +100,7 @@ def compare(answer, artifact, what, log):
         length = (direction**2).sum(axis=1) ** 0.5
         return phi + outside, normalise(direction), length
 
-    frame = Frame.from_attributes(artifact.attributes["frame"])
+    frame = Frame.of(artifact)
     log(f"{what} agrees with the network: {check(answer, reference, frame)}")
 
 

@@ -65,7 +65,7 @@ class Program(torch.nn.Module):
 
     def __init__(self, artifact):
         super().__init__()
-        frame = Frame.from_attributes(artifact.attributes["frame"])
+        frame = Frame.of(artifact)
         self.scale = float(frame.scale)
         self.register_buffer("centre", torch.tensor(frame.centre, dtype=torch.float64))
         self.register_buffer("up", torch.tensor([0.0, 0.0, 1.0]))

@@ -15,6 +15,7 @@ from pandis.errors import PandisError
 from pandis.fields.grids import open_field
 from pandis.grids.axes import Axes
 from pandis.run.catalogue import parse_field
+from pandis.run.records.grid import DenseRecord, GridRecord
 
 _MARK = b"<!-- sha256:"
 _TYPES = {"Float32": np.dtype("<f4"), "UInt8": np.dtype("u1")}
@@ -130,9 +131,10 @@ def export_vti(name, artifact, provenance):
         Put into a comment.
     """
     field = open_field(parse_field(name, ()), artifact)
-    grid = artifact.attributes["grid"]
+    grid = GridRecord.of(artifact)
     # a spline has lattices of its own: it is shown on the cube
-    axes = Axes.from_attributes(grid) if "corner" in grid else Axes.of_cube(grid["size"])
+    spline = grid.content == "spline"
+    axes = Axes.of_cube(grid.size) if spline else Axes.of(DenseRecord.of(artifact))
     origin = field.frame.to_mesh(np.array(axes.low))
     note = {"field": name, "provenance": provenance}
     return write_vti(origin, axes.step / field.frame.scale, grid_arrays(field, axes), note)

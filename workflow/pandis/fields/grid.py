@@ -12,6 +12,7 @@ from pandis.grids.axes import Axes
 from pandis.grids.band import Band
 from pandis.grids.dense import REACH, complete, covered_cells
 from pandis.native.spline import EDGE, Lattice
+from pandis.run.records.grid import DenseRecord
 
 
 class GridField(Field):
@@ -25,13 +26,13 @@ class GridField(Field):
     """
 
     def __init__(self, name, artifact):
-        grid = artifact.attributes["grid"]
-        self.content, self.band = grid["content"], Band(**grid["band"])
-        self.axes = Axes.from_attributes(grid)
+        grid = DenseRecord.of(artifact)
+        self.content, self.band = grid.content, Band(**dict(grid.band))
+        self.axes = Axes.of(grid)
         stored = artifact.arrays["values"]
         self.values, exact = complete(stored.copy(), self.content, self.axes)
         self.covered = covered_cells(exact, REACH[self.content])
-        super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), stored.nbytes)
+        super().__init__(name, Frame.of(artifact), stored.nbytes)
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.

@@ -11,6 +11,7 @@ import numpy as np
 from pandis.errors import PandisError
 from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.fields.grid import GridField, trilinear
+from pandis.geometry.body import Body
 from pandis.geometry.frame import Frame
 from pandis.grids.axes import Axes
 
@@ -79,12 +80,12 @@ class AlgebraicField(Field):
     """Reading V of x² + y² + z² - 1: a potential that is no distance. For the unit sphere alone."""
 
     def __init__(self, name, mesh):
-        if mesh.attributes.get("shape") != "sphere":
+        if Body.open(mesh).shape != "sphere":
             raise PandisError(
                 f"{name}: only a sphere has this potential (x² + y² + z² - 1); use kim-N for meshes"
             )
         size = int(name.rpartition("-")[2])
-        frame = Frame.from_attributes(mesh.attributes["frame"])
+        frame = Frame.of(mesh)
         # in mesh units, where r is 1: a potential that is no distance changes with its unit
         axis = (np.linspace(-1, 1, size) / frame.scale) ** 2
         square = (axis[:, None, None] + axis[:, None] + axis - 1.0) * frame.scale

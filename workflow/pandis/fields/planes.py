@@ -31,7 +31,7 @@ class PlanesField(Field):
         self.tilted = name == "support-planes"
         size = sum(value.nbytes for key, value in artifact.arrays.items() if key != "maps")
         size += self.maps.nbytes if self.maps is not None else 0
-        super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), size)
+        super().__init__(name, Frame.of(artifact), size)
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""

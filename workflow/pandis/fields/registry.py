@@ -18,6 +18,7 @@ from pandis.fields.proxy import ProxyField
 from pandis.fields.siren import SirenField
 from pandis.geometry.body import Body
 from pandis.run.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, parse_field
+from pandis.run.records.choice import ChoiceRecord
 
 
 def _open_exact(name, mesh):
@@ -79,5 +80,5 @@ def kind_of(spec, artifact):
     """Return the kind of a field; of `auto`, that of the field it has come to."""
     if spec.kind != AUTO:
         return spec.kind
-    chosen = artifact.attributes["choice"]["field"]
+    chosen = ChoiceRecord.of(artifact).choice.field
     return parse_field(chosen, [chosen]).kind

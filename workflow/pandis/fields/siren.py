@@ -9,6 +9,7 @@ import numpy as np
 from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.geometry.frame import Frame
 from pandis.grids.base import BaseSpline
+from pandis.run.records.model import Architecture
 
 
 def load_layers(artifact):
@@ -19,11 +20,11 @@ def load_layers(artifact):
     list of (weight, bias)
         float32; weight (out, in). All but the last are followed by a sine.
     """
-    omega = artifact.attributes["architecture"]["omega"]
-    count = artifact.attributes["architecture"]["depth"] + 1
+    shape = Architecture.of(artifact)
+    count = shape.depth + 1
     layers = []
     for index in range(count):
-        factor = np.float32(omega if index < count - 1 else 1.0)
+        factor = np.float32(shape.omega if index < count - 1 else 1.0)
         weight, bias = (artifact.arrays[f"{kind}_{index}"] for kind in ("weight", "bias"))
         layers.append((weight * factor, bias * factor))
     return layers
@@ -49,7 +50,7 @@ class SirenField(Field):
         size = sum(weight.nbytes + bias.nbytes for weight, bias in self.layers)
         if self.base is not None:
             size += self.base.coefficients.nbytes
-        super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), size)
+        super().__init__(name, Frame.of(artifact), size)
 
     def direction(self, points):
         """Return Φ (n,) and the direction (n, 3), of any length, at points in the box.

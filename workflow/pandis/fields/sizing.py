@@ -87,7 +87,7 @@ class Grids:
             grid = DenseGrid(engine, content, size, self.band, self.progress)
             arrays = {"values": np.concatenate(list(grid.slabs(32)))}
             attributes = grid.attributes()
-        held = Artifact(None, "grid", arrays, attributes | {"frame": self.frame}, {}, "")
+        held = Artifact(None, "grid", arrays, attributes | self.frame.attributes(), {}, "")
         return Candidate(GRID_OPENERS[kind](kind, held), arrays, attributes)
 
 
@@ -119,23 +119,19 @@ class Sizing:
 
     Parameters
     ----------
-    kind : str
-        A key of `pandis.run.catalogue.GRID_FIELDS`.
     points : pandis.evaluation.points.Points
-    frame : dict
-        Attributes of the mesh's frame.
-    options : dict
-        ``band``, and what `pandis.run.options.GridTarget` has.
+    frame : pandis.geometry.frame.Frame
+    options : pandis.run.tasks.BakeAutoTask
     progress : callable
         Makes a `pandis.run.stage.Progress`.
     log : callable
     """
 
-    def __init__(self, kind, points, frame, options, progress, log):
-        self.kind, self.points, self.options, self.log = kind, points, options, log
-        largest = options["bytes"] or SPLINE_BYTES[-1]
-        self.grids = Grids(points, frame, options["band"], progress, largest)
-        self.what = f"{kind}-auto (bake.auto.{kind})"
+    def __init__(self, points, frame, options, progress, log):
+        self.kind, self.points, self.options, self.log = options.kind, points, options, log
+        largest = options.bytes or SPLINE_BYTES[-1]
+        self.grids = Grids(points, frame, options.band, progress, largest)
+        self.what = f"{options.kind}-auto (bake.auto.{options.kind})"
 
     def find(self):
         """Return arrays and attributes of the grid; ``sizing`` says which sizes were tried.
@@ -145,13 +141,13 @@ class Sizing:
         PandisError
             No size meets the error, or fits into the bytes.
         """
-        budget = self.options["bytes"]
+        budget = self.options.bytes
         if budget is not None:
             made = self._largest_within(budget)
             tried = [(self._size_of(made, budget), self.points.measure(made.force))]
         else:
             made, tried = self._smallest()
-        asked = {key: self.options[key] for key in ("force_error", "tail", "missed", "bytes")}
+        asked = self.options.model_dump(include={"force_error", "tail", "missed", "bytes"})
         found = tried[-1][1].figures
         self.log(f"{self.kind}-auto: {self.points.told(found)}")
         sizing = {

@@ -7,6 +7,7 @@ from pandis.geometry.frame import Frame
 from pandis.grids.band import Band
 from pandis.grids.spline import box_lattice
 from pandis.native.spline import BLOCK, EDGE, Lattice, SparseSpline, block_count
+from pandis.run.records.grid import SplineRecord
 
 _LEVELS = ("base", "fine", "far")
 #: How far up an answer is taken where the field rounds a crease (steps of the base), at most; and
@@ -25,24 +26,24 @@ class SplineField(Field):
     """
 
     def __init__(self, name, artifact):
-        grid, arrays = artifact.attributes["grid"], artifact.arrays
-        self.band = Band(**grid["band"])
-        coarse = box_lattice(grid["base_size"])
+        grid, arrays = SplineRecord.of(artifact), artifact.arrays
+        self.band = Band(**dict(grid.band))
+        coarse = box_lattice(grid.base_size)
         self.levels = [
-            SparseSpline(lattice, arrays[f"{level}_masks"], _restore(arrays, level, grid["scales"]))
-            for level, lattice in (("base", coarse), ("fine", box_lattice(grid["size"])))
+            SparseSpline(lattice, arrays[f"{level}_masks"], _restore(arrays, level, grid.scales))
+            for level, lattice in (("base", coarse), ("fine", box_lattice(grid.size)))
         ]
-        self.far = Lattice(grid["far_size"], grid["far_low"])
-        self._beyond = _restore(arrays, "far", grid["scales"])
+        self.far = Lattice(grid.far_size, grid.far_low)
+        self._beyond = _restore(arrays, "far", grid.scales)
         self._base = coarse
         self.stored = [arrays[f"{level}_coefficients"] for level in _LEVELS]
-        self.scales = [grid["scales"][level] for level in _LEVELS]
+        self.scales = [grid.scales[level] for level in _LEVELS]
         count = block_count(coarse.size)
         self.outside = np.unpackbits(arrays["outside"], count=count**3).reshape((count,) * 3)
         self.side_bits = arrays["outside"]
         held = [*(part.nbytes for part in self.stored), self.side_bits.nbytes]
         held += [level.index_bytes for level in self.levels]
-        super().__init__(name, Frame.from_attributes(artifact.attributes["frame"]), sum(held))
+        super().__init__(name, Frame.of(artifact), sum(held))
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""

@@ -32,7 +32,7 @@ class Body:
     @classmethod
     def open(cls, mesh):
         """Open the body of an artifact of kind ``mesh``."""
-        frame = Frame.from_attributes(mesh.attributes["frame"])
+        frame = Frame.of(mesh)
         shape = mesh.attributes.get("shape")
         return cls(mesh.arrays["vertices"], mesh.arrays["faces"], frame, shape)
 

@@ -33,22 +33,16 @@ class Frame(NamedTuple):
         """Map points (..., 3) in the unit frame to mesh units, in float64."""
         return np.asarray(points, np.float64) / self.scale + self.centre
 
-    def newtons(self, size, stiffness):
-        """Return the factor from unit-frame force (k = 1) to newtons.
-
-        ``size`` is the length in metres of the longest side in the device's
-        workspace, ``stiffness`` is k in N/m.
-        """
-        return stiffness * size / UNIT_SIDE
-
     def attributes(self):
-        """Return the frame as an artifact's attribute."""
-        return {"centre": list(self.centre), "scale": self.scale, "unit_side": UNIT_SIDE}
+        """Return the frame as it stands among the attributes of an artifact."""
+        own = {"centre": list(self.centre), "scale": self.scale, "unit_side": UNIT_SIDE}
+        return {"frame": own}
 
     @classmethod
-    def from_attributes(cls, attributes):
-        """Return the frame stored by `attributes`."""
-        return cls(tuple(attributes["centre"]), attributes["scale"])
+    def of(cls, artifact):
+        """Return the frame of a `pandis.run.artifact.Artifact`."""
+        own = artifact.attributes["frame"]
+        return cls(tuple(own["centre"]), own["scale"])
 
     @classmethod
     def of_bounds(cls, low, high):

@@ -19,6 +19,11 @@ class Scale(NamedTuple):
     size: float
     stiffness: float
 
+    @classmethod
+    def of(cls, options):
+        """Return the scale among the options of a stage (`pandis.run.options.DeviceOptions`)."""
+        return cls(options.size, options.stiffness)
+
     @property
     def metre(self):
         """Unit-frame lengths per metre."""

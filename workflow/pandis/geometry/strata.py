@@ -9,6 +9,8 @@ import numpy as np
 
 from pandis.geometry.sampling import PROBE_DEPTHS
 from pandis.native.bvh import TIED
+from pandis.run.options import SampleOptions
+from pandis.run.records.samples import SamplesRecord
 from pandis.streams import generator
 
 STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
@@ -39,8 +41,8 @@ class Strata:
     surface : pandis.geometry.sampling.Surface
     engine : object
         The exact distance of a `pandis.geometry.body.Body`.
-    options : dict
-        See `pandis.run.options.SampleOptions`; and ``seed``.
+    options : pandis.run.options.SampleOptions
+    seed : int
 
     Attributes
     ----------
@@ -49,21 +51,28 @@ class Strata:
     count : int
     """
 
-    def __init__(self, surface, engine, options):
-        self.surface, self.engine, self.options = surface, engine, options
+    def __init__(self, surface, engine, options, seed):
+        self.surface, self.engine, self.options, self.seed = surface, engine, options, seed
         counts = {
-            "surface": options["surface"],
-            "offset": options["offsets"],
-            "shallow": options["shallow"],
-            "penetration": options["penetration"],
-            "bent": options["bent"],
-            "core": options["core"],
-            "box": options["box"],
-            "held-out": options["held_out"],
+            "surface": options.surface,
+            "offset": options.offsets,
+            "shallow": options.shallow,
+            "penetration": options.penetration,
+            "bent": options.bent,
+            "core": options.core,
+            "box": options.box,
+            "held-out": options.held_out,
         }
         ends = np.cumsum([0, *(counts[name] for name in STRATA)]).tolist()
         self.ranges = {name: [ends[k], ends[k + 1]] for k, name in enumerate(STRATA)}
         self.count = ends[-1]
+
+    @classmethod
+    def of(cls, body, samples):
+        """Return the strata of a body that a samples artifact was drawn from."""
+        law = dict(SamplesRecord.of(samples).law)
+        seed = law.pop("seed")
+        return cls(body.surface, body.distance, SampleOptions(**law), seed)
 
     def columns(self):
         """Return how every array is declared to `pandis.run.artifact.ArtifactWriter`."""
@@ -78,7 +87,8 @@ class Strata:
 
     def attributes(self):
         """Return what is stored beside the arrays."""
-        return {"strata": self.ranges, "law": self.options}
+        law = self.options.model_dump() | {"seed": self.seed}
+        return SamplesRecord(strata=self.ranges, law=law).attributes()
 
     def shards(self, progress):
         """Yield the arrays of one shard after the other.
@@ -95,7 +105,7 @@ class Strata:
         report, done = progress("points", self.count), 0
         for index, (name, (low, high)) in enumerate(self.ranges.items()):
             for shard, start in enumerate(range(0, high - low, SHARD)):
-                rng = generator(self.options["seed"], index, shard)
+                rng = generator(self.seed, index, shard)
                 size = min(SHARD, high - low - start)
                 yield self._label(index, *self._draw(name, rng, start, size, high - low))
                 done += size
@@ -123,11 +133,11 @@ class Strata:
         ndarray, shape (about size, 7), float32
             Points, distances, normals; unit frame.
         """
-        parts, trained = [], self.count - self.options["held_out"]
+        parts, trained = [], self.count - self.options.held_out
         for index, (name, (low, high)) in enumerate(self.ranges.items()):
             count = round(size * (high - low) / trained)
             if name != "held-out" and count:
-                rng = generator(self.options["seed"], len(STRATA) + index, block)
+                rng = generator(self.seed, len(STRATA) + index, block)
                 found = self._label(index, *self._draw(name, rng, 0, count, count), ties=False)
                 columns = [found[k] for k in ("points", "distance", "normal")]
                 parts.append(np.column_stack(columns).astype(np.float32))
@@ -142,7 +152,7 @@ class Strata:
         if stratum == "surface":
             offset = np.zeros(size)
         elif stratum == "offset":
-            offset = rng.normal(0, np.array(options["scales"])[index % len(options["scales"])])
+            offset = rng.normal(0, np.array(options.scales)[index % len(options.scales)])
         elif stratum == "shallow":
             offset = -rng.uniform(*SHALLOW, size)
         elif stratum == "held-out":
@@ -150,11 +160,11 @@ class Strata:
         elif stratum == "core":
             offset = rng.random(size)  # a share of the way, by its logarithm
         else:
-            offset = -rng.uniform(0, options["depth"], size)
+            offset = -rng.uniform(0, options.depth, size)
         drawn = self.surface.draw(size, rng, start, total, bent=stratum == "bent")
         points, normals, face, barycentrics = drawn
         if stratum == "core":
-            offset = -(options["depth"] ** (1 - offset)) * _way(points, -normals) ** offset
+            offset = -(options.depth ** (1 - offset)) * _way(points, -normals) ** offset
         return points + offset[:, None] * normals, offset, face, barycentrics
 
     def _label(self, index, points, offset, face, barycentrics, ties=True):

@@ -13,7 +13,7 @@ _OF_RADIUS = 0.8
 TURNS = 6
 
 
-def trace(surface, engine, options, progress):
+def trace(surface, engine, options, seed, progress):
     """Trace a smooth path at a smoothly varying depth.
 
     From sample to sample the probe moves one step along the surface, its
@@ -27,8 +27,8 @@ def trace(surface, engine, options, progress):
     surface : pandis.geometry.sampling.Surface
     engine : object
         The exact distance of a `pandis.geometry.body.Body`.
-    options : dict
-        See `pandis.run.options.TrajectoryOptions`; and ``seed``.
+    options : pandis.run.options.TrajectoryOptions
+    seed : int or list of int
     progress : callable
         Makes a `pandis.run.stage.Progress`.
 
@@ -48,34 +48,34 @@ def trace(surface, engine, options, progress):
         There is no way over the mesh at any depth, or a spiral is asked for on something else
         than a sphere.
     """
-    if options["kind"] == "spiral":
-        return _spiral(engine, options["samples"]), {"followed": ""}
-    found = _walk(surface, engine, options, progress, follow=False)
+    if options.kind == "spiral":
+        return _spiral(engine, options.samples), {"followed": ""}
+    found = _walk(surface, engine, options, seed, progress, follow=False)
     if found is not None:
         return found, {"followed": ""}
-    found = _walk(surface, engine, options, progress, follow=True)
+    found = _walk(surface, engine, options, seed, progress, follow=True)
     if found is None:
         raise PandisError(
             "there is no way over the mesh for the probe's path, at any depth: its parts are "
-            f"smaller than a step of it; reduce trajectory.step (now {options['step']:g} of the "
+            f"smaller than a step of it; reduce trajectory.step (now {options.step:g} of the "
             "unit frame)"
         )
     deepest = -found["distance"].min()
     return found, {
-        "followed": f"its parts are too thin for the depths of {options['shallow']:g} to "
-        f"{options['deep']:g} that were asked for, so that the path follows their thickness and "
+        "followed": f"its parts are too thin for the depths of {options.shallow:g} to "
+        f"{options.deep:g} that were asked for, so that the path follows their thickness and "
         f"is at most {deepest:.2g} deep"
     }
 
 
-def _walk(surface, engine, options, progress, follow):
+def _walk(surface, engine, options, seed, progress, follow):
     """Return the arrays of a path; None if it comes to no end.
 
     With ``follow`` its depth is at most 0.8 of the inscribed radius.
     """
-    rng = np.random.default_rng(options["seed"])
-    count, step = options["samples"], options["step"]
-    depth = _depths(count, options["shallow"], options["deep"], rng)
+    rng = np.random.default_rng(seed)
+    count, step = options.samples, options.step
+    depth = _depths(count, options.shallow, options.deep, rng)
     report = progress("trajectory", count, "samples")
     tracer = _Tracer(engine, step, follow)
     starts, normals, _, _ = surface.draw(1000, rng)

@@ -39,12 +39,12 @@ class Axes(NamedTuple):
         return cls(size, tuple(low.tolist()), tuple(high.tolist()))
 
     @classmethod
-    def from_attributes(cls, grid):
-        """Read what `attributes` has written."""
-        return cls(grid["size"], tuple(grid["origin"]), tuple(grid["corner"]))
+    def of(cls, record):
+        """Return the axes of a `pandis.run.records.grid.DenseRecord`."""
+        return cls(record.size, record.origin, record.corner)
 
     def attributes(self):
-        """Return what is stored of them."""
+        """Return them as a `pandis.run.records.grid.DenseRecord` stores them."""
         return {
             "size": self.size,
             "origin": list(self.low),

@@ -26,6 +26,7 @@ from pandis.forces import penalty_force
 from pandis.grids.axes import Axes
 from pandis.grids.band import Band, find_cells, needed_nodes
 from pandis.run.catalogue import BOX
+from pandis.run.records.grid import DenseRecord
 
 CHANNELS = {"force": 3, "normal": 4, "distance": 1}
 #: What a chunk that is not stored holds.
@@ -114,18 +115,13 @@ class DenseGrid:
         """Describe the grid, for readers that know nothing of pandis."""
         outside = "0" if self.content == "force" else "inf"
         inside = "NaN" if self.content == "force" else "-inf"
-        return {
-            "grid": {
-                "axes": ["x", "y", "z"],
-                "centering": "node",
-                "content": self.content,
-                **self.axes.attributes(),
-                "unit": "unit frame",
-                "band": self.band._asdict(),
-                "exact_nodes": len(self.nodes),
-                "beyond_the_band": {"outside": outside, "inside": inside},
-            }
-        }
+        return DenseRecord(
+            content=self.content,
+            **self.axes.attributes(),
+            band=self.band._asdict(),
+            exact_nodes=len(self.nodes),
+            beyond_the_band={"outside": outside, "inside": inside},
+        ).attributes()
 
 
 def _inside_nodes(signs):

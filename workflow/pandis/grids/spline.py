@@ -15,6 +15,7 @@ from scipy.ndimage import convolve1d
 from pandis.grids.band import Band, find_cells
 from pandis.grids.fit import Level, Targets, fit, residual
 from pandis.native.spline import BLOCK, Lattice, block_count, kept_nodes, pack
+from pandis.run.records.grid import SplineRecord
 from pandis.streams import SPLINE, generator
 
 #: Nodes of the base per node of the fine lattice.
@@ -163,18 +164,16 @@ class SplineFit:
             stored[f"{name}_masks"] = mask
         stored["far_coefficients"], scales["far"] = quantise(far, np.int16)
         stored["outside"] = np.packbits(outside.reshape(-1))
-        return stored, {
-            "grid": {
-                "content": "spline",
-                "size": size,
-                "base_size": coarse,
-                "far_size": FAR_SIZE,
-                "far_low": FAR_LOW,
-                "scales": scales,
-                "band": self.band._asdict(),
-                "unit": "unit frame",
-            }
-        }
+        record = SplineRecord(
+            content="spline",
+            size=size,
+            base_size=coarse,
+            far_size=FAR_SIZE,
+            far_low=FAR_LOW,
+            scales=scales,
+            band=self.band._asdict(),
+        )
+        return stored, record.attributes()
 
     def _base_blocks(self, size):
         """Return which blocks the band needs (b, b, b), and which blocks of cells are outside."""

@@ -1,12 +1,14 @@
 """A run on an attached device, through OpenHaptics: the last step, where somebody holds it."""
 
 import os
+from typing import NamedTuple
 
 import numpy as np
 
 from pandis.hardware.devices import DEVICES
 from pandis.native.device import DONE, Order, run_device
 from pandis.native.scene import NativeScene, Placed
+from pandis.run.records.hardware import AttachedRun
 
 STAND_IN = "A stand-in for OpenHaptics ran, and no device: nothing of it is a hardware result."
 UNARMED = (
@@ -29,6 +31,13 @@ CONSENT = "PANDIS_ARM"
 SHARE, HAND = 0.7, "0.3"
 
 
+class Span(NamedTuple):
+    """How long a run on the device lasts, and how long a tick of it may compute: s."""
+
+    seconds: float
+    deadline: float
+
+
 def stiffness_for(asked, spec, pressed, walls, sound=True):
     """Return the stiffness that a device may be armed with, and why it may not be armed at all.
 
@@ -37,10 +46,9 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
     asked : float
         N/m, of the configuration.
     spec : pandis.hardware.devices.Specification
-    pressed : dict or None
-        What `pandis.hardware.pressing.press` found for this field, mesh and device.
-    walls : dict or None
-        From `pandis.hardware.walls.compare`.
+    pressed : pandis.run.records.hardware.Pressed or None
+        Of this field, mesh and device.
+    walls : pandis.run.records.hardware.WallsFound or None
     sound : bool
         The file has its field's forces, and computes them in time.
 
@@ -57,24 +65,24 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
         return most, "no safe stiffness is known for this field on this device"
     if not sound:
         return most, "the file has not the forces of its field, or takes too long to compute them"
-    if not walls["holds"] or walls["pressed_missing"]:
+    if not walls.holds or walls.pressed_missing:
         return most, "the field lacks a part of the surface"
-    safe = SHARE * pressed["hands"][HAND]
+    safe = SHARE * pressed.hands[HAND]
     if not safe > 0:
         return most, f"no stiffness is safe for a hand of {HAND} Ns/m"
     return min(most, safe), ""
 
 
-def run_attached(field, size, asked, options, pressed=None, walls=None, sound=True):
+def run_attached(field, scale, options, span, pressed=None, walls=None, sound=True):
     """Run one field on the attached device.
 
     Parameters
     ----------
     field : pandis.native.runtime.NativeField
-    size, asked : float
-        Metres of the longest side; N/m: see `stiffness_for`.
-    options : dict
-        See `pandis.run.options.AttachedOptions`, and ``seconds`` and ``deadline``.
+    scale : pandis.geometry.physical.Scale
+        With the stiffness that is asked for: see `stiffness_for`.
+    options : pandis.run.options.AttachedOptions
+    span : Span
     pressed, walls, sound
         See `stiffness_for`; without the first two no force is sent.
 
@@ -83,52 +91,51 @@ def run_attached(field, size, asked, options, pressed=None, walls=None, sound=Tr
     arrays : dict of str to ndarray
         Per tick, in the device's workspace: ``position`` (m), ``force`` (N), ``taken`` and
         ``since`` (s).
-    found : dict
-        ``statement``: what it was that ran; how it ended, and its figures.
+    found : pandis.run.records.hardware.AttachedRun
     """
-    spec = DEVICES[options["model"]]
+    spec = DEVICES[options.model]
     # the device's scheduler has a rate of its own
     period = 1 / spec.rate
-    given, refused = stiffness_for(asked, spec, pressed, walls, sound)
-    consent = options["arm"] and os.environ.get(CONSENT) == "1"
+    given, refused = stiffness_for(scale.stiffness, spec, pressed, walls, sound)
+    consent = options.arm and os.environ.get(CONSENT) == "1"
     armed = consent and not refused
     order = Order(
-        NativeScene([Placed.at(field, size, given)]),
-        max(1, round(options["seconds"] / period)),
+        NativeScene([Placed.at(field, scale.size, given)]),
+        max(1, round(span.seconds / period)),
         spec.limits(period, given),
         period,
-        options["deadline"],
+        span.deadline,
         expected=spec.force,
         armed=armed,
     )
-    session = run_device(options["library"], options["name"], order)
+    session = run_device(options.library, options.name, order)
     touched = bool(session.force.any())
     statement = _statement(session, armed, consent, touched).format(
         model=session.model or spec.title, why=session.sentence, refused=refused
     )
     late = session.since - period
-    found = {
-        "statement": statement + _reach(session, size),
-        "hardware": not session.stand_in and touched and session.cause == DONE,
-        "stand_in": session.stand_in,
-        "armed": armed,
-        "refused": refused if consent else "",
-        "armed_at": session.armed_at,
-        "model": session.model,
-        "ended": session.sentence,
-        "code": session.code,
-        "ticks": len(session.force),
-        "stiffness": given,
-        "strongest_n": session.strongest,
-        "steepest_n": session.steepest,
-        "fastest_m_s": session.fastest,
-        "cut": session.cut,
-        "slowed": session.slowed,
-        "damped": session.damped,
-        "signs": session.signs,
-        "energy_j": session.worst,
-        "late_us": float(np.percentile(late, 99.9) * 1e6) if len(late) else None,
-    }
+    found = AttachedRun(
+        statement=statement + _reach(session, scale.size),
+        hardware=not session.stand_in and touched and session.cause == DONE,
+        stand_in=session.stand_in,
+        armed=armed,
+        refused=refused if consent else "",
+        armed_at=session.armed_at,
+        model=session.model,
+        ended=session.sentence,
+        code=session.code,
+        ticks=len(session.force),
+        stiffness=given,
+        strongest_n=session.strongest,
+        steepest_n=session.steepest,
+        fastest_m_s=session.fastest,
+        cut=session.cut,
+        slowed=session.slowed,
+        damped=session.damped,
+        signs=session.signs,
+        energy_j=session.worst,
+        late_us=float(np.percentile(late, 99.9) * 1e6) if len(late) else None,
+    )
     arrays = {
         "position": session.position,
         "force": session.force,

@@ -13,6 +13,7 @@ from pandis.geometry.frame import UNIT_SIDE
 from pandis.hardware.devices import RAMP
 from pandis.native.device import DONE, Order, run_simulated
 from pandis.native.scene import NativeScene, Placed
+from pandis.run.records.hardware import Pressed
 from pandis.stress.coupled import CALM, LADDER, QUIET, START, shaking
 
 #: Milliseconds of a press, and of the slide.
@@ -99,17 +100,7 @@ def press(field, spec, surface, size, stiffness, hand, rate):
 
     Returns
     -------
-    dict
-        ``stiffness``, ``strongest_n``, ``steepest_n_per_ms``, ``cut`` (ticks at the force limit),
-        ``energy_j`` (the least balance of the wall and the device, see ``energy.h``), ``quiet``
-        (share of the presses that reach a wall and do not shake there, of those that friction
-        lets reach one), ``unarmed`` (presses that began in a force of the field, however high
-        above the surface, and so got none), ``reach_m`` (how far from the workspace's middle
-        the probe came), ``ended`` (why, if a run ended early),
-        ``within_limits``, ``passive``; ``hand``: the damping of the one that all of this is
-        about; ``safe_n_m``: the largest safe stiffness for it, and ``limited_by``; ``hands``: the
-        same for it and each of `HANDS`, by its damping; ``released_n_m``: with a weight in place
-        of a hand.
+    Pressed
     """
     rig = _Rig(field, spec, surface, size, hand, rate)
     stiffness = min(stiffness, spec.stiffness)
@@ -127,24 +118,24 @@ def press(field, spec, surface, size, stiffness, hand, rate):
         if damping != hand.damping
     } | {hand.damping: rig}
     free = _Rig(field, spec, surface, size, hand._replace(stiffness=0.0, damping=0.0), rate)
-    return {
-        "hand": hand.damping,
-        "hands": {f"{d:g}": others[d].safe(stiffness)[0] for d in sorted(others)},
-        "released_n_m": free.safe(stiffness)[0],
-        "stiffness": stiffness,
-        "strongest_n": max(run.strongest for run in every),
-        "steepest_n_per_ms": max(run.steepest for run in every) * 1e-3 * rate,
-        "cut": int(cut),
-        "energy_j": float(energy),
-        "quiet": rig.quiet(stiffness),
-        "unarmed": sum(run.armed_at < 0 for run in runs),
-        "reach_m": reach,
-        "ended": ended,
-        "within_limits": not cut and not ended and reach <= spec.workspace,
-        "passive": bool(energy >= -SLACK),
-        "safe_n_m": safe,
-        "limited_by": limit,
-    }
+    return Pressed(
+        hand=hand.damping,
+        hands={f"{d:g}": others[d].safe(stiffness)[0] for d in sorted(others)},
+        released_n_m=free.safe(stiffness)[0],
+        stiffness=stiffness,
+        strongest_n=max(run.strongest for run in every),
+        steepest_n_per_ms=max(run.steepest for run in every) * 1e-3 * rate,
+        cut=int(cut),
+        energy_j=float(energy),
+        quiet=rig.quiet(stiffness),
+        unarmed=sum(run.armed_at < 0 for run in runs),
+        reach_m=reach,
+        ended=ended,
+        within_limits=not cut and not ended and reach <= spec.workspace,
+        passive=bool(energy >= -SLACK),
+        safe_n_m=safe,
+        limited_by=limit,
+    )
 
 
 class _Rig:

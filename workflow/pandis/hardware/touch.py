@@ -11,20 +11,22 @@ stiffness that ``hardware.json``, beside the exports, has found safe for this ve
 
 import argparse
 import hashlib
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
 from pandis.errors import PandisError
 from pandis.geometry.frame import UNIT_SIDE
-from pandis.hardware.attached import run_attached, stiffness_for
+from pandis.geometry.physical import Scale
+from pandis.hardware.attached import Span, run_attached, stiffness_for
 from pandis.hardware.devices import DEVICES
 from pandis.native.device import Order, run_simulated
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
-from pandis.run.options import HardwareOptions
+from pandis.run.options import AttachedOptions, HardwareOptions
+from pandis.run.records.hardware import HardwareRecord
 
 #: The hand that holds the simulated device: N/m and Ns/m.
 HAND = (300.0, 6.0)
@@ -49,7 +51,7 @@ def known(path, model, size):
 
     Returns
     -------
-    pressed, walls : dict or None
+    pressed, walls
         As for `pandis.hardware.attached.stiffness_for`.
     why : str
         Empty, or why nothing is known.
@@ -57,20 +59,23 @@ def known(path, model, size):
     verdict = path.resolve().parent.parent / "hardware.json"
     if not verdict.is_file():
         return None, None, f"{verdict} is not there: run the workflow's hardware stage"
-    report = json.loads(verdict.read_text())
-    found = report["fields"].get(path.stem)
-    if found is None or found["sha256"] != digest(path):
+    try:
+        report = HardwareRecord.model_validate_json(verdict.read_bytes())
+    except ValidationError:
+        return None, None, f"{verdict} is not a report of this version: run the hardware stage"
+    found = report.fields.get(path.stem)
+    if found is None or found.sha256 != digest(path):
         return None, None, f"{verdict} is about another file: run the workflow's hardware stage"
-    if abs(report["size"] / size - 1) > 1e-6:
-        return None, None, f"{verdict} is about a longest side of {report['size']:g} m: use --size"
-    if report["rate"] != DEVICES[model].rate:
-        return None, None, f"{verdict} is about {report['rate']:g} Hz, this device about another"
-    if not (found["agrees"] and found["in_time"]):
-        return None, None, f"{verdict} says: {found['sentence']}"
-    pressed = found["devices"].get(model)
+    if abs(report.size / size - 1) > 1e-6:
+        return None, None, f"{verdict} is about a longest side of {report.size:g} m: use --size"
+    if report.rate != DEVICES[model].rate:
+        return None, None, f"{verdict} is about {report.rate:g} Hz, this device about another"
+    if not (found.agrees and found.in_time):
+        return None, None, f"{verdict} says: {found.sentence}"
+    pressed = found.devices.get(model)
     if pressed is None:
         return None, None, f"{verdict} knows no {model}: add it to hardware.devices"
-    return pressed, found["walls"], ""
+    return pressed, found.walls, ""
 
 
 def touch_simulated(field, model, size, stiffness, seconds):
@@ -131,13 +136,14 @@ def main(words=None):
         session = touch_simulated(field, given.model, given.size, stiffness, given.seconds)
         print(f"A simulated device ran, and no other. It {told(session, stiffness)}.")
         return 0
-    options = HardwareOptions(attached={"library": given.library, "name": given.name}).model_dump()
-    options |= options["attached"] | {
-        "model": given.model, "arm": given.arm, "seconds": given.seconds,
-    }  # fmt: skip
-    _, found = run_attached(field, given.size, given.stiffness, options, pressed, walls)
-    print(found["statement"])
-    print(f"It ended so: {found['ended']}; at most {found['strongest_n']:.2f} N.")
+    options = AttachedOptions(
+        library=given.library, name=given.name, model=given.model, arm=given.arm
+    )
+    span = Span(given.seconds, HardwareOptions().deadline)
+    scale = Scale(given.size, given.stiffness)
+    _, found = run_attached(field, scale, options, span, pressed, walls)
+    print(found.statement)
+    print(f"It ended so: {found.ended}; at most {found.strongest_n:.2f} N.")
     return 0
 
 

@@ -17,6 +17,7 @@ from pandis.geometry.measure import (
     stratify,
 )
 from pandis.geometry.sampling import PROBE_DEPTHS
+from pandis.run.records.hardware import WallsFound
 from pandis.streams import WALLS, generator
 
 #: Surface points that forces are compared at; and that a simulated device presses on.
@@ -74,7 +75,7 @@ def open_walls(exact, surface, scale, seed):
     walls = Walls(*drawn, scale)
     tried = {c.name: compare(force_of(c), walls)
              for c in controls(exact, surface, scale)}  # fmt: skip
-    demand_failure("the hardware verdict", (n for n, found in tried.items() if found["holds"]))
+    demand_failure("the hardware verdict", (n for n, found in tried.items() if found.holds))
     return walls
 
 
@@ -89,19 +90,16 @@ def compare(force_at, walls):
 
     Returns
     -------
-    dict
-        ``missing``, ``felt``, ``judged``: shares of area, see `pandis.geometry.measure.shares`;
-        ``points``: how many were compared; ``pressed_missing``: at how many of those that a device
-        presses on the force is missing; ``holds``: nowhere it is pressed, and on at most 0.5 % of
-        the area.
+    WallsFound
     """
     newtons = walls.scale.newtons
     found = shares(force_at(walls.probes.points), walls.probes.force, newtons, walls.places.weight)
     exact = walls.pressed_probes.force
     judged = np.linalg.norm(exact, axis=1) * newtons >= JUDGED
     gone = judged & missing(force_at(walls.pressed_probes.points), exact, newtons)
-    return found | {
-        "points": len(walls.places.feet),
-        "pressed_missing": int(gone.sum()),
-        "holds": bool(found["missing"] <= MISSING_LIMIT and not gone.any()),
-    }
+    return WallsFound(
+        **found,
+        points=len(walls.places.feet),
+        pressed_missing=int(gone.sum()),
+        holds=bool(found["missing"] <= MISSING_LIMIT and not gone.any()),
+    )

@@ -15,8 +15,7 @@ def build(options, source_file, log):
 
     Parameters
     ----------
-    options : dict
-        See `pandis.run.options.MeshOptions`; and ``source``, ``sha256``, ``seed``.
+    options : pandis.run.tasks.MeshTask
     source_file : path-like or None
         The file to read, where the workflow has fetched or found one.
     log : callable
@@ -31,21 +30,21 @@ def build(options, source_file, log):
     PandisError
         The source is unusable, or the mesh cannot be made valid.
     """
-    source = options["source"]
+    source = options.source
     if source.startswith("analytic:"):
         return _closed_form(source, log)
-    limits = options["reader_seconds"], options["reader_memory_gb"]
+    limits = options.reader_seconds, options.reader_memory_gb
     path = find_file(str(source_file or source))
-    vertices, faces, record = read_mesh(source, path, options["sha256"], *limits)
+    vertices, faces, record = read_mesh(source, path, options.sha256, *limits)
     log(f"read {source} with {record['reader']}")
     for reader, complaint in record["passed_over"].items():
         log(f"{reader} was passed over: {complaint}")
-    arrays, history = repair(vertices, faces, options, log)
+    arrays, history = repair(vertices, faces, options, options.seed, log)
     used = arrays["vertices"][np.unique(arrays["faces"])]
     frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
     attributes = history | {
         "source": {"name": source, **record, "unit": _unit(options, path, record)},
-        "frame": frame.attributes(),
+        **frame.attributes(),
         "shape": None,
     }
     return arrays, attributes
@@ -53,8 +52,8 @@ def build(options, source_file, log):
 
 def _unit(options, path, record):
     """Return what a mesh unit is: as the configuration says, else as the format does."""
-    if options["unit"] != "unknown":
-        return options["unit"]
+    if options.unit != "unknown":
+        return options.unit
     if record["format"] in ("glb", "gltf"):
         return "m"  # by the standard
     return declared_unit(path) if record["format"] == "3mf" else "unknown"
@@ -85,7 +84,7 @@ def _closed_form(source, log):
             "to_source": distances | {"caps": 0.0},
             "untouched": 1.0,
         },
-        "frame": frame.attributes(),
+        **frame.attributes(),
         "shape": name,
     }
     arrays = {

@@ -9,6 +9,7 @@ from pandis.errors import PandisError
 from pandis.mesh import tools
 from pandis.mesh.deviation import Surface, deviation, inside_changed, none
 from pandis.mesh.diagnosis import Diagnosis, diagnose
+from pandis.run.options import MeshOptions
 
 #: No rung may turn more of the inside to outside, or back, than this.
 INSIDE_CHANGED = 0.02
@@ -22,8 +23,8 @@ class Ladder:
     ----------
     vertices, faces : ndarray
         The mesh as it is now.
-    options : dict
-        See `pandis.run.options.MeshOptions`; and ``seed``.
+    options : pandis.run.options.MeshOptions
+    seed : int
     log : callable
     now : Diagnosis
         Of the mesh as it is now.
@@ -38,7 +39,8 @@ class Ladder:
 
     vertices: np.ndarray
     faces: np.ndarray
-    options: dict
+    options: MeshOptions
+    seed: int
     log: Callable
     now: Diagnosis
     rungs: list = field(default_factory=list)
@@ -49,7 +51,7 @@ class Ladder:
 
     def allows(self, rung):
         """Tell whether the configuration lets this rung run."""
-        return rung in self.options["rungs"]
+        return rung in self.options.rungs
 
     def attempt(self, rung, operation, accept, **parameters):
         """Run an operation in its own process; keep its result if ``accept`` says so.
@@ -70,8 +72,8 @@ class Ladder:
             Whether the result was kept.
         """
         limits = {
-            "seconds": self.options["rung_seconds"],
-            "memory_gb": self.options["rung_memory_gb"],
+            "seconds": self.options.rung_seconds,
+            "memory_gb": self.options.rung_memory_gb,
         }
         entry = {"rung": rung, "operation": operation, "parameters": parameters}
         try:
@@ -79,7 +81,7 @@ class Ladder:
                 operation, self.vertices, self.faces, **limits, **parameters
             )
         except tools.LimitError as error:
-            left = [name for name in self.options["rungs"] if name != rung]
+            left = [name for name in self.options.rungs if name != rung]
             key = "rung_seconds" if "longer" in str(error) else "rung_memory_gb"
             raise PandisError(
                 f"repair: {rung} {error}; raise mesh.{key}, or leave this rung out: "
@@ -135,7 +137,7 @@ class Ladder:
     def within_budget(self, vertices, faces, found, allowance=0.0):
         """Measure the deviation; return None or what exceeds the budget."""
         del found
-        result, seed = Surface(vertices, faces), self.options["seed"]
+        result, seed = Surface(vertices, faces), self.seed
         changed = 0.0 if allowance else inside_changed(self.reference, result, seed)
         if changed > INSIDE_CHANGED:
             return f"{100 * changed:.3g} % of the inside would be added or lost"
@@ -144,11 +146,11 @@ class Ladder:
         for way in ("to_result", "to_source"):
             for key in ("p99", "max"):
                 share = moved[way][key] / self.source.diagonal - allowance
-                if share > self.options[f"deviation_{key}"]:
+                if share > getattr(self.options, f"deviation_{key}"):
                     return (
                         f"deviation {way.replace('_', ' ')}: {key} {100 * share:.3g} % of the "
                         f"diagonal, mesh.deviation_{key} is "
-                        f"{100 * self.options[f'deviation_{key}']:g} %"
+                        f"{100 * getattr(self.options, f'deviation_{key}'):g} %"
                     )
         self._measured = moved
         return None

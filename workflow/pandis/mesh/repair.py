@@ -31,7 +31,7 @@ REMESH_LEVELS = (7, 8)
 WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
 
 
-def repair(vertices, faces, options, log=print):
+def repair(vertices, faces, options, seed, log=print):
     """Climb the ladder, no higher than needed.
 
     A mesh that is valid as read is returned bit by bit as it is.
@@ -40,8 +40,8 @@ def repair(vertices, faces, options, log=print):
     ----------
     vertices : ndarray, shape (V, 3), float64, mesh units
     faces : ndarray, shape (F, 3), int64
-    options : dict
-        See `pandis.run.options.MeshOptions`; and ``seed``.
+    options : pandis.run.options.MeshOptions
+    seed : int
     log : callable
         Takes a line of text.
 
@@ -62,7 +62,7 @@ def repair(vertices, faces, options, log=print):
     """
     before = diagnose(vertices, faces)
     log(f"{before.vertices:,} vertices, {before.faces:,} faces; faults: {before.faults()}")
-    ladder = Ladder(vertices, faces, options, log, now=before)
+    ladder = Ladder(vertices, faces, options, seed, log, now=before)
     if before.valid and before.unreferenced_vertices:
         ladder.vertices, ladder.faces = compact(vertices, faces)
         ladder.now = diagnose(ladder.vertices, ladder.faces)
@@ -92,10 +92,10 @@ def _climb(ladder):
     ladder.source = Surface(ladder.vertices, ladder.faces)
     _clean(ladder)
     ladder.reference = Surface(ladder.vertices, ladder.faces)
-    if ladder.now.boundary_edges and ladder.options["open"] != "cap":
-        small = ladder.options["small_hole"], ladder.options["max_hole_edges"]
+    if ladder.now.boundary_edges and ladder.options.open != "cap":
+        small = ladder.options.small_hole, ladder.options.max_hole_edges
         holes = large_holes(ladder.vertices, ladder.faces, *small)
-        if holes and ladder.options["open"] == "thicken":
+        if holes and ladder.options.open == "thicken":
             _thicken(ladder)
             return
         if holes:
@@ -125,11 +125,11 @@ def _clean(ladder):
     if not ladder.allows("clean"):
         return
     ladder.attempt("clean", "clean", lambda *_: None)
-    if not ladder.now.closed and ladder.options["weld"]:
-        tolerance = ladder.options["weld"] * ladder.now.diagonal
+    if not ladder.now.closed and ladder.options.weld:
+        tolerance = ladder.options.weld * ladder.now.diagonal
         ladder.attempt("clean", "clean", ladder.not_worse, tolerance=tolerance)
     if not ladder.now.valid:
-        ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options["nested"])
+        ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
 
 
 def _settle(ladder):
@@ -140,7 +140,7 @@ def _settle(ladder):
             return
         if ladder.allows("clean"):
             ladder.attempt("clean", "clean", ladder.not_worse)
-            ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options["nested"])
+            ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
         now = ladder.now
         crossing = now.self_intersections or now.odd_windings or now.duplicate_faces
         if crossing and ladder.allows("union") and EdgeTable(ladder.faces).balanced:
@@ -172,14 +172,14 @@ def _fill(ladder):
 
 def _thicken(ladder):
     """Wrap the surface from both sides: the offset makes the wall."""
-    half = ladder.options["thickness"] / 2
+    half = ladder.options.thickness / 2
 
     def accept(vertices, faces, found):
         if not found.valid:
             return "not valid"
         return ladder.within_budget(vertices, faces, found, allowance=half)
 
-    alpha = min(WRAP_ALPHA, ladder.options["thickness"])
+    alpha = min(WRAP_ALPHA, ladder.options.thickness)
     if not ladder.allows("wrap") or not ladder.attempt(
         "wrap", "wrap", accept, alpha=alpha, offset=half
     ):
@@ -190,8 +190,8 @@ def _open_message(ladder, holes):
     return (
         f"the mesh is open: {ladder.now.faults()}. Too large to be filled without asking: "
         f"{len(holes)} (the widest rim is {holes[0]['rim']:.3g} times the diagonal of "
-        f"its part, mesh.small_hole is {ladder.options['small_hole']:g}): this may be a surface "
-        f"without an inside. {advice(ladder.vertices, ladder.faces, ladder.options['seed'])}"
+        f"its part, mesh.small_hole is {ladder.options.small_hole:g}): this may be a surface "
+        f"without an inside. {advice(ladder.vertices, ladder.faces, ladder.seed)}"
     )
 
 
@@ -203,7 +203,7 @@ def _refusal(ladder, reason=None):
     todo = "mend it in a mesh editor"
     if missing:
         todo = f"allow the rungs left out (mesh.rungs: add {', '.join(missing)})"
-    elif ladder.options["open"] == "cap":
+    elif ladder.options.open == "cap":
         todo = "make it a wall of mesh.thickness: give this mesh the option `mesh: {open: thicken}`"
     state = f"the mesh stays invalid: {ladder.now.faults()}"
     if reason:

@@ -10,6 +10,7 @@ from pandis.forces import penalty_force
 from pandis.report.picture import save
 from pandis.report.render import VIEW, render
 from pandis.run.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, PROXY
+from pandis.run.records.samples import SamplesRecord
 
 _COLOURS = {
     "exact": "#111111",
@@ -178,7 +179,7 @@ def samples(artifact, limit=4000):
     figure.colorbar(shown, ax=plane, label="signed distance", shrink=0.8, extend="both")
     edges = np.linspace(-0.15, 0.15, 121)
     numbers = {"distance from": edges[:-1], "to": edges[1:]}
-    for name, (start, stop) in artifact.attributes["strata"].items():
+    for name, (start, stop) in SamplesRecord.of(artifact).strata.items():
         if stop > start and name != "surface":
             part = np.clip(distance[start:stop], edges[0], edges[-1])
             counted = bars.hist(part, edges, histtype="step", label=f"{name} ({stop - start:,})")

@@ -20,11 +20,19 @@ from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.report import figures, paper
 from pandis.report.builds import build_seconds
 from pandis.report.picks import picks, usable
+from pandis.report.section import Section
 from pandis.report.tables import COLUMNS, CONTACT, FEW, control_rows, summary_rows
 from pandis.report.view import view
 from pandis.run.artifact import read_artifact
 from pandis.run.budget import Limits, told, told_figures
 from pandis.run.catalogue import GRID_FIELDS, parse_field
+from pandis.run.records.choice import ChoiceRecord
+from pandis.run.records.evaluation import EvaluationRecord
+from pandis.run.records.hardware import HardwareRecord
+from pandis.run.records.mesh import MeshRecord
+from pandis.run.records.model import ModelRecord
+from pandis.run.records.stress import StressRecord
+from pandis.run.records.timing import TimingRecord
 from pandis.stress.jumps import STEEP
 from pandis.stress.suite import QUESTIONS
 
@@ -47,8 +55,8 @@ def mesh_sections(meshes, threads, progress, note):
 
     Returns
     -------
-    list of dict
-        From `mesh_section`, in the order of ``meshes``.
+    list of pandis.report.section.Section
+        In the order of ``meshes``.
     """
     told, sections = progress("pages", len(meshes), "meshes"), []
     work = [(name, *of) for name, of in meshes.items()]
@@ -94,72 +102,76 @@ def mesh_section(name, artifacts, field_names):
 
     Returns
     -------
-    dict
+    pandis.report.section.Section
     """
     artifacts = {artifact.path.name.removesuffix(".zarr.zip"): artifact for artifact in artifacts}
     mesh, evaluation = artifacts["mesh"], artifacts["evaluation"]
     recipes = [stem.removeprefix("model-") for stem in artifacts if stem.startswith("model-")]
     specs = [parse_field(field, recipes) for field in field_names]
     networks = [spec.name for spec in specs if spec.kind == "network"]
-    frame = Frame.from_attributes(mesh.attributes["frame"])
-    trajectory = artifacts["trajectory"].arrays["points"]
+    frame, repaired = Frame.of(mesh), MeshRecord.of(mesh)
+    trajectory = artifacts["trajectory"]
     home = mesh.path.parent
     builds = build_seconds(name, field_names, home.parent / "benchmarks")
-    held = [artifacts[k].attributes for k in ("evaluation", "timing", "stress", "hardware")]
-    rows = summary_rows(name, *held, builds)
-    contact = evaluation.attributes["controls"]["control-zero"][CONTACT]
+    records = [
+        EvaluationRecord.of(evaluation),
+        TimingRecord.of(artifacts["timing"]),
+        StressRecord.of(artifacts["stress"]),
+        HardwareRecord.of(artifacts["hardware"]),
+    ]
+    evaluated, timed, stressed, validated = records
+    rows = summary_rows(name, *records, builds)
+    known = [row for row in rows if row["bytes"] != ""]
     shown = [parse_field("exact", ()), *(s for s in specs if s.name in _best(specs, rows))]
-    vertices = frame.to_unit(mesh.arrays["vertices"])
+    vertices, faces = frame.to_unit(mesh.arrays["vertices"]), mesh.arrays["faces"]
     forces = {s.name: evaluation.arrays[f"force_{s.name}"] for s in specs}
-    hardware = artifacts["hardware"]
-    compute = {s.name: hardware.arrays[f"compute_{s.name}"] for s in specs if s.native}
-    models = {n: artifacts[f"model-{n}"] for n in networks}
-    return {
-        "name": name,
-        "rows": rows,
-        "picks": picks(rows, held[3], home),
-        "sound": len(usable(rows, held[3])),
-        "built": sum(row["bytes"] != "" for row in rows),
-        "per_unit": Scale(held[2]["size"], held[2]["stiffness"]).newtons * frame.scale,
-        "builds": builds,
-        "controls": control_rows(name, held[0], held[2]),
-        "judged": contact["judged"],
-        "trajectory": artifacts["trajectory"].attributes,
-        "walls": max((v["walls"]["points"] for v in held[3]["fields"].values()), default=0),
-        "versions": _versions(artifacts.values()),
-        "choice": _chosen(artifacts["choice"].attributes) if "choice" in artifacts else None,
-        "view": view(evaluation, [s.name for s in specs], _first(rows, networks)),
-        "columns": {k: title for k, title in COLUMNS.items() if any(row[k] != "" for row in rows)},
-        "mesh": mesh.attributes,
-        "frame": frame,
-        "evaluation": evaluation.attributes,
-        "stress": artifacts["stress"].attributes,
-        "verdicts": _verdicts(artifacts["stress"].attributes),
-        "timing": artifacts["timing"].attributes,
-        "hardware": hardware.attributes,
-        "models": {n: m.attributes | {"note": _training(m)} for n, m in models.items()},
-        "advice": recommend([row for row in rows if row["bytes"] != ""]),
-        "sentence": _sentence(rows, networks, bool(mesh.attributes["shape"])),
-        "picture": figures.picture(vertices, mesh.arrays["faces"], trajectory),
-        "heat": _heat_map(mesh, vertices),
-        "holding": figures.holding(vertices, mesh.arrays["faces"], **artifacts["stress"].arrays),
-        "paths_said": verdict(
-            evaluation.attributes["paths"], {n: m.attributes for n, m in models.items()}
+    ticks = artifacts["hardware"].arrays
+    compute = {s.name: ticks[f"compute_{s.name}"] for s in specs if s.native}
+    models = {n: ModelRecord.of(artifacts[f"model-{n}"]) for n in networks}
+    curves = {n: artifacts[f"model-{n}"].arrays["curve"] for n in networks}
+    return Section(
+        name=name,
+        mesh=repaired,
+        evaluation=evaluated,
+        stress=stressed,
+        timing=timed,
+        hardware=validated,
+        models=models,
+        frame=frame,
+        rows=rows,
+        controls=control_rows(name, evaluated, stressed),
+        picks=picks(rows, validated, home),
+        advice=recommend(known),
+        columns={k: title for k, title in COLUMNS.items() if any(row[k] != "" for row in rows)},
+        built=len(known),
+        sound=len(usable(rows, validated)),
+        per_unit=Scale.of(stressed).newtons * frame.scale,
+        judged=evaluated.controls["control-zero"][CONTACT].judged,
+        walls=max((v.walls.points for v in validated.fields.values()), default=0),
+        builds=builds,
+        versions=_versions(artifacts.values()),
+        sentence=_sentence(rows, networks, bool(repaired.shape)),
+        paths_said=verdict(evaluated.paths, models),
+        repair=[rung.operation for rung in repaired.rungs if rung.kept],
+        verdicts=_verdicts(stressed),
+        notes={n: _training(model) for n, model in models.items()},
+        followed=trajectory.attributes["followed"],
+        choice=_chosen(ChoiceRecord.of(artifacts["choice"])) if "choice" in artifacts else None,
+        view=view(
+            evaluation.arrays, evaluated.newtons, [s.name for s in specs], _first(rows, networks)
         ),
-        "repair": [r["operation"] for r in mesh.attributes["rungs"] if r["kept"]],
-        "quiver": figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
-        "path": figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
-        "front": figures.error_against_time(rows, specs, networks),
-        "samples": figures.samples(artifacts["samples"]) if "samples" in artifacts else None,
-        "curves": figures.training_curves({n: m.arrays["curve"] for n, m in models.items()})
-        if models
-        else None,
-        "histogram": figures.compute_histogram(
-            compute, specs, networks, hardware.attributes["deadline"]
-        )
+        picture=figures.picture(vertices, faces, trajectory.arrays["points"]),
+        heat=_heat_map(mesh, vertices, repaired),
+        holding=figures.holding(vertices, faces, **artifacts["stress"].arrays),
+        quiver=figures.quiver([open_field(s, artifacts[s.artifact]) for s in shown]),
+        path=figures.force_along_path(forces, evaluation.arrays["exact_force"], specs, networks),
+        front=figures.error_against_time(rows, specs, networks),
+        samples=figures.samples(artifacts["samples"]) if "samples" in artifacts else None,
+        curves=figures.training_curves(curves) if curves else None,
+        histogram=figures.compute_histogram(compute, specs, networks, validated.deadline)
         if compute
         else None,
-    }
+    )
 
 
 def _versions(artifacts):
@@ -170,14 +182,16 @@ def _versions(artifacts):
     return dict(sorted(found.items()))
 
 
-def _chosen(choice):
+def _chosen(record):
     """Return a choice with what it promises, and what was asked for, in words."""
-    scale = choice["scale"]
-    wanted = Limits(**choice["limits"])
-    said = told(wanted.mean, scale["newtons"], scale["mean_force"])
-    tail = told(wanted.tail, scale["newtons"], scale["mean_force"])
-    return choice | {
-        "says": told_figures(choice["choice"]["held_out"], scale["newtons"], scale["mean_force"]),
+    scale, wanted = record.scale, Limits(**record.limits)
+    said = told(wanted.mean, scale.newtons, scale.mean_force)
+    tail = told(wanted.tail, scale.newtons, scale.mean_force)
+    return {
+        "field": record.choice.field,
+        "bytes": record.choice.bytes,
+        "considered": record.considered,
+        "says": told_figures(record.choice.held_out, scale.newtons, scale.mean_force),
         "wanted": f"at most {said} on average, {tail} at p99, and "
         f"{100 * wanted.missed:.2g} % of the surface missing",
     }
@@ -189,17 +203,17 @@ def _verdicts(stress):
         field: "; ".join(
             QUESTIONS[question].failing.format(**rows[question]) for question in failed
         )
-        for field, failed in stress["failed"].items()
-        for rows in [stress["fields"][field]]
+        for field, failed in stress.failed.items()
+        for rows in [stress.fields[field]]
     }
 
 
-def _heat_map(mesh, vertices):
+def _heat_map(mesh, vertices, record):
     """Return the picture of what a repair has changed, None where it has changed nothing."""
     if not mesh.arrays["origin"].any():
         return None
     columns = (mesh.arrays[key] for key in ("faces", "origin", "deviation"))
-    return figures.heat_map(vertices, *columns, mesh.attributes["after"]["diagonal"])
+    return figures.heat_map(vertices, *columns, record.after["diagonal"])
 
 
 def _best(specs, rows):
@@ -211,14 +225,13 @@ def _best(specs, rows):
 
 
 def _training(model):
-    error = model.attributes["held_out_error"]
-    size = model.attributes["direction_length"]
-    symbol = "‖∇Φ‖" if model.attributes["architecture"]["outputs"] == 1 else "‖Ψ‖"
+    error, size = model.held_out_error, model.direction_length
+    symbol = "‖∇Φ‖" if model.architecture.outputs == 1 else "‖Ψ‖"
     return (
-        f"{model.attributes['steps']:,} steps on {model.attributes['device']}; force error on its "
+        f"{model.steps:,} steps on {model.device}; force error on its "
         "own held-out points (half of them at most 0.01 deep, and so not the contact error below) "
-        f"mean {error['mean']:.2e}, p99 {error['p99']:.2e}; "
-        f"{symbol} {size['mean']:.3f} ± {size['std']:.3f}"
+        f"mean {error.mean:.2e}, p99 {error.p99:.2e}; "
+        f"{symbol} {size.mean:.3f} ± {size.std:.3f}"
     )
 
 
@@ -270,8 +283,7 @@ def build(sections, refused=None):
 
     Parameters
     ----------
-    sections : list of dict
-        From `mesh_section`.
+    sections : list of pandis.report.section.Section
     refused : dict of str to str, optional
         Meshes that could not be built, and why.
     """
@@ -302,7 +314,7 @@ def build(sections, refused=None):
         questions=QUESTIONS,
         scripts=scripts,
         tables=paper.tables(sections),
-        versions={k: v for section in sections for k, v in section["versions"].items()},
+        versions={k: v for section in sections for k, v in section.versions.items()},
     )
 
 

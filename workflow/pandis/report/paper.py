@@ -80,36 +80,34 @@ def tables(sections):
 
     Parameters
     ----------
-    sections : list of dict
-        From `pandis.report.page.mesh_section`: ``name``, ``mesh``, ``rows``, ``evaluation``,
-        ``timing``, ``models``, ``builds``.
+    sections : list of pandis.report.section.Section
 
     Returns
     -------
     list of Table
         Empty where no mesh is called as one of the paper's.
     """
-    scans = [s for s in sections if s["name"] in PRINTED]
+    scans = [s for s in sections if s.name in PRINTED]
     found = []
     if scans:
         found += [_training(scans), _setup(scans), _space(scans), _times(scans), _errors(scans)]
-    found += [_sphere(s) for s in sections if s["name"] == "sphere" and "kim-100" in _by_field(s)]
+    found += [_sphere(s) for s in sections if s.name == "sphere" and "kim-100" in _by_field(s)]
     return found
 
 
 def _by_field(section):
-    return {row["field"]: row for row in section["rows"]}
+    return {row["field"]: row for row in section.rows}
 
 
 def _training(scans):
     rows = []
     for section in scans:
-        printed, after = PRINTED[section["name"]], section["mesh"]["after"]
-        for name, model in section["models"].items():
-            seconds = section["builds"].get(name)
+        printed, after = PRINTED[section.name], section.mesh.after
+        for name, model in section.models.items():
+            seconds = section.builds.get(name)
             rows.append(
                 (
-                    section["name"],
+                    section.name,
                     f"{printed['vertices']:,}",
                     f"{after['vertices']:,}",
                     f"{printed['faces']:,}",
@@ -117,7 +115,7 @@ def _training(scans):
                     name,
                     printed["setup"][-1] if name == "pandis" else "",
                     _clock(seconds),
-                    f"{model['steps']:,} on {model['device']}",
+                    f"{model.steps:,} on {model.device}",
                 )
             )
     heads = ("Model", "Vertices, paper", "here", "Faces, paper", "here", "Network")
@@ -145,13 +143,13 @@ def _each(scans, cells):
 
 
 def _heads(scans, *kinds):
-    return ("Method", *(f"{s['name']}, {kind}" for s in scans for kind in kinds))
+    return ("Method", *(f"{s.name}, {kind}" for s in scans for kind in kinds))
 
 
 def _setup(scans):
     def cells(section, field, index):
-        seconds = 0.0 if field == BRUTE else section["builds"].get(field)
-        return PRINTED[section["name"]]["setup"][index], _clock(seconds)
+        seconds = 0.0 if field == BRUTE else section.builds.get(field)
+        return PRINTED[section.name]["setup"][index], _clock(seconds)
 
     return Table(
         "Table 2, above: setup time (h:mm:ss)",
@@ -166,7 +164,7 @@ def _space(scans):
     def cells(section, field, index):
         row = _by_field(section).get(field)
         size = f"{row['bytes'] / 1024:,.0f} KB" if row else "0" if field == BRUTE else ""
-        return PRINTED[section["name"]]["bytes"][index], size
+        return PRINTED[section.name]["bytes"][index], size
 
     note = "Here: what a program must hold in memory to answer, for GT beside the mesh itself."
     rows = _each(scans, cells)
@@ -175,14 +173,14 @@ def _space(scans):
 
 def _times(scans):
     def cells(section, field, index):
-        times = section["timing"]["fields"].get(field, {})
+        times = section.timing.fields.get(field, {})
         found = [times.get(key, "") for key in _TIMES]
-        return f"{PRINTED[section['name']]['query'][index]} ms", *map(_micro, found)
+        return f"{PRINTED[section.name]['query'][index]} ms", *map(_micro, found)
 
     rows = _each(scans, cells)
-    for field in dict.fromkeys(f for s in scans for f in s["timing"]["fields"]):
+    for field in dict.fromkeys(f for s in scans for f in s.timing.fields):
         if field not in METHODS and field not in CUBES:
-            both = [s["timing"]["fields"].get(field, {}) for s in scans]
+            both = [s.timing.fields.get(field, {}) for s in scans]
             own = (c for t in both for c in ("", *(_micro(t.get(k)) for k in _TIMES)))
             rows.append((field, *own))
     return Table(
@@ -225,11 +223,11 @@ def _errors(scans):
 
 def _scan_errors(section):
     """Yield the rows of Table 4 of one scan."""
-    printed, known = PRINTED[section["name"]]["error"], _by_field(section)
-    errors, newtons = section["evaluation"]["errors"], section["evaluation"]["newtons"]
+    printed, known = PRINTED[section.name]["error"], _by_field(section)
+    errors, newtons = section.evaluation.errors, section.evaluation.newtons
     path, contact = errors["trajectory"], errors[_CONTACT]
-    bases = [path[b]["mean"] if b in known else None for b in BASELINES]
-    networks = repeats(section["models"])
+    bases = [path[b].mean if b in known else None for b in BASELINES]
+    networks = repeats(section.models)
     own = next((names for names in networks if "pandis" in names), ["pandis"])
     asked = {BRUTE: ["exact"], "pandis": own}
     rows = [(title, asked.get(f, [f]), printed[k]) for k, (f, title) in enumerate(METHODS.items())]
@@ -237,18 +235,18 @@ def _scan_errors(section):
     rows += [(", ".join(names), names, None) for names in networks if names != own]
     for title, fields, paper in rows:
         there = [name for name in fields if name in known]
-        means = [path[name]["mean"] for name in there]
+        means = [path[name].mean for name in there]
         yield (
-            section["name"],
+            section.name,
             title,
-            _trained([section["models"][name] for name in there if name in section["models"]]),
+            _trained([section.models[name] for name in there if name in section.models]),
             "" if paper is None else paper,
             spread(means, ".5f"),
             "" if paper is None else f"{paper / printed[4]:.2f}",
             *(spread([m / base for m in means], ".2f") if base else "" for base in bases),
-            spread([1e3 * newtons * contact[name]["mean"] for name in there], ".3g"),
-            spread([100 * contact[name]["missing"] for name in there], ".2g"),
-            spread([path[name]["eq7"] for name in there], ".4f"),
+            spread([1e3 * newtons * contact[name].mean for name in there], ".3g"),
+            spread([100 * contact[name].missing for name in there], ".2g"),
+            spread([path[name].eq7 for name in there], ".4f"),
         )
 
 
@@ -256,20 +254,20 @@ def _trained(models):
     """Say how networks were trained: the weighting of the paper's loss, steps and seeds."""
     if not models:
         return ""
-    options = models[0]["options"]
+    options = models[0].options
     said = [f"weighting {options['weighting']}"] if "weighting" in options else []
     if options.get("points") == "vertices":
         said.append("on vertices")
     seeds = f"{len(models)} seed{'s' * (len(models) > 1)}"
-    return ", ".join([*said, f"{models[0]['steps']:,} steps", seeds])
+    return ", ".join([*said, f"{models[0].steps:,} steps", seeds])
 
 
 def _sphere(section):
-    evaluation, rows = section["evaluation"], []
-    base, errors = evaluation["mean_force"]["trajectory"], evaluation["errors"]["trajectory"]
+    evaluation, rows = section.evaluation, []
+    base, errors = evaluation.mean_force["trajectory"], evaluation.errors["trajectory"]
     for field, row in _by_field(section).items():
         if row["bytes"] != "":
-            mean, literal = row["trajectory_mean"], errors[field]["eq7"]
+            mean, literal = row["trajectory_mean"], errors[field].eq7
             cells = f"{literal:.6f}", f"{mean:.6f}", f"{100 * mean / base:.2f}"
             rows.append((field, SPHERE.get(field, ""), *cells))
     return Table(

@@ -21,7 +21,7 @@ def picks(rows, hardware, folder):
         stiffness), ``safe`` (a sentence about it); ``why`` one may take it (the beginning of a
         sentence).
     """
-    able, tried = usable(rows, hardware), hardware["fields"]
+    able, tried = usable(rows, hardware), hardware.fields
     exact = [row for row in able if row["contact_mean"] == 0]
     exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or `auto`, come to it
     others = [row for row in able if row["contact_mean"] > 0]
@@ -43,10 +43,9 @@ def usable(rows, hardware):
     ----------
     rows : list of dict
         Of a summary: one mesh's fields.
-    hardware : dict
-        The attributes of ``hardware.zarr.zip``.
+    hardware : pandis.run.records.hardware.HardwareRecord
     """
-    tried = hardware["fields"]
+    tried = hardware.fields
     return [
         row
         for row in rows
@@ -64,16 +63,15 @@ def _why(row, exact):
 
 def _file_is_sound(found):
     """Tell whether the validation of an exported file has found nothing that forbids its use."""
-    devices = found.get("devices", {}).values()
-    pressed = all(device["holds"] and not device["pressed_missing"] for device in devices)
-    whole = found["agrees"] and found["in_time"] and found["walls"]["holds"] and pressed
+    devices = found.devices.values()
+    pressed = all(device.holds and not device.pressed_missing for device in devices)
+    whole = found.agrees and found.in_time and found.walls.holds and pressed
     return bool(whole and _safe(found) != 0)
 
 
 def _safe(found):
     """Return the stiffness that is safe in the lightest hand on every device; None without one."""
-    devices = found.get("devices", {}).values()
-    hands = [device["hands"] for device in devices]
+    hands = [device.hands for device in found.devices.values()]
     return min((most[min(most, key=float)] for most in hands), default=None)
 
 

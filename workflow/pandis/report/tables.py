@@ -7,6 +7,10 @@ from pandis.evaluation.errors import UNNORMALISED
 from pandis.evaluation.front import AXES, may_be_used, pareto
 from pandis.fields.controls import demand_failure
 from pandis.report.builds import build_seconds
+from pandis.run.records.evaluation import EvaluationRecord
+from pandis.run.records.hardware import HardwareRecord
+from pandis.run.records.stress import StressRecord
+from pandis.run.records.timing import TimingRecord
 
 #: The contact set that headlines are about, and the shallow one.
 CONTACT, SHALLOW = "contact-deep", "contact-shallow"
@@ -69,6 +73,9 @@ _IN_C = (
 )  # fmt: skip
 
 
+_RECORDS = EvaluationRecord, TimingRecord, StressRecord, HardwareRecord
+
+
 def summarise(evaluations, timings, stresses, hardware):
     """Return the rows of all meshes.
 
@@ -80,9 +87,9 @@ def summarise(evaluations, timings, stresses, hardware):
     rows = []
     for found in zip(evaluations, timings, stresses, hardware, strict=True):
         (mesh,) = {artifact.path.parent.name for artifact in found}
-        held = [artifact.attributes for artifact in found]
+        records = [kind.of(artifact) for kind, artifact in zip(_RECORDS, found, strict=True)]
         times = found[0].path.parent.parent / "benchmarks"
-        rows += summary_rows(mesh, *held, build_seconds(mesh, held[0]["fields"], times))
+        rows += summary_rows(mesh, *records, build_seconds(mesh, records[0].fields, times))
     return rows
 
 
@@ -92,8 +99,8 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
     Parameters
     ----------
     mesh : str
-    evaluation, timing, stress, hardware : dict
-        The attributes of the four artifacts.
+    evaluation, timing, stress, hardware
+        The records of the four artifacts (`pandis.run.records`).
     builds : dict of str to float
         From `pandis.report.builds.build_seconds`.
 
@@ -102,28 +109,28 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
     list of dict
         Keys of COLUMNS; what a field does not have is empty.
     """
-    measured = evaluation["errors"]["trajectory"]
-    names = [n for field in evaluation["fields"] for n in (field, field + UNNORMALISED)]
+    measured = evaluation.errors["trajectory"]
+    names = [n for field in evaluation.fields for n in (field, field + UNNORMALISED)]
     rows = []
     for field in filter(measured.__contains__, names):
         row = dict.fromkeys(COLUMNS, "")
-        row |= {"mesh": mesh, "field": field, "bytes": evaluation["bytes"].get(field, "")}
+        row |= {"mesh": mesh, "field": field, "bytes": evaluation.bytes.get(field, "")}
         row |= {"build_s": builds.get(field, "")} | _errors(evaluation, field)
-        if times := timing["fields"].get(field):
+        if times := timing.fields.get(field):
             keys = ("one_p50_us", "one_p99_us", "one_p999_us", "batch_us")
             row |= {key: times.get(key, "") for key in keys}
             row |= {key: times.get(key, "") for key in _IN_C}
-        if found := stress["fields"].get(field):
+        if found := stress.fields.get(field):
             row["jump_max_newtons"] = found["jumps"]["mm01_max"]
             row["jump_rms_newtons"] = found["jumps"]["mm01_rms"]
             row["ghost_percent"] = 100 * found["contacts"]["ghosts"]
             row["ghost_newtons"] = found["contacts"]["largest_n"]
-            row["stress"] = len(stress["failed"][field])
-        if verdict := hardware["fields"].get(field):
+            row["stress"] = len(stress.failed[field])
+        if verdict := hardware.fields.get(field):
             row |= {
-                "hardware_p999_us": verdict["compute_us"]["p99.9"],
-                "misses": verdict["misses"],
-                "verdict": verdict["verdict"],
+                "hardware_p999_us": verdict.compute_us["p99.9"],
+                "misses": verdict.misses,
+                "verdict": verdict.verdict,
             }
         rows.append(row)
     tried = control_rows(mesh, evaluation, stress)
@@ -136,32 +143,32 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
 def control_rows(mesh, evaluation, stress):
     """Return the rows of the controls: as small and as fast as nothing, and yet of no use."""
     rows = []
-    for name, errors in evaluation["controls"].items():
+    for name, errors in evaluation.controls.items():
         row = dict.fromkeys(COLUMNS, "") | {"mesh": mesh, "field": name, "bytes": 0}
-        row |= _contact(errors) | {"stress": len(stress["controls"][name])}
+        row |= _contact(errors) | {"stress": len(stress.controls[name])}
         rows.append(row | {"native_p50_us": 0.0, "jump_rms_newtons": 0.0})
     return rows
 
 
 def _errors(evaluation, field):
     """Return the columns of a row that say what errors a field has."""
-    errors = {n: table[field] for n, table in evaluation["errors"].items() if field in table}
-    path, mean_force = errors["trajectory"], evaluation["mean_force"]["trajectory"]
+    errors = {n: table[field] for n, table in evaluation.errors.items() if field in table}
+    path, mean_force = errors["trajectory"], evaluation.mean_force["trajectory"]
     row = {
-        "trajectory_millinewtons": 1e3 * path["mean"] * evaluation["newtons"],
-        "trajectory_percent": 100 * path["mean"] / mean_force,
-        "trajectory_mean": path["mean"],
-        "trajectory_p99": path["p99"],
-        "trajectory_max": path["max"],
-        "trajectory_angle": path["angle"],
-        "shallow_mean": _told(errors["shallow"]["mean"]) if "shallow" in errors else "",
-        "deep_mean": _told(errors["deep"]["mean"]) if "deep" in errors else "",
+        "trajectory_millinewtons": 1e3 * path.mean * evaluation.newtons,
+        "trajectory_percent": 100 * path.mean / mean_force,
+        "trajectory_mean": path.mean,
+        "trajectory_p99": path.p99,
+        "trajectory_max": path.max,
+        "trajectory_angle": path.angle,
+        "shallow_mean": _told(errors["shallow"].mean) if "shallow" in errors else "",
+        "deep_mean": _told(errors["deep"].mean) if "deep" in errors else "",
     }
-    if path["mean"] < ROUNDING:
+    if path.mean < ROUNDING:
         row |= {key: 0.0 for key in row if key.startswith("trajectory")}
-    if "missing" in path:
-        row["trajectory_missing_percent"] = 100 * path["missing"]
-        row["trajectory_felt_percent"] = 100 * path["felt"]
+    if path.missing is not None:
+        row["trajectory_missing_percent"] = 100 * path.missing
+        row["trajectory_felt_percent"] = 100 * path.felt
     return row | (_contact(errors) if CONTACT in errors else {})
 
 
@@ -169,16 +176,16 @@ def _contact(errors):
     """Return the columns of the contact measure, from what `contact_errors` has found."""
     found = errors[CONTACT]
     row = {
-        "contact_millinewtons": 1e3 * found["newtons"],
-        "contact_percent": 100 * found["relative"],
-        "missing_percent": 100 * found["missing"],
-        "felt_percent": 100 * found["felt"],
-        "contact_mean": found["mean"],
-        "contact_p99": found["p99"],
+        "contact_millinewtons": 1e3 * found.newtons,
+        "contact_percent": 100 * found.relative,
+        "missing_percent": 100 * found.missing,
+        "felt_percent": 100 * found.felt,
+        "contact_mean": found.mean,
+        "contact_p99": found.p99,
     }
-    if found["mean"] < ROUNDING:
+    if found.mean < ROUNDING:
         row |= {key: 0.0 for key in row if key.startswith("contact")}
-    return row | {"contact_shallow_mean": _told(errors[SHALLOW]["mean"])}
+    return row | {"contact_shallow_mean": _told(errors[SHALLOW].mean)}
 
 
 def _told(mean):

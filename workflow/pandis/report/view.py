@@ -11,13 +11,15 @@ DECADES = 3
 _STEPS, _COLOURS = 32767, 255
 
 
-def view(evaluation, names, first):
+def view(held, newtons, names, first):
     """Return the text of a JSON object for ``view.js``.
 
     Parameters
     ----------
-    evaluation : pandis.run.artifact.Artifact
-        Of kind ``evaluation``.
+    held : dict of str to ndarray
+        The arrays of ``evaluation.zarr.zip``.
+    newtons : float
+        Per force of the unit frame.
     names : list of str
         Fields whose errors can be chosen.
     first : str
@@ -31,9 +33,8 @@ def view(evaluation, names, first):
         less) to 255 (10^high mN or more); ``low``, ``high``, ``first``; ``small``: faces are of 16
         bits, not 32.
     """
-    held = evaluation.arrays
     errors = {n: held[f"view_error_{n}"] for n in names if f"view_error_{n}" in held}
-    scale = 1e3 * evaluation.attributes["newtons"]
+    scale = 1e3 * newtons
     largest = max((np.percentile(e, 99.5) * scale for e in errors.values()), default=0.0)
     high = float(np.ceil(2 * np.log10(max(largest, 1e-6))) / 2)
     with np.errstate(divide="ignore"):

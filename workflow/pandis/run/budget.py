@@ -54,20 +54,19 @@ class Limits(NamedTuple):
 
     @classmethod
     def of(cls, target, newtons, mean_force):
-        """Return the limits of a target (``force_error``, ``tail``, ``missed``).
+        """Return the limits of what asks for ``force_error``, ``tail`` and ``missed``.
 
         Parameters
         ----------
-        target : dict
+        target : pandis.run.options.BudgetOptions, GridTarget or pandis.run.recipes.ExactRecipe
         newtons : float
             Newtons per force of the unit frame at k = 1.
         mean_force : float
             The exact force's mean on the contact set, unit frame.
         """
-        mean = _in_unit_frame(target["force_error"], newtons, mean_force)
-        tail = target.get("tail")
+        mean, tail = _in_unit_frame(target.force_error, newtons, mean_force), target.tail
         tail = TAIL * mean if tail is None else _in_unit_frame(tail, newtons, mean_force)
-        return cls(mean, tail, target["missed"])
+        return cls(mean, tail, target.missed)
 
     def excess(self, figures):
         """Return by how many times figures exceed the limits: the worst of the three.

@@ -8,6 +8,7 @@ import re
 from pandis.run.catalogue import MESH_NAME, parse_field
 from pandis.run.config import SceneOptions
 from pandis.run.faults import faults_of, name_faults, raise_faults
+from pandis.run.tasks import PlacedObject, SceneTask
 
 
 def load_scenes(raw, entries):
@@ -82,13 +83,11 @@ def needed(entries, scenes):
     }
 
 
-def scene_options(scene, entries):
+def scene_task(scene, entries):
     """Return what the stage of a scene is asked: its objects with everything filled in."""
     objects = []
     for name, placed in scene.objects.items():
-        device = entries[placed.mesh].device
-        own = placed.model_dump() | {"name": name}
-        own["size"] = placed.size or device.size
-        own["stiffness"] = device.stiffness if placed.stiffness is None else placed.stiffness
-        objects.append(own)
-    return {"objects": objects, "ticks": scene.ticks, "speed": scene.speed}
+        device = dict(entries[placed.mesh].device)
+        given = {key: value for key, value in dict(placed).items() if value is not None}
+        objects.append(PlacedObject(**device | given, name=name))
+    return SceneTask(objects=objects, ticks=scene.ticks, speed=scene.speed)

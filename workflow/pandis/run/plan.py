@@ -16,12 +16,13 @@ from pandis.errors import PandisError
 from pandis.run.catalogue import parse_field
 from pandis.run.config import plain
 from pandis.run.ending import forget_partial_report
-from pandis.run.placing import load_scenes, needed, scene_options
+from pandis.run.placing import load_scenes, needed, scene_task
 from pandis.run.provenance import CodeDigests, unused_modules
 from pandis.run.reading import check_yaml, load_config, results_folder
-from pandis.run.recipes import recipe_options
+from pandis.run.recipes import budgeted
 from pandis.run.sourcing import ANALYTIC, SHIPPED, SourceDigests, source_fault, url_extension
 from pandis.run.stages import STAGES, PlannedJob, field_holders, field_specs
+from pandis.run.tasks import CalibrateTask, RefuseTask, SummaryTask, VerifyTask
 
 #: Named targets: the stages' own, and that of scenes.
 TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
@@ -316,17 +317,17 @@ class Plan:
         return self._options[key]
 
     def stage_options(self, stage, mesh=None, **wildcards):
-        """Return what one stage of one mesh is asked, and nothing else, as a dict."""
+        """Return what one stage of one mesh is asked, and nothing else: see `pandis.run.tasks`."""
         if stage == "verify":
-            return {"configfiles": self.files}
+            return VerifyTask(configfiles=self.files)
         if stage == "calibrate":
-            return {"table": QUERY_TIMES}
+            return CalibrateTask(table=QUERY_TIMES)
         if stage == "scene":
-            return scene_options(self.scenes[wildcards["scene"]], self.entries)
+            return scene_task(self.scenes[wildcards["scene"]], self.entries)
         if mesh is None:
-            return {"fields": {name: entry.fields for name, entry in self.entries.items()}}
+            return SummaryTask(fields={name: entry.fields for name, entry in self.entries.items()})
         if stage == "refuse":
-            return {"why": self.refused[mesh]}
+            return RefuseTask(why=self.refused[mesh])
         return STAGES[stage].options(PlannedJob(stage, mesh, self.entries[mesh], wildcards))
 
     def train_threads(self, wildcards):
@@ -338,8 +339,8 @@ class Plan:
 
         The steps, or ten for every second of a budget of time.
         """
-        options = recipe_options(self.entries[wildcards.mesh], wildcards.recipe)
-        return options["steps"] or int(10 * options["seconds"])
+        recipe = budgeted(self.entries[wildcards.mesh].train[wildcards.recipe])
+        return recipe.steps or int(10 * recipe.seconds)
 
     def train_gpus(self, wildcards):
         """Return how many GPUs a recipe claims."""

@@ -42,12 +42,18 @@ _METHODS = {
 }
 
 
+#: Models of options: they name and check values, and what they let through reaches a stage as its
+#: options, which are compared themselves.
+_MODELS = tuple(f"pandis.run.{name}" for name in ("options", "recipes", "tasks", "values"))
+
+
 def unused_modules(options):
     """Return the modules that a stage imports but, with these options, never runs.
 
     Of the two losses the other one's; and those of methods that none of its fields is of.
     """
-    losses = [m for loss, m in _LOSSES.items() if options.get("loss", loss) != loss]
+    trained = options.get("recipe", {})
+    losses = [m for loss, m in _LOSSES.items() if trained.get("loss", loss) != loss]
     names = tuple(_field_names(options))
     methods = [m for m, start in _METHODS.items() if not any(n.startswith(start) for n in names)]
     return (*losses, *methods)
@@ -134,8 +140,10 @@ class CodeDigests:
         """Return the modules that ``import name`` runs: the module and its packages.
 
         But for ``pandis`` itself, which holds the version and a way in for users, and nothing that
-        a stage runs.
+        a stage runs; and for the models of options.
         """
+        if name.startswith(_MODELS):
+            return []
         parts, modules = name.split("."), []
         for depth in range(2, len(parts) + 1):
             base = self.root.joinpath(*parts[:depth])

@@ -160,9 +160,8 @@ RECIPES = {
 DEFAULT_STEPS = {"paper": 3000, "exact": 1500}
 
 
-def recipe_options(entry, name):
-    """Return the options of one recipe with its budget filled in."""
-    options = entry.train[name].model_dump()
-    if options["steps"] is None and options["seconds"] is None:
-        options["steps"] = DEFAULT_STEPS[options["loss"]]
-    return options
+def budgeted(recipe):
+    """Return a recipe with its budget filled in."""
+    if recipe.steps is None and recipe.seconds is None:
+        return recipe.model_copy(update={"steps": DEFAULT_STEPS[recipe.loss]})
+    return recipe

@@ -38,13 +38,15 @@ def _interrupt(number, frame):
 
 
 @contextmanager
-def stage(snakemake):
+def stage(snakemake, task):
     """Run the body of a script as a stage of the workflow.
 
     Parameters
     ----------
     snakemake : object
         What Snakemake injects into a script.
+    task : type
+        Model of what this stage is asked, from `pandis.run.tasks`.
 
     Yields
     ------
@@ -55,7 +57,7 @@ def stage(snakemake):
     A `PandisError` ends the process with its message alone, any other
     exception with its traceback; both go to the stage's log.
     """
-    job = Job(snakemake)
+    job = Job(snakemake, task)
     signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
@@ -85,12 +87,14 @@ def stage(snakemake):
 class Job:
     """One running stage: inputs, options, log and output."""
 
-    def __init__(self, snakemake):
+    def __init__(self, snakemake, task):
         self._snakemake = snakemake
         # the script's name, as another workflow may give the rule another one
         self.stage = Path(sys.modules["__main__"].__file__).stem
         self.mesh = snakemake.wildcards.get("mesh")
-        self.options = dict(snakemake.params.options)
+        self._asked = dict(snakemake.params.options)
+        #: What the stage is asked, as its model.
+        self.options = task(**self._asked)
         self.threads = snakemake.threads
         self.input = snakemake.input
         self.output = snakemake.output
@@ -131,7 +135,7 @@ class Job:
                 "uninstall the other one: pip uninstall pandis"
             )
         # digested now, while it is what this process has imported
-        unused = unused_modules(self.options)
+        unused = unused_modules(self._asked)
         self._modules = CodeDigests(self.workflow()).modules(self.stage, unused)
         if combine(self._modules) != self._snakemake.params.code:
             raise PandisError(
@@ -192,7 +196,7 @@ class Job:
         """Return why the output that is being made will be current."""
         wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
         inputs = dict(sorted(self._inputs.items()))
-        made = provenance(self.stage, wildcards, self.options, self._modules, inputs)
+        made = provenance(self.stage, wildcards, self._asked, self._modules, inputs)
         return made | ({"source": self.source} if self.source else {})
 
     def write(self, kind, arrays, attributes, chunks=None):

@@ -10,8 +10,27 @@ from dataclasses import dataclass
 
 from pandis.run.catalogue import AUTO, GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.run.config import MeshEntry
-from pandis.run.recipes import recipe_options
+from pandis.run.recipes import budgeted
 from pandis.run.sourcing import url_extension
+from pandis.run.tasks import (
+    BakeAutoTask,
+    BakeSplineTask,
+    BakeTask,
+    ChooseTask,
+    EvaluateTask,
+    ExportNativeTask,
+    ExportTask,
+    FetchTask,
+    HandOptions,
+    MeshTask,
+    SampleTask,
+    StressTask,
+    SupportPlanesTask,
+    TimingTask,
+    TrainTask,
+    TrajectoryTask,
+    ValidateTask,
+)
 
 #: The recipe of networks that `fields: auto` may come to.
 CHOSEN_RECIPE = "pandis-exact"
@@ -55,14 +74,9 @@ class PlannedJob:
         return stage_seed(self.entry.seed, self.mesh, self.stage, *recipe)
 
     @property
-    def seeded(self):
-        """The seed as an option."""
-        return {"seed": self.seed}
-
-    @property
     def scale(self):
         """The scale of the device as options."""
-        return self.entry.device.model_dump()
+        return dict(self.entry.device)
 
     @property
     def band(self):
@@ -80,7 +94,8 @@ class Stage:
         Yields, for a mesh's options, the path of each output below the mesh's folder and the
         wildcards of its rule, besides the mesh.
     options : callable
-        Returns what a `PlannedJob` is asked, and nothing else: a change here makes it stale.
+        Returns what a `PlannedJob` is asked (`pandis.run.tasks`), and nothing else: a change here
+        makes it stale.
     target : str or None
         The named target that asks for the outputs.
     in_scenes : bool
@@ -178,91 +193,113 @@ def _hardware(entry):
 # --- what a stage is asked ------------------------------------------------------
 
 
-def _at_scale(options, job, otherwise):
-    """Add the device's scale to a target that is an error: newtons depend on it."""
-    asks = options.get("force_error") is not None
-    return options | (job.scale if asks else otherwise)
+def _scale(job, target):
+    """Return the device's scale where a target is an error: newtons depend on it."""
+    return NOMINAL if target.force_error is None else job.scale
 
 
 def _fetch(job):
-    return {"url": job.entry.source, "sha256": job.entry.sha256}
+    return FetchTask(url=job.entry.source, sha256=job.entry.sha256)
 
 
 def _mesh(job):
-    source = {"source": job.entry.source, "sha256": job.entry.sha256}
-    return source | job.entry.mesh.model_dump() | job.seeded
+    entry = job.entry
+    return MeshTask(**dict(entry.mesh), source=entry.source, sha256=entry.sha256, seed=job.seed)
 
 
 def _sample(job):
-    return job.entry.samples.model_dump() | job.seeded
+    return SampleTask(**dict(job.entry.samples), seed=job.seed)
 
 
 def _train(job):
-    recipe = job.wildcards["recipe"]
-    options = recipe_options(job.entry, recipe) | {"recipe": recipe} | job.seeded
-    return _at_scale(options, job, {})
+    name = job.wildcards["recipe"]
+    recipe = budgeted(job.entry.train[name])
+    scale = _scale(job, recipe) if recipe.loss == "exact" else NOMINAL
+    return TrainTask(name=name, recipe=recipe, seed=job.seed, **scale)
 
 
 def _bake(job):
-    grid = {"content": job.wildcards["content"], "size": int(job.wildcards["size"])}
-    return grid | {"band": job.band, "chunk": job.entry.bake.chunk}
+    content, size = job.wildcards["content"], int(job.wildcards["size"])
+    return BakeTask(content=content, size=size, band=job.band, chunk=job.entry.bake.chunk)
 
 
 def _bake_spline(job):
-    return {"size": int(job.wildcards["size"]), "band": job.band} | job.seeded
+    return BakeSplineTask(size=int(job.wildcards["size"]), band=job.band, seed=job.seed)
 
 
 def _bake_auto(job):
     kind = job.wildcards["kind"]
-    target = job.entry.bake.auto[kind].model_dump()
-    return _at_scale(target | {"kind": kind, "band": job.band} | job.seeded, job, NOMINAL)
+    target = job.entry.bake.auto[kind]
+    return BakeAutoTask(
+        **dict(target), **_scale(job, target), kind=kind, band=job.band, seed=job.seed
+    )
+
+
+def _support_planes(job):
+    return SupportPlanesTask()
 
 
 def _choose(job):
     entry = job.entry
-    return {
-        "budget": entry.budget.model_dump(),
-        "recipe": recipe_options(entry, CHOSEN_RECIPE) | {"recipe": CHOSEN_RECIPE},
-        "samples": entry.samples.model_dump(),
-        "stress": entry.stress.model_dump() | job.scale,
-        "weight_bits": entry.export.weight_bits,
-        "band": job.band,
-        **job.seeded,
-    }
+    return ChooseTask(
+        budget=entry.budget,
+        name=CHOSEN_RECIPE,
+        recipe=budgeted(entry.train[CHOSEN_RECIPE]),
+        samples=entry.samples,
+        stress=entry.stress,
+        weight_bits=entry.export.weight_bits,
+        band=job.band,
+        seed=job.seed,
+        **job.scale,
+    )
+
+
+def _export(wildcard):
+    """Return the function that says which field, of the wildcard's name, is exported."""
+    return lambda job: ExportTask(field=job.wildcards[wildcard])
 
 
 def _export_native(job):
-    return {"field": job.wildcards["name"]} | job.entry.export.model_dump()
+    return ExportNativeTask(**dict(job.entry.export), field=job.wildcards["name"])
 
 
 def _trajectory(job):
-    return job.entry.trajectory.model_dump() | job.seeded
+    return TrajectoryTask(**dict(job.entry.trajectory), seed=job.seed)
 
 
 def _evaluate(job):
     entry = job.entry
-    several = entry.evaluation.paths > 1
-    trajectory = entry.trajectory.model_dump() if several else None
-    options = entry.evaluation.model_dump() | {"trajectory": trajectory, "fields": entry.fields}
-    return options | job.seeded | job.scale
+    trajectory = entry.trajectory if entry.evaluation.paths > 1 else None
+    return EvaluateTask(
+        **dict(entry.evaluation),
+        **job.scale,
+        fields=entry.fields,
+        trajectory=trajectory,
+        seed=job.seed,
+    )
 
 
 def _stress(job):
-    return job.entry.stress.model_dump() | {"fields": job.entry.fields} | job.seeded | job.scale
+    return StressTask(**dict(job.entry.stress), **job.scale, fields=job.entry.fields, seed=job.seed)
 
 
 def _timing(job):
     in_python = [spec.name for spec in field_specs(job.entry) if not spec.exports]
-    return job.entry.timing.model_dump() | {"in_python": in_python}
+    return TimingTask(**dict(job.entry.timing), in_python=in_python)
 
 
 def _validate(job):
-    entry = job.entry
-    keys = ("hand_stiffness", "hand_damping", "press", "delay")
-    hand = {key.removeprefix("hand_"): getattr(entry.stress, key) for key in keys}
+    entry, stress = job.entry, job.entry.stress
+    hand = HandOptions(
+        stiffness=stress.hand_stiffness,
+        damping=stress.hand_damping,
+        press=stress.press,
+        delay=stress.delay,
+    )
     native = [spec.name for spec in field_specs(entry) if spec.native]
-    options = entry.hardware.model_dump() | {"hand": hand, "fields": native}
-    return options | job.scale | job.seeded
+    return ValidateTask(
+        **dict(entry.hardware), **job.scale, hand=hand, fields=native, seed=job.seed
+    )
 
 
 #: All stages of a mesh in building order. What a scene needs comes in the same order.
@@ -271,10 +308,10 @@ STAGES = {
     "mesh": Stage(_file("mesh.zarr.zip"), _mesh, "meshes", in_scenes=True),
     "sample": Stage(_samples, _sample, "samples", in_scenes=True),
     "train": Stage(_models, _train, "models", in_scenes=True),
-    "export_network": Stage(_programs, lambda job: {"field": job.wildcards["recipe"]}, "exports"),
+    "export_network": Stage(_programs, _export("recipe"), "exports"),
     "choose": Stage(_holders(lambda s: s.kind == AUTO), _choose, "models", in_scenes=True),
     "support_planes": Stage(
-        _holders(lambda s: s.kind in PLANE_FIELDS), lambda job: {}, "grids", in_scenes=True
+        _holders(lambda s: s.kind in PLANE_FIELDS), _support_planes, "grids", in_scenes=True
     ),
     "bake_auto": Stage(
         _holders(_is_searched, lambda s: {"kind": s.kind}), _bake_auto, "grids", in_scenes=True
@@ -286,8 +323,8 @@ STAGES = {
         _holders(_is_dense, lambda s: {"content": GRID_FIELDS[s.kind], "size": str(s.size)}),
         _bake, "grids", in_scenes=True,
     ),
-    "export_grid": Stage(_graphs, lambda job: {"field": job.wildcards["field"]}, "exports"),
-    "export_vti": Stage(_images, lambda job: {"field": job.wildcards["field"]}, "exports"),
+    "export_grid": Stage(_graphs, _export("field"), "exports"),
+    "export_vti": Stage(_images, _export("field"), "exports"),
     "export_native": Stage(_native, _export_native, "exports", in_scenes=True),
     "trajectory": Stage(_file("trajectory.zarr.zip"), _trajectory, "evaluations"),
     "evaluate": Stage(_file("evaluation.zarr.zip"), _evaluate, "evaluations"),

@@ -5,8 +5,8 @@ from typing import NamedTuple
 from pandis import streams
 from pandis.fields.controls import demand_failure
 from pandis.geometry.measure import draw_contacts, stratify
-from pandis.geometry.physical import Scale
 from pandis.geometry.thickness import inscribed_radius
+from pandis.run.records.stress import StressRecord
 from pandis.stress.contact import absence, ghosts, hold, wanted_force
 from pandis.stress.coupled import closed_loop, presses, stable_stiffness
 from pandis.stress.jumps import jumps
@@ -114,19 +114,19 @@ class Suite:
     Parameters
     ----------
     body : pandis.geometry.body.Body
-    options : dict
-        See `pandis.run.options.StressOptions`; and ``size``, ``stiffness``, ``seed``.
+    scale : pandis.geometry.physical.Scale
+    options : pandis.run.options.StressOptions
+    seed : int
     """
 
-    def __init__(self, body, options):
-        self.body, self.options = body, options
+    def __init__(self, body, scale, options, seed):
+        self.body, self.scale, self.options, self.seed = body, scale, options, seed
         self.surface, self.engine = surface, engine = body.surface, body.distance
-        self.scale = Scale(options["size"], options["stiffness"])
-        self.device = Device(*(options[key] for key in Device._fields))
-        rng = streams.generator(options["seed"], streams.PLACES)
+        self.device = Device(*(getattr(options, key) for key in Device._fields))
+        rng = streams.generator(seed, streams.PLACES)
         self.contacts = draw_contacts(surface, engine, self.scale, CONTACTS, rng)
         places = self._places(PLACES, rng)
-        self.loops = loops(self._places(options["loops"], rng), engine, rng)
+        self.loops = loops(self._places(options.loops, rng), engine, rng)
         deepest = self.device.force_limit / self.scale.newtons
         self.shell = shell_points(places, SHELL, deepest, rng)
         self.ways = shell_points(places, WAYS, deepest, rng)
@@ -176,9 +176,9 @@ class Suite:
 
     def _questions(self, field, progress):
         """Return what answers each question, in the order of `QUESTIONS`: the quick ones first."""
-        rng = streams.generator(self.options["seed"], streams.QUESTIONS)
+        rng = streams.generator(self.seed, streams.QUESTIONS)
         answer, exact, scale, device = field.answer, self.exact, self.scale, self.device
-        ticks = self.options["ticks"]
+        ticks = self.options.ticks
         return {
             "missing": lambda: absence(answer, self.contacts),
             "hold": lambda: hold(answer, self.pushed, self.wanted["pushed"], scale, device),
@@ -234,15 +234,16 @@ def stress(fields, controls, suite, progress):
         failed[field.name] = failures(found[field.name])
     holds = suite.thickness * suite.scale.newtons
     arrays = {"pushed": suite.pushed.feet, "holding_newtons": holds}
-    return arrays, {
-        "fields": found,
-        "failed": failed,
-        "controls": tried,
-        "skipped": skipped,
-        "device": suite.device._asdict(),
-        "size": suite.scale.size,
-        "stiffness": suite.scale.stiffness,
-    }
+    record = StressRecord(
+        fields=found,
+        failed=failed,
+        controls=tried,
+        skipped=skipped,
+        device=suite.device._asdict(),
+        size=suite.scale.size,
+        stiffness=suite.scale.stiffness,
+    )
+    return arrays, record.attributes()
 
 
 def failures(found):

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import torch
 
+from pandis.run.records.samples import SamplesRecord
 from pandis.streams import BOX, ORDER, generator
 
 #: Points drawn at once, to be shown once.
@@ -79,7 +80,7 @@ def surface_batches(places, base, size, seed, device):
 
 def area_points(samples):
     """Return the stored points of the surface, distance and normal (n, 7): even by area."""
-    low, high = samples.attributes["strata"]["surface"]
+    low, high = SamplesRecord.of(samples).strata["surface"]
     columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
     return np.column_stack(columns).astype(np.float32)
 

@@ -17,11 +17,11 @@ def exact_loss(phi, direction, distance, normal, options):
         Ψ, or ∇Φ.
     distance : Tensor, shape (n,)
     normal : Tensor, shape (n, 3)
-    options : dict
+    options : pandis.run.recipes.ExactRecipe
         ``near``, ``far`` and ``normal_weight`` of `pandis.run.recipes.ExactRecipe`.
     """
-    near, far = options["near"], options["far"]
+    near, far = options.near, options.far
     weight = near / (near + distance.abs())
     off = weight.clamp(min=far) * (phi - distance).abs()
     turned = weight.clamp(min=far / 3) * length(direction - normal)
-    return (off + options["normal_weight"] * turned).mean()
+    return (off + options.normal_weight * turned).mean()

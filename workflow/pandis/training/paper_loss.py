@@ -60,26 +60,26 @@ def paper_loss(on, on_gradient, off, off_gradient, normal, options):
         ∇Φ there.
     normal : Tensor, shape (n, 3)
         The mesh's normal at the surface points.
-    options : dict
+    options : pandis.run.recipes.PaperRecipe
         ``weights``, ``alpha``, ``stop_gradient``, ``weighting`` of
         `pandis.run.recipes.PaperRecipe`.
     """
     here, there = 1.0, 1.0
-    if options["weighting"] == "batch":
+    if options.weighting == "batch":
         here, there = len(on) / (len(on) + len(off)), len(off) / (len(on) + len(off))
     gradient = torch.cat([on_gradient, off_gradient])
     terms = [
         eikonal(gradient),
         here * normal_alignment(on_gradient, normal),
         here * surface(on[:, 0]),
-        there * off_surface(off[:, 0], options["alpha"]),
+        there * off_surface(off[:, 0], options.alpha),
     ]
     if on.shape[1] > 1:
-        target = off_gradient.detach() if options["stop_gradient"] else off_gradient
+        target = off_gradient.detach() if options.stop_gradient else off_gradient
         terms += [
             unit_length(torch.cat([on[:, 1:], off[:, 1:]])),
             here * psi_on_surface(on[:, 1:], normal),
             there * psi_off_surface(off[:, 1:], target),
         ]
-    weights = options["weights"][: len(terms)]
+    weights = options.weights[: len(terms)]
     return sum(weight * term for weight, term in zip(weights, terms, strict=True))

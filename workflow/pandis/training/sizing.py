@@ -1,5 +1,7 @@
 """Networks of which the user names what they should achieve, not how large they are."""
 
+from typing import NamedTuple
+
 from pandis.errors import PandisError
 from pandis.training.trainer import Trainer
 
@@ -7,19 +9,28 @@ from pandis.training.trainer import Trainer
 WIDTHS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
 
-def train(options, samples, strata, points, checkpoint, progress, log):
+class Tried(NamedTuple):
+    """A network of so many units per layer: its bytes, its error, why it was not taken."""
+
+    size: int
+    bytes: int
+    force_error: float
+    excess: float
+    why: str
+
+
+def train(task, samples, strata, points, checkpoint, progress, log):
     """Train one network, or the smallest that meets the error that is asked for.
 
-    Without ``force_error`` among the options it is one run.
+    Without ``force_error`` in the recipe it is one run.
 
     Parameters
     ----------
-    options : dict
-        See `pandis.run.recipes.PaperRecipe` and `ExactRecipe`; and ``seed``.
+    task : pandis.run.tasks.TrainTask
     samples, strata, checkpoint, log
         See `pandis.training.trainer.Trainer`.
-    points : pandis.evaluation.points.Points or None
-        What the error is measured on; only with ``force_error``.
+    points : pandis.evaluation.points.Points
+        What the error that is asked for is measured on.
     progress : callable
         Makes a `pandis.run.stage.Progress`.
 
@@ -35,27 +46,27 @@ def train(options, samples, strata, points, checkpoint, progress, log):
     PandisError
         No network meets the error, or a run diverged again and again.
     """
-    if options.get("force_error") is None:
-        trainer = Trainer(options, samples, strata, checkpoint, log)
+    if task.recipe.loss == "paper" or task.recipe.force_error is None:
+        trainer = Trainer(task, samples, strata, checkpoint, log)
         return *trainer.run(progress), trainer.finish
-    limits = points.limits(options)
+    recipe = task.recipe
+    limits = points.limits(recipe)
     found, tried, finish = narrowest(
-        options, widths_up_to(options["width"]), samples, strata, checkpoint, progress, log,
+        task, widths_up_to(recipe.width), samples, strata, checkpoint, progress, log,
         lambda trainer, arrays, attributes: points.measure(trainer.force_at, limits),
     )  # fmt: skip
     if found is None:
         finish()
-        best = min(tried, key=lambda one: one["excess"])
+        best = min(tried, key=lambda one: one.excess)
         raise PandisError(
-            f"train.{options['recipe']}: no network meets {points.told_limits(limits)}; of "
-            f"{len(tried)}, up to {options['width']} units per layer, the nearest, of "
-            f"{best['size']}, {best['why']}: ask for less, or give more steps or width"
+            f"train.{task.name}: no network meets {points.told_limits(limits)}; of "
+            f"{len(tried)}, up to {recipe.width} units per layer, the nearest, of "
+            f"{best.size}, {best.why}: ask for less, or give more steps or width"
         )
     arrays, attributes, measured = found
-    keys = ("force_error", "tail", "missed")
     sizing = {
-        "asked": {key: options[key] for key in keys},
-        "tried": tried,
+        "asked": recipe.model_dump(include={"force_error", "tail", "missed"}),
+        "tried": [one._asdict() for one in tried],
         "held_out_error": measured.figures["mean"],
         "held_out": measured.figures,
     }
@@ -67,7 +78,7 @@ def widths_up_to(width):
     return [w for w in WIDTHS if w < width] + [width]
 
 
-def narrowest(options, widths, samples, strata, checkpoint, progress, log, judge):
+def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
     """Train networks, from the narrowest on, until one is taken.
 
     Each has the whole budget of steps: all before the one that is taken cost together about as
@@ -75,7 +86,7 @@ def narrowest(options, widths, samples, strata, checkpoint, progress, log, judge
 
     Parameters
     ----------
-    options, samples, strata, checkpoint, progress, log
+    task, samples, strata, checkpoint, progress, log
         As for `train`.
     widths : list of int
     judge : callable
@@ -86,23 +97,22 @@ def narrowest(options, widths, samples, strata, checkpoint, progress, log, judge
     -------
     found : tuple (arrays, attributes, measured), or None
         What was taken.
-    tried : list of dict
-        ``size``, ``bytes``, ``force_error``, ``excess`` and ``why`` of every network.
+    tried : list of Tried
     finish : callable
         Removes the checkpoints of all.
     """
     tried, finish = [], lambda: None
     for width in widths:
         own = checkpoint.with_name(f"{checkpoint.stem}.{width}.pt")
-        trainer = Trainer(options | {"width": width}, samples, strata, own, log)
+        recipe = task.recipe.model_copy(update={"width": width})
+        trainer = Trainer(task.model_copy(update={"recipe": recipe}), samples, strata, own, log)
         arrays, attributes = trainer.run(progress)
         trainer.keep()
         finish = trainer.finish
         measured = judge(trainer, arrays, attributes)
         size = sum(arrays[key].nbytes for key in arrays if key != "curve")
         error = measured.figures["mean"]
-        tried.append({"size": width, "bytes": size, "force_error": error,
-                      "excess": measured.excess, "why": measured.why})  # fmt: skip
+        tried.append(Tried(width, size, error, measured.excess, measured.why))
         log(f"network of {width} units per layer: {measured.why or 'meets what is asked'}")
         if not measured.why:
             return (arrays, attributes, measured), tried, finish

@@ -12,6 +12,8 @@ import torch
 
 from pandis.errors import PandisError
 from pandis.grids.base import fit_base
+from pandis.run.records.model import Architecture, Error, ModelRecord, Spread
+from pandis.run.records.samples import SamplesRecord
 from pandis.training.batches import (
     area_points,
     fresh_batches,
@@ -35,8 +37,8 @@ DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
 #: Steps on a GPU before they are recorded as a graph.
 _EAGER_STEPS = 3
-#: Options that do not say how a network was trained: whose it is, and what was hoped for.
-_NOT_OF_A_TRAINING = {"recipe", "seed", "size", "stiffness", "force_error", "tail", "missed"}
+#: Options that do not say how a network was trained, but what was hoped for.
+_NOT_OF_A_TRAINING = {"force_error", "tail", "missed"}
 #: Several trainers may share a GPU, each in a thread and on a stream of its own; while one of them
 #: records, the others must not launch what they have recorded.
 _RECORDING = threading.Lock()
@@ -50,8 +52,7 @@ class Trainer:
 
     Parameters
     ----------
-    options : dict
-        See `pandis.run.recipes.PaperRecipe` and `ExactRecipe`; and ``seed``.
+    task : pandis.run.tasks.TrainTask
     samples : pandis.run.artifact.Artifact
         Of kind ``samples``.
     strata : pandis.geometry.strata.Strata
@@ -62,39 +63,42 @@ class Trainer:
         Takes a line of text.
     """
 
-    def __init__(self, options, samples, strata, checkpoint, log):
-        torch.set_num_threads(options["threads"])
+    def __init__(self, task, samples, strata, checkpoint, log):
+        options, seed = task.recipe, task.seed
+        torch.set_num_threads(options.threads)
         torch.set_flush_denormal(True)
         keep_freed_memory()
         torch.backends.cuda.matmul.allow_tf32 = False
-        self.options, self.log = options, log
+        self.name, self.options, self.log = task.name, options, log
         self.checkpoint = Path(checkpoint)
-        self.device = self._pick_device(options["device"])
-        self.paper = options["loss"] == "paper"
-        self.own_gradient = options["direction"] == "gradient"
-        batch, seed = options["batch"], options["seed"]
-        self.base = fit_base(strata.engine, options["base"]) if options["base"] else None
+        self.device = self._pick_device(options.device)
+        self.paper = options.loss == "paper"
+        self.own_gradient = options.direction == "gradient"
+        batch = options.batch
+        self.base = fit_base(strata.engine, options.base) if options.base else None
         if self.paper:
             places = (
                 vertex_points(strata.surface, strata.engine)
-                if options["points"] == "vertices"
+                if options.points == "vertices"
                 else area_points(samples)
             )
             self.batches = surface_batches(places, self.base, batch, seed, self.device)
         else:
             self.batches = fresh_batches(strata, self.base, batch, seed, self.device)
-        low, high = samples.attributes["strata"]["held-out"]
+        low, high = SamplesRecord.of(samples).strata["held-out"]
         columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
         self.held_out = self._rows_of(*columns)
         self.force = float(np.maximum(-columns[1], 0).mean())
         generator = torch.Generator().manual_seed(seed)
-        self.shape = {key: options[key] for key in ("width", "depth", "omega")}
-        if options["omega"] is None:
-            self.shape["omega"] = usual_omega(options["width"])
-        self.shape["outputs"] = 1 if self.own_gradient else 4
-        self.network = Siren(**self.shape, generator=generator).to(self.device)
+        self.shape = Architecture(
+            width=options.width,
+            depth=options.depth,
+            omega=options.omega or usual_omega(options.width),
+            outputs=1 if self.own_gradient else 4,
+        )
+        self.network = Siren(**dict(self.shape), generator=generator).to(self.device)
         self.parameters = list(self.network.parameters())
-        self.optimiser = Optimiser(self.network, options["learning_rate"], options["matrix_rate"])
+        self.optimiser = Optimiser(self.network, options.learning_rate, options.matrix_rate)
         self.step, self.elapsed, self.curve = 0, 0.0, []
         self.slowdown, self.restarts, self.least, self.good = 1.0, 0, math.inf, None
         self._graph, self._eager = None, 0
@@ -138,9 +142,9 @@ class Trainer:
 
         Constant, or a warm-up and then half a cosine to zero.
         """
-        if self.options["schedule"] == "constant":
+        if self.options.schedule == "constant":
             return self.slowdown
-        warmup = self.options["warmup"]
+        warmup = self.options.warmup
         if share < warmup:
             return self.slowdown * (share / warmup + 1e-3)
         return self.slowdown * 0.5 * (1 + math.cos(math.pi * (share - warmup) / (1 - warmup)))
@@ -150,8 +154,8 @@ class Trainer:
         gradients = torch.autograd.grad(loss, self.parameters)
         for parameter, gradient in zip(self.parameters, gradients, strict=True):
             parameter.grad = gradient
-        if self.options["clip"]:
-            torch.nn.utils.clip_grad_norm_(self.parameters, self.options["clip"])
+        if self.options.clip:
+            torch.nn.utils.clip_grad_norm_(self.parameters, self.options.clip)
         self.optimiser.step()
         return loss.detach()
 
@@ -209,7 +213,7 @@ class Trainer:
         KeyboardInterrupt
             The process was asked to stop: a checkpoint of the last step is written.
         """
-        steps, seconds = self.options["steps"], self.options["seconds"]
+        steps, seconds = self.options.steps, self.options.seconds
         report = progress("training", steps or seconds, "steps" if steps else "seconds")
         self._resume()
         report.resume(self.step if steps else self.elapsed)
@@ -232,7 +236,7 @@ class Trainer:
             share = done / (steps or seconds)
             loss = self._advance(share)
             if self.step % every == 0:
-                value, error = loss.item(), self._force_error(self.held_out[:QUICK])["mean"]
+                value, error = loss.item(), self._force_error(self.held_out[:QUICK]).mean
                 if self._diverged(share, error):
                     self._restart()
                     continue
@@ -288,8 +292,8 @@ class Trainer:
 
     def _divergence(self, how):
         return PandisError(
-            f"training diverged {how}; reduce train.{self.options.get('recipe')}.learning_rate "
-            f"(now {self.options['learning_rate']:g}), or set clip"
+            f"training diverged {how}; reduce train.{self.name}.learning_rate "
+            f"(now {self.options.learning_rate:g}), or set clip"
         )
 
     # --- the result ------------------------------------------------------------------
@@ -301,18 +305,19 @@ class Trainer:
         if self.base is not None:
             arrays["base"] = self.base.coefficients
         arrays["curve"] = np.array(self.curve, np.float64).reshape(-1, 3)
-        return arrays, {
-            "architecture": self.shape,
-            "recipe": self.options["loss"],
-            "options": {k: v for k, v in self.options.items() if k not in _NOT_OF_A_TRAINING},
-            "steps": self.step,
-            "restarts": self.restarts,
-            "reproducible": self.options["steps"] is not None and self.device == "cpu",
-            "device": self.device,
-            "curve_columns": ["step", "loss", "held-out force error"],
-            "held_out_error": self._force_error(self.held_out),
-            "direction_length": self._direction_length(),
-        }
+        record = ModelRecord(
+            architecture=self.shape,
+            recipe=self.options.loss,
+            options=self.options.model_dump(exclude=_NOT_OF_A_TRAINING),
+            steps=self.step,
+            restarts=self.restarts,
+            reproducible=self.options.steps is not None and self.device == "cpu",
+            device=self.device,
+            curve_columns=["step", "loss", "held-out force error"],
+            held_out_error=self._force_error(self.held_out),
+            direction_length=self._direction_length(),
+        )
+        return arrays, record.attributes()
 
     @torch.no_grad()
     def force_at(self, points):
@@ -332,12 +337,12 @@ class Trainer:
         force = -phi.clamp(max=0)[:, None] * torch.nn.functional.normalize(direction)
         exact = -rows[:, 3:4].clamp(max=0) * rows[:, 4:7]
         error = (force - exact).norm(dim=1).double()
-        return {"mean": error.mean().item(), "p99": error.quantile(0.99).item()}
+        return Error(mean=error.mean().item(), p99=error.quantile(0.99).item())
 
     @torch.no_grad()
     def _direction_length(self):
         size = self._answer(self.held_out)[1].norm(dim=1).double()
-        return {"mean": size.mean().item(), "std": size.std(correction=0).item()}
+        return Spread(mean=size.mean().item(), std=size.std(correction=0).item())
 
     # --- states and checkpoints ----------------------------------------------------
 

@@ -1,0 +1,82 @@
+"""What the page is filled with about one mesh."""
+
+from dataclasses import dataclass
+
+from pandis.geometry.frame import Frame
+from pandis.run.records.evaluation import EvaluationRecord
+from pandis.run.records.hardware import HardwareRecord
+from pandis.run.records.mesh import MeshRecord
+from pandis.run.records.model import ModelRecord
+from pandis.run.records.stress import StressRecord
+from pandis.run.records.timing import TimingRecord
+
+
+@dataclass(frozen=True)
+class Section:
+    """One mesh of the page. Pictures and plots are texts that the page takes as they are.
+
+    Attributes
+    ----------
+    name : str
+    rows, controls : list of dict
+        Of the summary: fields, and controls.
+    picks, advice : list of dict
+        Which file to use: `pandis.report.picks`, `pandis.evaluation.front.recommend`.
+    columns : dict of str to str
+        Titles of the columns that are not empty.
+    built, sound : int
+        Fields that were built, and those that may be used.
+    per_unit : float
+        Newtons per mesh unit of depth.
+    judged, walls : float, int
+        Share of the surface that is judged, and points that hardware compares.
+    builds : dict of str to float
+        Seconds by field.
+    versions : dict of str to str
+    sentence, paths_said : str
+    repair : list of str
+    verdicts, notes : dict of str to str
+        What a field failed; how a network was trained.
+    followed : str
+        Why the path is less deep than was asked; empty if it is not.
+    choice : dict or None
+        What `fields: auto` has come to, in words.
+    """
+
+    name: str
+    mesh: MeshRecord
+    evaluation: EvaluationRecord
+    stress: StressRecord
+    timing: TimingRecord
+    hardware: HardwareRecord
+    models: dict[str, ModelRecord]
+    frame: Frame
+    rows: list
+    controls: list
+    picks: list
+    advice: list
+    columns: dict
+    built: int
+    sound: int
+    per_unit: float
+    judged: float
+    walls: int
+    builds: dict
+    versions: dict
+    sentence: str
+    paths_said: str
+    repair: list
+    verdicts: dict
+    notes: dict
+    followed: str
+    choice: dict | None
+    view: str
+    picture: str
+    heat: str | None
+    holding: str
+    quiver: str
+    path: str
+    front: str
+    samples: str | None
+    curves: str | None
+    histogram: str | None

@@ -1,0 +1,181 @@
+"""What the validation says of every field: the attributes of ``hardware.zarr.zip``."""
+
+from pandis.run.records.record import Record
+
+
+class WallsFound(Record):
+    """Where a field lacks the exact force, below surface points of every thickness.
+
+    Attributes
+    ----------
+    missing, felt, judged : float
+        Shares of area: see `pandis.geometry.measure.shares`.
+    points : int
+        How many were compared.
+    pressed_missing : int
+        At how many of the points that a device presses on the force is missing.
+    holds : bool
+        It is missing at none of these, and on at most 0.5 % of the area.
+    """
+
+    missing: float
+    felt: float
+    judged: float
+    points: int
+    pressed_missing: int
+    holds: bool
+
+
+class Pressed(Record):
+    """A simulated device with a field, pressed onto a mesh.
+
+    Attributes
+    ----------
+    hand : float
+        Ns/m: the damping of the hand that all of this is about.
+    hands : dict of str to float
+        N/m: the largest safe stiffness for it and for others, by their damping.
+    released_n_m : float
+        The same with a weight in place of a hand.
+    stiffness : float
+        N/m.
+    strongest_n, steepest_n_per_ms : float
+        The largest force, and its largest change.
+    cut : int
+        Ticks at the force limit.
+    energy_j : float
+        The least balance of the wall and the device, see ``energy.h``.
+    quiet : float
+        Share of the presses that reach a wall and do not shake there, of those that friction lets
+        reach one.
+    unarmed : int
+        Presses that began in a force of the field, however high above the surface, and so got none.
+    reach_m : float
+        How far from the workspace's middle the probe came.
+    ended : str
+        Why, if a run ended early.
+    within_limits, passive : bool
+    safe_n_m : float
+        The largest safe stiffness for the hand, and in ``limited_by`` what keeps it from more.
+    """
+
+    hand: float
+    hands: dict[str, float]
+    released_n_m: float
+    stiffness: float
+    strongest_n: float
+    steepest_n_per_ms: float
+    cut: int
+    energy_j: float
+    quiet: float
+    unarmed: int
+    reach_m: float
+    ended: str
+    within_limits: bool
+    passive: bool
+    safe_n_m: float
+    limited_by: str
+
+
+class DeviceVerdict(Pressed):
+    """What a simulated device makes of a field, with what it lacks, and a sentence."""
+
+    device: str
+    pressed_missing: int
+    holds: bool
+    verdict: str
+    sentence: str
+
+
+class Ticks(Record):
+    """Times of the ticks of a run: percentiles in µs, and shares beyond the deadline."""
+
+    ticks: int
+    compute_us: dict[str, float]
+    lateness_us: dict[str, float]
+    late_share: float
+    miss_share: float
+
+
+class ServoVerdict(Ticks):
+    """What the servo loop says of a field on this machine.
+
+    Attributes
+    ----------
+    misses, longest_run_of_misses : int
+    agreement : float
+        Largest difference from the forces that were evaluated (unit frame, k = 1).
+    agrees, in_time, punctual : bool
+        It is small enough; few enough ticks compute too long; few enough begin too late.
+    walls : WallsFound
+    verdict, sentence : str
+    loaded : Ticks or None
+        The same beside other work on every core.
+    """
+
+    misses: int
+    longest_run_of_misses: int
+    agreement: float
+    agrees: bool
+    in_time: bool
+    punctual: bool
+    walls: WallsFound
+    verdict: str = ""
+    sentence: str = ""
+    loaded: Ticks | None = None
+
+
+class AttachedRun(Record):
+    """A run on the attached device: what it was that ran, how it ended, and its figures."""
+
+    statement: str
+    hardware: bool
+    stand_in: bool
+    armed: bool
+    refused: str
+    armed_at: int
+    model: str
+    ended: str
+    code: int
+    ticks: int
+    stiffness: float
+    strongest_n: float
+    steepest_n: float
+    fastest_m_s: float
+    cut: int
+    slowed: int
+    damped: int
+    signs: int
+    energy_j: float
+    late_us: float | None
+
+
+class FieldVerdict(ServoVerdict):
+    """All that is said of a field: on this machine, on every simulated device, on the attached one.
+
+    ``advice`` is what a person should do; ``sha256`` is that of the exported file.
+    """
+
+    devices: dict[str, DeviceVerdict]
+    advice: str
+    sha256: str
+    attached: AttachedRun | None
+
+
+class HardwareRecord(Record):
+    """The validation of all fields of a mesh."""
+
+    statement: str
+    devices: dict[str, dict]
+    machine: dict
+    locked: bool
+    realtime: bool
+    rate: float
+    deadline: float
+    size: float
+    stiffness: float
+    newtons: float
+    clock_alone_us: dict[str, float]
+    clock_alone_late_share: float
+    fields: dict[str, FieldVerdict]
+    reproducible: bool = False
