@@ -1,10 +1,14 @@
 """A stage that takes too long or too much memory ends, with a sentence that says what to do."""
 
+import os
 import subprocess
 import sys
+from multiprocessing import active_children
 
 import pytest
 
+from pandis.errors import PandisError
+from pandis.native.processes import each
 from pandis.run.limits import _beyond, limited, resident_megabytes
 from support import ROOT, environment
 
@@ -53,3 +57,25 @@ def test_what_keeps_its_limits_is_left_alone():
         pass
     assert _beyond("x", None, None, 1e9) == ""
     assert resident_megabytes() > 10
+
+
+# --- processes ---------------------------------------------------------------------------
+
+
+def test_processes_answer_in_order_and_see_what_their_parent_holds():
+    held = {"offset": 7}
+    assert list(each(lambda k: (k + held["offset"], os.getpid()), [1], 4)) == [(8, os.getpid())]
+    found = list(each(lambda k: (k + held["offset"], os.getpid()), range(6), 2))
+    assert [value for value, _ in found] == [7, 8, 9, 10, 11, 12]
+    assert os.getpid() not in {process for _, process in found}
+
+
+def test_an_error_in_a_process_is_the_stages_and_leaves_none_behind():
+    def work(k):
+        if k == 1:
+            raise PandisError("the second is bad")
+        return k
+
+    with pytest.raises(PandisError, match="the second is bad"):
+        list(each(work, range(5), 2))
+    assert not active_children()

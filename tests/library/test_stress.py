@@ -170,7 +170,7 @@ def tried(sphere):
 
 
 def test_the_exact_sphere_passes_everything(sphere, tried):
-    arrays, attributes = stress([Exact()], tried, sphere, silent_progress)
+    arrays, attributes = stress([Exact()], tried, sphere, 1, silent_progress)
     assert attributes["failed"] == {"exact": []}
     assert attributes["controls"] == {"control-zero": ["missing"], "control-gap": ["missing"]}
     assert list(attributes["fields"]["exact"]) == list(QUESTIONS)
@@ -180,7 +180,14 @@ def test_the_exact_sphere_passes_everything(sphere, tried):
 def test_a_suite_that_passes_a_control_ends_its_stage(sphere):
     blind = Exact("control-blind")
     with pytest.raises(PandisError, match="the stress suite is blind.*control-blind"):
-        stress([Exact()], [blind], sphere, silent_progress)
+        stress([Exact()], [blind], sphere, 1, silent_progress)
+
+
+def test_two_at_a_time_find_what_one_does(sphere):
+    fields = [Exact(), grid("tricubic", "distance", 24), Exact("again")]
+    alone, beside = (stress(fields, [], sphere, count, silent_progress)[1] for count in (1, 2))
+    assert alone == beside
+    assert alone["fields"]["exact"] == alone["fields"]["again"] != alone["fields"]["tricubic-24"]
 
 
 def test_questions_end_at_the_first_that_is_failed(sphere, tried):
@@ -202,7 +209,7 @@ def test_what_is_no_number_is_caught(sphere):
 def test_fields_that_need_a_path_are_skipped_with_a_reason(sphere):
     field = Exact("salisbury")
     field.ordered = True
-    attributes = stress([field], [], sphere, silent_progress)[1]
+    attributes = stress([field], [], sphere, 1, silent_progress)[1]
     assert attributes["fields"] == {}
     assert "way" in attributes["skipped"]["salisbury"]
 

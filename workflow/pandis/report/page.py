@@ -1,11 +1,6 @@
 """The report: one HTML file that needs nothing else."""
 
-import ctypes
-import signal
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
 from importlib import resources
-from multiprocessing import active_children, get_context
 
 import jinja2
 import numpy as np
@@ -17,6 +12,7 @@ from pandis.fields.registry import open_field
 from pandis.geometry.frame import Frame
 from pandis.geometry.physical import Scale
 from pandis.mesh.diagnosis import THICKNESS_RAYS
+from pandis.native.processes import each
 from pandis.report import figures, paper
 from pandis.report.builds import build_seconds
 from pandis.report.picks import picks, usable
@@ -41,7 +37,7 @@ def mesh_sections(meshes, threads, progress, note):
     """Prepare all meshes, as many at a time as there are threads, each in a process of its own.
 
     A process reads what it draws and gives it up again: no more meshes are in memory than are
-    drawn. Threads would not do, for drawing holds Python's lock.
+    drawn.
 
     Parameters
     ----------
@@ -60,30 +56,16 @@ def mesh_sections(meshes, threads, progress, note):
     """
     told, sections = progress("pages", len(meshes), "meshes"), []
     work = [(name, *of) for name, of in meshes.items()]
-    count = min(threads, len(work))
-    with ProcessPoolExecutor(count, get_context("fork"), _leave_signals) as pool:
-        try:
-            for section, digests in pool.map(_read_and_draw, *zip(*work, strict=True)):
-                for path, digest in digests.items():
-                    note(path, digest)
-                sections.append(section)
-                told.update(len(sections))
-        except BaseException:
-            for process in active_children():
-                process.kill()  # or the pool would wait for what is being drawn
-            raise
+    for section, digests in each(_read_and_draw, work, threads):
+        for path, digest in digests.items():
+            note(path, digest)
+        sections.append(section)
+        told.update(len(sections))
     return sections
 
 
-def _leave_signals():
-    """Let the stage alone answer an interrupt, and end with it, however it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # Linux: PR_SET_PDEATHSIG
-
-
-def _read_and_draw(name, paths, field_names):
+def _read_and_draw(work):
+    name, paths, field_names = work
     artifacts = [read_artifact(path) for path in paths]
     digests = {str(artifact.path): artifact.digest for artifact in artifacts}
     return mesh_section(name, artifacts, field_names), digests

@@ -6,6 +6,7 @@ from pandis import streams
 from pandis.fields.controls import demand_failure
 from pandis.geometry.measure import draw_contacts, stratify
 from pandis.geometry.thickness import inscribed_radius
+from pandis.native.processes import each
 from pandis.run.records.stress import StressRecord
 from pandis.stress.contact import absence, ghosts, hold, wanted_force
 from pandis.stress.coupled import closed_loop, presses, stable_stiffness
@@ -198,7 +199,7 @@ class Suite:
         }
 
 
-def stress(fields, controls, suite, progress):
+def stress(fields, controls, suite, count, progress):
     """Ask all fields of a mesh.
 
     Parameters
@@ -207,6 +208,8 @@ def stress(fields, controls, suite, progress):
     controls : list of pandis.fields.base.Field
         From `pandis.fields.controls.controls`: asked until they fail a question, as each must.
     suite : Suite
+    count : int
+        Fields that are asked at a time, each in a process of its own.
     progress : callable
         Makes a `pandis.run.stage.Progress`.
 
@@ -222,23 +225,19 @@ def stress(fields, controls, suite, progress):
     PandisError
         A control passes every question.
     """
-    found, failed, skipped = {}, {}, {}
     tried = {control.name: failures(suite.ask(control, progress, first=True))
              for control in controls}  # fmt: skip
     demand_failure("the stress suite", (name for name, own in tried.items() if not own))
-    for field in fields:
-        if field.ordered:
-            skipped[field.name] = "its answers depend on the way"
-            continue
-        found[field.name] = suite.ask(field, progress)
-        failed[field.name] = failures(found[field.name])
+    asked = [field for field in fields if not field.ordered]
+    answers = each(lambda field: suite.ask(field, progress), asked, count)
+    found = {field.name: answer for field, answer in zip(asked, answers, strict=True)}
     holds = suite.thickness * suite.scale.newtons
     arrays = {"pushed": suite.pushed.feet, "holding_newtons": holds}
     record = StressRecord(
         fields=found,
-        failed=failed,
+        failed={name: failures(answer) for name, answer in found.items()},
         controls=tried,
-        skipped=skipped,
+        skipped={field.name: "its answers depend on the way" for field in fields if field.ordered},
         device=suite.device._asdict(),
         size=suite.scale.size,
         stiffness=suite.scale.stiffness,
