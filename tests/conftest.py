@@ -6,8 +6,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from jaxtyping import install_import_hook
 
-import support
+#: What an array's shape may be stands in signatures: here every call is checked.
+install_import_hook("pandis", "beartype.beartype")
+
+import support  # noqa: E402
 
 #: The longest tests of all, which begin before the others.
 LONGEST = ("test_twelve_kinds", "test_every_kind_of_grid", "test_open_mesh_with_two_networks")

@@ -7,8 +7,8 @@ from pandis.run.provenance import DISTRIBUTIONS, CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVS = ROOT / "workflow" / "envs"
-#: What every stage needs: the models of its options.
-_ALWAYS = {"pydantic"}
+#: What every stage needs: the models of its options, and the names of shapes.
+_ALWAYS = {"pydantic", "jaxtyping"}
 #: What a family needs besides what it imports: trimesh reads 3MF through these.
 _BESIDES = {"mesh": ("lxml", "networkx")}
 

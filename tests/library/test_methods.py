@@ -16,7 +16,7 @@ from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import SHAPES
 from pandis.geometry.trajectories import trace
 from pandis.grids.dense import DenseGrid
-from pandis.grids.planes import build_planes, icosphere
+from pandis.grids.planes import build_planes
 from pandis.run.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.run.options import TrajectoryOptions
 from pandis.run.stage import silent_progress
@@ -158,20 +158,17 @@ def test_kims_potential_is_refused_where_it_is_none():
         open_field(parse_field("kim-algebraic-20", ()), mesh)
 
 
-def test_icosphere_has_642_directions_that_keep_apart():
-    directions = icosphere(3)
-    assert directions.shape == (642, 3)
-    cosine = directions @ directions.T - 2 * np.eye(642)
-    assert 6 < np.degrees(np.arccos(cosine.max())) < 9
-    assert np.abs(np.linalg.norm(directions, axis=1) - 1).max() < 1e-12
-
-
 def test_planes_touch_a_box_and_maps_hold_the_depth_below_them():
     vertices, faces = box_mesh()
     vertices = vertices * 0.9 / np.abs(vertices).max()
     engine = MeshDistance(vertices, faces)
     arrays = build_planes(vertices, engine, silent_progress)
-    above = arrays["normals"] @ vertices.T - arrays["offsets"][:, None]
+    directions = arrays["normals"]
+    assert directions.shape == (642, 3)
+    assert np.abs(np.linalg.norm(directions, axis=1) - 1).max() < 1e-6
+    cosine = directions @ directions.T - 2 * np.eye(642)
+    assert 6 < np.degrees(np.arccos(cosine.max())) < 9
+    above = directions @ vertices.T - arrays["offsets"][:, None]
     assert np.abs(above.max(axis=1)).max() < 1e-6
     field = open_field(parse_field("support-planes", ()), artifact("planes", arrays, AT))
     # a convex body: next to the middle of a face the nearest plane is that of the face

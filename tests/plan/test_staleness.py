@@ -66,6 +66,8 @@ def stale(tree, name, old, new, options=None):
         ("native/device/guard.h", "\n}\n", "\n}\n\n/* a wall */\n"),
         ("geometry/frame.py", "where every stage computes", "and why it is one"),
         ("fields/grid.py", "\nclass", "\n\n# a grid\nclass"),
+        ("forces.py", "(distance: Values, normal: Points", "(distance, normal"),
+        ("run/options.py", 'description="', 'description="in short: '),
         ("__init__.py", '__version__ = "', '__version__ = "9.'),
     ],
 )

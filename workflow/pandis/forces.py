@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from pandis.geometry.arrays import Points, Values
 
-def penalty_force(distance, normal, stiffness=1.0):
+
+def penalty_force(distance: Values, normal: Points, stiffness=1.0) -> Points:
     """Return F = -k · min(distance, 0) · normal.
 
     Parameters

@@ -90,11 +90,11 @@ def _grids(engine):
 
 
 def _grid(engine, kind, size):
-    made = DenseGrid(engine, GRID_FIELDS[kind], size, BAND, silent_progress)
-    values = np.concatenate(list(made.slabs(32)))
-    attributes = made.attributes() | FRAME.attributes()
-    held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
-    return _native(open_field(parse_field(f"{kind}-{size}", ()), held), kind)
+    grid = DenseGrid(engine, GRID_FIELDS[kind], size, BAND, silent_progress)
+    values = np.concatenate(list(grid.slabs(32)))
+    attributes = grid.attributes() | FRAME.attributes()
+    artifact = Artifact(None, "grid", {"values": values}, attributes, {}, "")
+    return _native(open_field(parse_field(f"{kind}-{size}", ()), artifact), kind)
 
 
 def _splines(engine, surface):
@@ -106,8 +106,8 @@ def _spline(engine, surface, size):
     fitted = SplineFit(engine, surface, BAND, 0, samples_for(budget=size))
     arrays, attributes = fitted.build(fitted.choose_size(size), size, silent_progress)
     attributes |= FRAME.attributes()
-    held = Artifact(None, "grid", arrays, attributes, {}, "")
-    return _native(open_field(parse_field("spline-auto", ()), held), "spline")
+    artifact = Artifact(None, "grid", arrays, attributes, {}, "")
+    return _native(open_field(parse_field("spline-auto", ()), artifact), "spline")
 
 
 def _networks(engine):

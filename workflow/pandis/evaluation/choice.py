@@ -27,7 +27,7 @@ from pandis.stress.suite import QUESTIONS, Suite, failures
 from pandis.training.sizing import narrowest, widths_up_to
 
 
-class Found(NamedTuple):
+class Outcome(NamedTuple):
     """What a kind of field has come to.
 
     Attributes
@@ -91,9 +91,9 @@ class Chooser:
         for attempt in (self._exact, self._dense, self._spline, self._network):
             if attempt == self._network:
                 self._say_least()
-            found = attempt()
-            if found:
-                return found.arrays, found.attributes | self._told(found.choice), found.finish
+            field = attempt()
+            if field:
+                return field.arrays, field.attributes | self._told(field.choice), field.finish
         raise PandisError(self._refusal())
 
     def _told(self, choice):
@@ -131,14 +131,14 @@ class Chooser:
                 "a budget without bytes and query_time takes the exact field: it has no error; "
                 "add budget.bytes or budget.query_time if it is too large or too slow"
             )
-        held = {"mean": 0.0, "p99": 0.0, "missing": 0.0}
+        no_error = {"mean": 0.0, "p99": 0.0, "missing": 0.0}
         choice = Chosen(
-            field="exact", held_out_error=0.0, held_out=held, bytes=size,
+            field="exact", held_out_error=0.0, held_out=no_error, bytes=size,
             query_time=self._time("exact", count),
         )  # fmt: skip
         arrays = {"vertices": self.body.vertices, "faces": self.body.faces}
         attributes = {"shape": self.body.shape}
-        return Found(arrays, attributes, choice, _nothing)
+        return Outcome(arrays, attributes, choice, _nothing)
 
     def _dense(self):
         sizes = [
@@ -170,30 +170,30 @@ class Chooser:
             measured = self.points.measure(trainer.force_at, self.limits)
             if measured.why:
                 return measured
-            held = Artifact(
+            artifact = Artifact(
                 None, "model", arrays, attributes | self.body.frame.attributes(), {}, ""
             )
-            return self._proved(open_field(spec, held), "network", measured)
+            return self._proved(open_field(spec, artifact), "network", measured)
 
         try:
-            found, tried, finish = narrowest(
+            network, tried, finish = narrowest(
                 task, fit, samples, strata, self.checkpoint, self.progress, self.log, judge
             )
         except PandisError as error:
             self._skip(name, str(error))
             return None
-        if found is None:
+        if network is None:
             best = min(tried, key=lambda one: one.excess)
             self._skip(name, f"of {best.size} units, {best.why}")
             self._note(f"{name} of {best.size} units",
                        Measured({}, best.why, best.excess))  # fmt: skip
             finish()
             return None
-        arrays, attributes, measured = found
+        arrays, attributes, measured = network
         width = attributes["architecture"]["width"]
         taken = self._time("network", width)
         choice = self._choice(name, self._weights(width), measured, taken)
-        return Found(arrays, attributes, choice, finish)
+        return Outcome(arrays, attributes, choice, finish)
 
     def _first(self, sizes):
         """Return the first grid that will do, of (bytes, kind, size) from cheap to dear."""
@@ -202,15 +202,15 @@ class Chooser:
             before = tried.setdefault(kind, [])
             if any(hopeless(s, m.figures, self.limits, size, kind) for s, m in before):
                 continue
-            measured, made = self.measured(kind, size)
+            measured, candidate = self.measured(kind, size)
             if measured is None:
                 continue
             before.append((size, measured))
             name = "spline-auto" if kind == "spline" else f"{kind}-{size}"
             if not measured.why:
                 choice = self._choice(name, bytes_, measured, self._time(kind, size))
-                made = made or self.grids.make(kind, size)
-                return Found(made.arrays, made.attributes, choice, _nothing)
+                candidate = candidate or self.grids.make(kind, size)
+                return Outcome(candidate.arrays, candidate.attributes, choice, _nothing)
             if kind not in best or measured.excess < best[kind][1].excess:
                 best[kind] = size, measured
         for kind, (size, measured) in best.items():
@@ -225,14 +225,16 @@ class Chooser:
         -------
         measured : pandis.evaluation.points.Measured, or None
             None if it does not cover the band.
-        made : pandis.fields.sizing.Candidate, or None
+        candidate : pandis.fields.sizing.Candidate, or None
         """
-        made = self.grids.make(kind, size)
-        if made is None:
+        candidate = self.grids.make(kind, size)
+        if candidate is None:
             return None, None
-        measured = self.points.measure(made.force, self.limits)
+        measured = self.points.measure(candidate.force, self.limits)
         self.log(f"{kind} of size {size:,}: {self.points.told(measured.figures)}")
-        return (measured if measured.why else self._proved(made.field, kind, measured)), made
+        if not measured.why:
+            measured = self._proved(candidate.field, kind, measured)
+        return measured, candidate
 
     # --- what they share ---------------------------------------------------------------------
 
@@ -248,10 +250,10 @@ class Chooser:
         measured = self.points.measure(force_of(file), self.limits)
         if measured.why:
             return measured
-        found = self.suite.ask(file, self.progress, first=True)
-        failed = failures(found)
+        answers = self.suite.ask(file, self.progress, first=True)
+        failed = failures(answers)
         if failed:
-            why = QUESTIONS[failed[0]].failing.format(**found[failed[0]])
+            why = QUESTIONS[failed[0]].failing.format(**answers[failed[0]])
             return measured._replace(why=f"meets the errors, but fails the stress suite: {why}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
         return measured

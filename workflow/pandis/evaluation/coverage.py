@@ -39,13 +39,13 @@ def coverage(surface, engine, paths, seed):
         "thickness": inscribed_radius(engine, places, normals),
     }
     nearest = tree.query(paths.reshape(-1, 3))[1]
-    found = {}
+    shares = {}
     for name, value in values.items():
         tenth = np.argsort(np.argsort(value, kind="stable"), kind="stable") * TENTHS // PLACES
         share = np.bincount(tenth[nearest], minlength=TENTHS) / len(nearest)
-        found[name] = int((share >= VISITED).sum())
-        found[f"share_{name}"] = share.tolist()
-    return found
+        shares[name] = int((share >= VISITED).sum())
+        shares[f"share_{name}"] = share.tolist()
+    return shares
 
 
 def curvature(tree, places, normals):

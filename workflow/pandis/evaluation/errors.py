@@ -4,13 +4,14 @@ import numpy as np
 
 from pandis.fields.controls import demand_failure
 from pandis.forces import force_of, penalty_force
+from pandis.geometry.arrays import Points
 from pandis.geometry.measure import MISSING_LIMIT, contact_errors, shares
 
 #: Ending of the row with the paper's own force, in which Ψ keeps its length.
 UNNORMALISED = " (‖Ψ‖ kept)"
 
 
-def statistics(force, exact):
+def statistics(force: Points, exact: Points):
     """Summarise the error of forces against exact ones.
 
     Parameters
@@ -88,16 +89,16 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
             if field.keeps_length:
                 asked[field.name + UNNORMALISED] = _unnormalised(field)
             for name, force_at in asked.items():
-                for contact, found in contact_errors(force_at, contacts).items():
-                    errors[contact][name] = found
+                for contact, figures in contact_errors(force_at, contacts).items():
+                    errors[contact][name] = figures
         report.update(index + 1)
     points, distance, normal = trajectory
     arrays["exact_force"] = penalty_force(distance, normal)
     tried = {control.name: contact_errors(force_of(control), contacts) for control in controls}
     demand_failure(
         "the measure of missing surface",
-        (name for name, found in tried.items()
-         if all(one["missing"] <= MISSING_LIMIT for one in found.values())),
+        (name for name, figures in tried.items()
+         if all(one["missing"] <= MISSING_LIMIT for one in figures.values())),
     )  # fmt: skip
     return arrays, {
         "controls": tried,
@@ -132,5 +133,5 @@ def _path_shares(force, exact, newtons):
     """Return what of a trajectory a force lacks, and the error by the mean force, in newtons."""
     mean = float(np.linalg.norm(force - exact, axis=1).mean())
     size = float(np.linalg.norm(exact, axis=1).mean())
-    own = {"relative": mean / max(size, 1e-300), "newtons": mean * newtons}
-    return own | shares(force, exact, newtons)
+    relative = {"relative": mean / max(size, 1e-300), "newtons": mean * newtons}
+    return relative | shares(force, exact, newtons)

@@ -96,11 +96,11 @@ def over_paths(fields, paths):
         means[field.name] = np.array(off)
     return {
         name: PathsRecord(
-            mean=float(found.mean()),
-            interval=interval(found),
-            ratios={b: float(found.mean() / means[b].mean()) for b in BASELINES if b in means},
+            mean=float(errors.mean()),
+            interval=interval(errors),
+            ratios={b: float(errors.mean() / means[b].mean()) for b in BASELINES if b in means},
         )
-        for name, found in means.items()
+        for name, errors in means.items()
     }
 
 

@@ -49,24 +49,24 @@ def try_scene(name, files, options, progress, log):
         A force is not that of asking every object.
     """
     opened = {(path.parent.parent.name, path.stem): NativeField(path) for path in files}
-    objects = [_place(own, opened[own.mesh, own.field]) for own in options.objects]
+    objects = [_place(asked, opened[asked.mesh, asked.field]) for asked in options.objects]
     points = walk(objects, options)
     scene = NativeScene(objects)
-    found = scene.answer(points, timed=True)
-    different = _compare(scene, points, found.force, progress)
-    touched = found.force.any(axis=1)
+    answer = scene.answer(points, timed=True)
+    different = _compare(scene, points, answer.force, progress)
+    touched = answer.force.any(axis=1)
     record = SceneRecord(
         objects=[
-            _describe(own, placed) for own, placed in zip(options.objects, objects, strict=True)
+            _describe(asked, placed) for asked, placed in zip(options.objects, objects, strict=True)
         ],
         ticks=len(points),
         speed=options.speed,
-        asked_mean=float(found.asked.mean()),
-        asked_max=int(found.asked.max()),
+        asked_mean=float(answer.asked.mean()),
+        asked_max=int(answer.asked.max()),
         touched_share=float(touched.mean()),
         different=int(different),
-        median_us=float(np.median(found.seconds) * 1e6),
-        p999_us=float(np.percentile(found.seconds, 99.9) * 1e6),
+        median_us=float(np.median(answer.seconds) * 1e6),
+        p999_us=float(np.percentile(answer.seconds, 99.9) * 1e6),
         machine=describe(),
     )
     record = record.model_copy(update={"sentence": _sentence(record)})
@@ -75,24 +75,24 @@ def try_scene(name, files, options, progress, log):
         raise PandisError(f"scene {name}: {record.sentence}")
     arrays = {
         "points": points,
-        "force": found.force,
-        "flag": found.flag,
-        "asked": found.asked.astype(np.int32),
-        "seconds": found.seconds,
+        "force": answer.force,
+        "flag": answer.flag,
+        "asked": answer.asked.astype(np.int32),
+        "seconds": answer.seconds,
     }
     text = json.dumps(record.attributes(), indent=2) + "\n"
     return arrays, record.attributes(), text, header(name, record.objects)
 
 
-def _place(own, field):
+def _place(asked, field):
     """Return an object of the configuration with its field, metres and newtons."""
-    rotation = Rotation.from_rotvec(own.rotation, degrees=True).as_matrix()
-    return Placed.at(field, own.size, own.stiffness, own.position, rotation)
+    rotation = Rotation.from_rotvec(asked.rotation, degrees=True).as_matrix()
+    return Placed.at(field, asked.size, asked.stiffness, asked.position, rotation)
 
 
-def _describe(own, placed):
+def _describe(asked, placed):
     return PlacedRecord(
-        **dict(own),
+        **dict(asked),
         file=placed.field.path.as_posix(),
         rotation_matrix=placed.rotation.tolist(),
         translation=placed.translation.tolist(),
@@ -134,44 +134,45 @@ def _compare(scene, points, force, progress):
     return different
 
 
-def _sentence(found):
-    count = len(found.objects)
+def _sentence(record):
+    count = len(record.objects)
     same = (
-        f"{found.different:,} forces are not those of asking every object: a field's clearance "
+        f"{record.different:,} forces are not those of asking every object: a field's clearance "
         "was measured too small; export it again, or take another field"
-        if found.different
+        if record.different
         else "every force is that of asking every object"
     )
     return (
-        f"{found.ticks:,} ticks at {found.speed:g} m/s, {100 * found.touched_share:.0f} % "
-        f"in contact: {found.asked_mean:.2f} of {count} fields asked per tick, at most "
-        f"{found.asked_max}; {found.median_us:.2g} µs a tick, p99.9 {found.p999_us:.2g}; "
+        f"{record.ticks:,} ticks at {record.speed:g} m/s, {100 * record.touched_share:.0f} % "
+        f"in contact: {record.asked_mean:.2f} of {count} fields asked per tick, at most "
+        f"{record.asked_max}; {record.median_us:.2g} µs a tick, p99.9 {record.p999_us:.2g}; "
         f"{same}"
     )
 
 
 def header(name, objects):
     """Return the C header of a scene: the files to open, and where their objects lie."""
-    own = name.replace("-", "_")
-    files = list(dict.fromkeys(found.file for found in objects))
+    prefix = name.replace("-", "_")
+    files = list(dict.fromkeys(placed.file for placed in objects))
     rows = []
-    for found in objects:
-        numbers = ", ".join(repr(v) for row in found.rotation_matrix for v in row)
-        place = ", ".join(map(repr, found.translation))
-        tail = f"{found.scale!r}, {float(found.stiffness)!r}"
-        comment = f"/* {found.name} */"
+    for placed in objects:
+        numbers = ", ".join(repr(v) for row in placed.rotation_matrix for v in row)
+        place = ", ".join(map(repr, placed.translation))
+        tail = f"{placed.scale!r}, {float(placed.stiffness)!r}"
+        comment = f"/* {placed.name} */"
         rows.append(
-            f"    {{{own}_fields + {files.index(found.file)}, {{{numbers}}}, {{{place}}}, "
+            f"    {{{prefix}_fields + {files.index(placed.file)}, {{{numbers}}}, {{{place}}}, "
             f"{tail}}}, {comment}"
         )
     listed = ",\n".join(f'    "{path}"' for path in files)
     return (
         f"/* The scene {name}, made by pandis: metres and newtons. Open its files in this order\n"
-        f" * into {own}_fields, then pandis_scene_open({own}_objects, {own.upper()}_OBJECTS). */\n"
+        f" * into {prefix}_fields, then pandis_scene_open({prefix}_objects, "
+        f"{prefix.upper()}_OBJECTS). */\n"
         '#include "pandis.h"\n\n'
-        f"#define {own.upper()}_FILES {len(files)}\n"
-        f"#define {own.upper()}_OBJECTS {len(objects)}\n\n"
-        f"static const char *const {own}_files[] = {{\n{listed}\n}};\n"
-        f"static pandis_field {own}_fields[{len(files)}];\n"
-        f"static pandis_object {own}_objects[] = {{\n" + "\n".join(rows) + "\n};\n"
+        f"#define {prefix.upper()}_FILES {len(files)}\n"
+        f"#define {prefix.upper()}_OBJECTS {len(objects)}\n\n"
+        f"static const char *const {prefix}_files[] = {{\n{listed}\n}};\n"
+        f"static pandis_field {prefix}_fields[{len(files)}];\n"
+        f"static pandis_object {prefix}_objects[] = {{\n" + "\n".join(rows) + "\n};\n"
     )

@@ -54,21 +54,21 @@ def time_fields(fields, exports, natives, body, points, options, progress):
     for path in exports:
         answer = Session(path).distance_and_normal
         answers.append((path.stem, answer, "ONNX Runtime, 1 thread", counts))
-    arrays, found = {}, {}
+    arrays, figures = {}, {}
     report = progress("fields", len(answers), "fields")
     for index, (name, answer, engine, counts) in enumerate(answers):
         single, batched = time_queries(answer, points, *counts)
         arrays |= {f"single_{name}": single, f"batch_{name}": batched}
-        found[name] = summarise(single, batched) | {"engine": engine}
+        figures[name] = summarise(single, batched) | {"engine": engine}
         if options.cold:
             cold = arrays[f"cold_{name}"] = time_cold(answer, points, options.cold)
-            found[name]["cold_p50_us"] = float(np.median(cold) * 1e6)
+            figures[name]["cold_p50_us"] = float(np.median(cold) * 1e6)
         report.update(index + 1)
     for path in natives:
-        own, told = time_native(NativeField(path), points, options)
-        arrays |= {f"{way}_{path.stem}": seconds for way, seconds in own.items()}
-        found.setdefault(path.stem, {}).update(told)
-    return arrays, TimingRecord(fields=found, machine=describe()).attributes()
+        seconds_of, told = time_native(NativeField(path), points, options)
+        arrays |= {f"{way}_{path.stem}": seconds for way, seconds in seconds_of.items()}
+        figures.setdefault(path.stem, {}).update(told)
+    return arrays, TimingRecord(fields=figures, machine=describe()).attributes()
 
 
 def time_native(field, points, options):
@@ -105,7 +105,7 @@ def time_native(field, points, options):
     return arrays, figures
 
 
-def time_program(path, mesh, points, options, found, log):
+def time_program(path, mesh, points, options, figures, log):
     """Time a network as the paper does, from a C++ program on LibTorch.
 
     Parameters
@@ -114,7 +114,7 @@ def time_program(path, mesh, points, options, found, log):
         ``{field}.pt2``, its ``.onnx`` beside it.
     mesh, points, options
         As for `time_fields`.
-    found : dict
+    figures : dict
         The figures of all fields: percentiles ``libtorch_…_us`` are added to the field's.
     log : callable
 
@@ -140,7 +140,7 @@ def time_program(path, mesh, points, options, found, log):
             f"{2 * FORCE:.3g}; please report it, and set timing.libtorch to false"
         )
     times = _percentiles("libtorch", seconds)
-    found[name] |= times
+    figures[name] |= times
     median = times["libtorch_p50_us"]
     log(f"{name}: {median:.1f} µs per query in LibTorch; force as ONNX, {off:.1e}")
     return {f"libtorch_{name}": seconds}
@@ -211,8 +211,8 @@ def time_cold(answer, points, queries):
 
 def summarise(single, batched):
     """Return the figures of `time_queries` in microseconds per query."""
-    found = _percentiles("one", single)
-    return found | ({"batch_us": float(np.median(batched) * 1e6)} if len(batched) else {})
+    figures = _percentiles("one", single)
+    return figures | ({"batch_us": float(np.median(batched) * 1e6)} if len(batched) else {})
 
 
 def _percentiles(way, seconds):

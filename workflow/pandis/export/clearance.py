@@ -45,20 +45,20 @@ def clearance(answer, engine, seed=0):
     near = box + (height - far)[:, None] * direction
     near = near[(np.abs(near) <= 1).all(axis=1)]
     exact = np.concatenate([far, engine.distance_and_normal(near, check=False)[0]])
-    found, flag = answer(np.concatenate([box, near]))
+    distance, flag = answer(np.concatenate([box, near]))
     every = np.concatenate([box, near])
 
     def measure(points, known=None):
         """Return by what each margin is passed at points: three columns (n, 3)."""
-        exact, found, flag = known or (
+        exact, distance, flag = known or (
             engine.distance_and_normal(points, check=False)[0],
             *answer(points),
         )
-        free = (exact > 0) & np.isfinite(found)
-        off = [np.where(free & (flag == kind), found - exact, 0.0) for kind in (OK, BOUND)]
-        return np.column_stack([np.where(free & (found < 0), exact, 0.0), *off])
+        free = (exact > 0) & np.isfinite(distance)
+        off = [np.where(free & (flag == kind), distance - exact, 0.0) for kind in (OK, BOUND)]
+        return np.column_stack([np.where(free & (distance < 0), exact, 0.0), *off])
 
-    excess = measure(every, (exact, found, flag))
+    excess = measure(every, (exact, distance, flag))
     ghost, *over = (_worst(measure, every, column, index, rng)
                     for index, column in enumerate(excess.T))  # fmt: skip
     return np.array([*engine.bounds.ravel(), *(MORE * (ghost + most) + ROUNDING for most in over)])
@@ -73,11 +73,11 @@ def _worst(measure, points, excess, index, rng):
     for _ in range(_ROUNDS):
         tries = best[:, None] + rng.normal(0, reach, (len(best), _TRIES, 3))
         tries = np.clip(tries, -1, 1)
-        found = measure(tries.reshape(-1, 3))[:, index].reshape(len(best), _TRIES)
-        pick = found.argmax(axis=1)
+        reached = measure(tries.reshape(-1, 3))[:, index].reshape(len(best), _TRIES)
+        pick = reached.argmax(axis=1)
         each = np.arange(len(best))
-        better = found[each, pick] > value
+        better = reached[each, pick] > value
         best = np.where(better[:, None], tries[each, pick], best)
-        value = np.where(better, found[each, pick], value)
+        value = np.where(better, reached[each, pick], value)
         reach *= _NEARER
     return float(value.max())

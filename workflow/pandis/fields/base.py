@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pandis.geometry.arrays import Points, Values
 from pandis.geometry.frame import Frame
 
 #: Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field
@@ -54,7 +55,7 @@ class Field:
     def __init__(self, name, frame, size):
         self.name, self.frame, self.bytes = name, frame, size
 
-    def distance_and_normal(self, points):
+    def distance_and_normal(self, points: Points):
         """Answer in mesh units.
 
         Parameters
@@ -102,7 +103,7 @@ class Field:
         raise TypeError(f"{type(self).__name__} must implement answer()")
 
 
-def clamp_to_box(points, low=-1.0, high=1.0):
+def clamp_to_box(points: Points, low=-1.0, high=1.0) -> tuple[Points, Values]:
     """Move points into a box: [-1, 1]³, or the one between two corners.
 
     Returns
@@ -118,7 +119,7 @@ def clamp_to_box(points, low=-1.0, high=1.0):
         return clamped, np.linalg.norm(points - clamped, axis=1)
 
 
-def normalise(vectors):
+def normalise(vectors: Points) -> Points:
     """Scale vectors (n, 3) to unit length; a zero vector becomes +z."""
     with np.errstate(invalid="ignore"):  # NaN stays NaN
         length = np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -11,7 +11,6 @@ import numpy as np
 from pandis.errors import PandisError
 from pandis.fields.base import Field, clamp_to_box, normalise
 from pandis.fields.grid import GridField, trilinear
-from pandis.geometry.body import Body
 from pandis.geometry.frame import Frame
 from pandis.grids.axes import Axes
 
@@ -80,7 +79,7 @@ class AlgebraicField(Field):
     """Reading V of x² + y² + z² - 1: a potential that is no distance. For the unit sphere alone."""
 
     def __init__(self, name, mesh):
-        if Body.open(mesh).shape != "sphere":
+        if mesh.attributes.get("shape") != "sphere":
             raise PandisError(
                 f"{name}: only a sphere has this potential (x² + y² + z² - 1); use kim-N for meshes"
             )

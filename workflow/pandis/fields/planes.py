@@ -22,9 +22,9 @@ class PlanesField(Field):
     """
 
     def __init__(self, name, artifact):
-        held = {key: value.astype(np.float64) for key, value in artifact.arrays.items()}
+        arrays = {key: value.astype(np.float64) for key, value in artifact.arrays.items()}
         self.normals, self.offsets, self.radius = (
-            held[k] for k in ("normals", "offsets", "radius")
+            arrays[k] for k in ("normals", "offsets", "radius")
         )
         self.axes = plane_axes(self.normals)
         self.maps = artifact.arrays["maps"] if name != "support-planes-only" else None

@@ -55,16 +55,16 @@ def open_fields(names, mesh, files):
     files = list(files)
     exported = {file.stem: file for file in files if isinstance(file, Path)}
     artifacts = [file for file in files if not isinstance(file, Path)]
-    held = {artifact.path.name.removesuffix(".zarr.zip"): artifact for artifact in artifacts}
-    held["mesh"] = mesh
-    recipes = [stem.removeprefix("model-") for stem in held if stem.startswith("model-")]
+    by_stem = {artifact.path.name.removesuffix(".zarr.zip"): artifact for artifact in artifacts}
+    by_stem["mesh"] = mesh
+    recipes = [stem.removeprefix("model-") for stem in by_stem if stem.startswith("model-")]
     body = Body.open(mesh)
 
     def opened(name):
         if name in exported:
             return ExportedField(name, exported[name])
         spec = parse_field(name, recipes)
-        return open_field(spec, held[spec.artifact])
+        return open_field(spec, by_stem[spec.artifact])
 
     return Fields(map(opened, names), body, ExactField("exact", body))
 

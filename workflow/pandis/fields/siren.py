@@ -32,8 +32,8 @@ def load_layers(artifact):
 
 def load_base(artifact):
     """Return the `BaseSpline` that the network of a model artifact adds to, or None."""
-    held = artifact.arrays.get("base")
-    return None if held is None else BaseSpline(held)
+    coefficients = artifact.arrays.get("base")
+    return None if coefficients is None else BaseSpline(coefficients)
 
 
 class SirenField(Field):

@@ -63,9 +63,9 @@ class Grids:
     @cached_property
     def _splines(self):
         # a search over sizes draws once, for the largest
-        own = self.points
+        points = self.points
         samples = samples_for(budget=self.largest)
-        return SplineFit(own.engine, own.surface, self.band, own.seed, samples)
+        return SplineFit(points.engine, points.surface, self.band, points.seed, samples)
 
     def make(self, kind, size):
         """Return the `Candidate` of a kind and size; None if the size is too small for the band.
@@ -87,8 +87,8 @@ class Grids:
             grid = DenseGrid(engine, content, size, self.band, self.progress)
             arrays = {"values": np.concatenate(list(grid.slabs(32)))}
             attributes = grid.attributes()
-        held = Artifact(None, "grid", arrays, attributes | self.frame.attributes(), {}, "")
-        return Candidate(GRID_OPENERS[kind](kind, held), arrays, attributes)
+        artifact = Artifact(None, "grid", arrays, attributes | self.frame.attributes(), {}, "")
+        return Candidate(GRID_OPENERS[kind](kind, artifact), arrays, attributes)
 
 
 def grid_bytes(kind, size):
@@ -143,30 +143,30 @@ class Sizing:
         """
         budget = self.options.bytes
         if budget is not None:
-            made = self._largest_within(budget)
-            tried = [(self._size_of(made, budget), self.points.measure(made.force))]
+            candidate = self._largest_within(budget)
+            tried = [(self._size_of(candidate, budget), self.points.measure(candidate.force))]
         else:
-            made, tried = self._smallest()
+            candidate, tried = self._smallest()
         asked = self.options.model_dump(include={"force_error", "tail", "missed", "bytes"})
-        found = tried[-1][1].figures
-        self.log(f"{self.kind}-auto: {self.points.told(found)}")
+        figures = tried[-1][1].figures
+        self.log(f"{self.kind}-auto: {self.points.told(figures)}")
         sizing = {
             "asked": asked,
             "tried": [{"size": s, "force_error": m.figures["mean"]} for s, m in tried],
-            "held_out_error": found["mean"],
-            "held_out": found,
+            "held_out_error": figures["mean"],
+            "held_out": figures,
         }
-        return made.arrays, made.attributes | {"sizing": sizing}
+        return candidate.arrays, candidate.attributes | {"sizing": sizing}
 
-    def _size_of(self, made, budget):
-        return budget if self.kind == "spline" else len(made.arrays["values"])
+    def _size_of(self, candidate, budget):
+        return budget if self.kind == "spline" else len(candidate.arrays["values"])
 
     def _largest_within(self, budget):
         if self.kind == "spline":
-            made = self.grids.make("spline", budget)
-            if made is None:
+            candidate = self.grids.make("spline", budget)
+            if candidate is None:
                 raise PandisError(f"{self.what}: no spline of {budget:,} bytes covers the band")
-            return made
+            return candidate
         fitting = [size for size in range(2, 513) if grid_bytes(self.kind, size) <= budget]
         if not fitting:
             raise PandisError(f"{self.what}: no grid fits into {budget:,} bytes")
@@ -178,15 +178,15 @@ class Sizing:
         for size in SPLINE_BYTES if self.kind == "spline" else SIZES:
             if any(hopeless(s, m.figures, limits, size, self.kind) for s, m in tried):
                 continue
-            made = self.grids.make(self.kind, size)
-            if made is None:
+            candidate = self.grids.make(self.kind, size)
+            if candidate is None:
                 self.log(f"{self.kind} of size {size:,}: does not cover the band")
                 continue
-            measured = self.points.measure(made.force, limits)
+            measured = self.points.measure(candidate.force, limits)
             tried.append((size, measured))
             self.log(f"{self.kind} of size {size:,}: {self.points.told(measured.figures)}")
             if not measured.why:
-                return made, tried
+                return candidate, tried
         if not tried:
             raise PandisError(f"{self.what}: no size that is tried could come near what is asked")
         size, best = min(tried, key=lambda one: one[1].excess)

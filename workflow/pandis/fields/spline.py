@@ -41,9 +41,9 @@ class SplineField(Field):
         count = block_count(coarse.size)
         self.outside = np.unpackbits(arrays["outside"], count=count**3).reshape((count,) * 3)
         self.side_bits = arrays["outside"]
-        held = [*(part.nbytes for part in self.stored), self.side_bits.nbytes]
-        held += [level.index_bytes for level in self.levels]
-        super().__init__(name, Frame.of(artifact), sum(held))
+        sizes = [*(part.nbytes for part in self.stored), self.side_bits.nbytes]
+        sizes += [level.index_bytes for level in self.levels]
+        super().__init__(name, Frame.of(artifact), sum(sizes))
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
@@ -93,13 +93,13 @@ class SplineField(Field):
         lift = np.minimum(_LIFT / self._base.per_step, -value[some])
         lift *= missing * missing * (3 - 2 * missing)
         up = points[some] + lift[:, None] * down
-        found, normal = np.zeros(len(some)), np.zeros((len(some), 3))
-        covered = self.levels[0].add(up, found, normal) == 2
-        self.levels[1].add(up, found, normal)
+        distance, normal = np.zeros(len(some)), np.zeros((len(some), 3))
+        covered = self.levels[0].add(up, distance, normal) == 2
+        self.levels[1].add(up, distance, normal)
         covered &= (normal != 0).any(axis=1)
         normal = normalise(normal)
-        found -= lift * np.einsum("nk,nk->n", down, normal)
-        value[some[covered]] = found[covered]
+        distance -= lift * np.einsum("nk,nk->n", down, normal)
+        value[some[covered]] = distance[covered]
         gradient[some[covered]] = normal[covered]
 
     def bound(self, points):

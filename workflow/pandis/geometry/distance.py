@@ -13,6 +13,7 @@ of it is the formula.
 import numpy as np
 
 from pandis.errors import PandisError
+from pandis.geometry.arrays import Flags, Points
 from pandis.native.bvh import INVALID, ON_SURFACE, TIED, Bvh, Labels
 
 #: Closer than this (unit frame) the quotient (q - c) / d has lost too many digits.
@@ -47,7 +48,7 @@ class MeshDistance:
         self._tree = Bvh(self.vertices, self.faces)
         self._asked = 0
 
-    def label(self, points, ties=True, check=True):
+    def label(self, points: Points, ties=True, check=True):
         """Answer everything there is to know at points.
 
         Parameters
@@ -83,7 +84,7 @@ class MeshDistance:
             )
         return labels
 
-    def distance_and_normal(self, points, progress=None, check=True):
+    def distance_and_normal(self, points: Points, progress=None, check=True):
         """Answer the signed distance and the direction of steepest increase.
 
         Parameters
@@ -130,11 +131,11 @@ class MeshDistance:
         """Lowest and highest corner (2, 3) of the box around the surface."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
-    def scan(self, points):
+    def scan(self, points: Points):
         """Answer distance (n,) and normal (n, 3) by looking at every face: brute force."""
         return self._tree.scan(points)
 
-    def inside(self, points):
+    def inside(self, points: Points) -> Flags:
         """Tell which points (n, 3) lie inside; none that is no finite number does."""
         return self._tree.inside(points)
 
@@ -152,7 +153,7 @@ class ShapeDistance:
     def __init__(self, shape, frame):
         self.shape, self.frame = shape, frame
 
-    def label(self, points, ties=True, check=True):
+    def label(self, points: Points, ties=True, check=True):
         """Answer as `MeshDistance.label` does; a formula has no faces.
 
         Points next to which the direction turns by more than `TIE_ANGLE` within
@@ -176,7 +177,7 @@ class ShapeDistance:
         nowhere = np.full(len(points), -1, np.int32), np.full((len(points), 3), np.nan)
         return Labels(distance, normal, *nowhere, flags)
 
-    def distance_and_normal(self, points, progress=None, check=True):
+    def distance_and_normal(self, points: Points, progress=None, check=True):
         """Answer as `MeshDistance.distance_and_normal` does."""
         del progress, check  # a formula takes no time, and has but one sign
         points = np.asarray(points, np.float64)
@@ -195,6 +196,6 @@ class ShapeDistance:
         half = np.array(self.shape.half_extent, np.float64)
         return self.frame.to_unit(np.stack([-half, half]))
 
-    def inside(self, points):
+    def inside(self, points: Points) -> Flags:
         """Tell which points (n, 3) lie inside."""
         return self.distance_and_normal(points)[0] < 0

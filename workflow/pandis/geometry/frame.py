@@ -35,14 +35,14 @@ class Frame(NamedTuple):
 
     def attributes(self):
         """Return the frame as it stands among the attributes of an artifact."""
-        own = {"centre": list(self.centre), "scale": self.scale, "unit_side": UNIT_SIDE}
-        return {"frame": own}
+        frame = {"centre": list(self.centre), "scale": self.scale, "unit_side": UNIT_SIDE}
+        return {"frame": frame}
 
     @classmethod
     def of(cls, artifact):
         """Return the frame of a `pandis.run.artifact.Artifact`."""
-        own = artifact.attributes["frame"]
-        return cls(tuple(own["centre"]), own["scale"])
+        frame = artifact.attributes["frame"]
+        return cls(tuple(frame["centre"]), frame["scale"])
 
     @classmethod
     def of_bounds(cls, low, high):

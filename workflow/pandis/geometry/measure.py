@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.forces import penalty_force
+from pandis.geometry.arrays import Flags, Points, Values
 from pandis.geometry.sampling import PROBE_DEPTHS, blue_noise
 from pandis.geometry.thickness import inscribed_radius
 
@@ -117,7 +118,7 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
     return ContactSet(sets, full, float(1 - kept.mean()), scale.newtons)
 
 
-def below(engine, feet, outward, depth):
+def below(engine, feet: Points, outward: Points, depth: Values):
     """Return the `Probes` at depths (n,) below surface points (n, 3)."""
     points = feet - depth[:, None] * outward
     return Probes(points, *engine.distance_and_normal(points, check=False))
@@ -197,7 +198,7 @@ def promise(force_at, contacts):
     return figures, upper
 
 
-def missing(force, exact, newtons):
+def missing(force: Points, exact: Points, newtons) -> Flags:
     """Tell where a force is missing (n,): less than half of the exact one, and by 0.05 N.
 
     Parameters
@@ -212,7 +213,7 @@ def missing(force, exact, newtons):
     return ~(against >= MISSING * size) & ~(against > size - JUDGED / newtons)
 
 
-def felt(force, exact, newtons):
+def felt(force: Points, exact: Points, newtons) -> Flags:
     """Tell where a difference of forces can be felt (n,); parameters as for `missing`."""
     size = np.linalg.norm(exact, axis=1)
     off = np.linalg.norm(force - exact, axis=1)
@@ -222,7 +223,7 @@ def felt(force, exact, newtons):
     return ~(off <= np.maximum(FELT_SHARE * size, FELT_NEWTONS / newtons)) | turned
 
 
-def shares(force, exact, newtons, weight=None):
+def shares(force: Points, exact: Points, newtons, weight: Values | None = None):
     """Count by share of area where a force is missing, and where it feels different.
 
     Parameters
@@ -243,11 +244,11 @@ def shares(force, exact, newtons, weight=None):
     weight = np.ones(len(exact)) if weight is None else weight
     judged = np.linalg.norm(exact, axis=1) * newtons >= JUDGED
     total = weight[judged].sum()
-    found = {"judged": float(total / weight.sum()) if len(exact) else 0.0}
+    figures = {"judged": float(total / weight.sum()) if len(exact) else 0.0}
     for name, tell in (("missing", missing), ("felt", felt)):
         told = tell(force[judged], exact[judged], newtons)
-        found[name] = float(weight[judged][told].sum() / total) if total else 1.0
-    return found
+        figures[name] = float(weight[judged][told].sum() / total) if total else 1.0
+    return figures
 
 
 class Stratified(NamedTuple):
@@ -297,9 +298,9 @@ def stratify(surface, engine, scale, count, rng):
     order = judged[np.argsort(radius[judged], kind="stable")]
     each, picks, weights = max(count // (len(_CLASSES) - 1), 1), [], []
     for low, high in pairwise(_CLASSES):
-        own = order[round(low * len(order)) : round(high * len(order))]
-        if len(own):
-            pick = own[np.unique(np.linspace(0, len(own) - 1, each).astype(int))]
+        members = order[round(low * len(order)) : round(high * len(order))]
+        if len(members):
+            pick = members[np.unique(np.linspace(0, len(members) - 1, each).astype(int))]
             picks.append(pick)
             weights.append(np.full(len(pick), (high - low) / len(pick)))
     pick, weight = np.concatenate(picks), np.concatenate(weights)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pandis.errors import PandisError
+from pandis.geometry.arrays import Points, Values
 
 _TINY = 1e-300
 
@@ -26,7 +27,7 @@ class Sphere:
         """Half the sides of the bounding box."""
         return np.full(3, self.radius)
 
-    def distance_and_normal(self, points):
+    def distance_and_normal(self, points: Points) -> tuple[Values, Points]:
         """Return signed distance (n,) and unit normal (n, 3) at points (n, 3)."""
         distance = np.linalg.norm(points, axis=1) - self.radius
         return distance, _unit(points, [0.0, 0.0, 1.0])
@@ -48,7 +49,7 @@ class Torus:
         """Half the sides of the bounding box."""
         return np.array([self.ring + self.tube, self.ring + self.tube, self.tube])
 
-    def distance_and_normal(self, points):
+    def distance_and_normal(self, points: Points) -> tuple[Values, Points]:
         """Return signed distance (n,) and unit normal (n, 3) at points (n, 3)."""
         flat = points * [1.0, 1.0, 0.0]
         centre = self.ring * _unit(flat, [1.0, 0.0, 0.0])
@@ -82,7 +83,7 @@ class Box:
         """Half the sides of the bounding box."""
         return np.array(self.half)
 
-    def distance_and_normal(self, points):
+    def distance_and_normal(self, points: Points) -> tuple[Values, Points]:
         """Return signed distance (n,) and unit normal (n, 3) at points (n, 3)."""
         excess = np.abs(points) - self.half
         out = np.maximum(excess, 0)
@@ -118,7 +119,7 @@ class Capsule:
         """Half the sides of the bounding box."""
         return np.array([self.radius, self.radius, self.half_length + self.radius])
 
-    def distance_and_normal(self, points):
+    def distance_and_normal(self, points: Points) -> tuple[Values, Points]:
         """Return signed distance (n,) and unit normal (n, 3) at points (n, 3)."""
         axis = np.clip(points[:, 2], -self.half_length, self.half_length)
         offset = points - axis[:, None] * [0.0, 0.0, 1.0]

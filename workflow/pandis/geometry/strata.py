@@ -138,8 +138,8 @@ class Strata:
             count = round(size * (high - low) / trained)
             if name != "held-out" and count:
                 rng = generator(self.seed, len(STRATA) + index, block)
-                found = self._label(index, *self._draw(name, rng, 0, count, count), ties=False)
-                columns = [found[k] for k in ("points", "distance", "normal")]
+                labelled = self._label(index, *self._draw(name, rng, 0, count, count), ties=False)
+                columns = [labelled[k] for k in ("points", "distance", "normal")]
                 parts.append(np.column_stack(columns).astype(np.float32))
         return np.concatenate(parts)
 

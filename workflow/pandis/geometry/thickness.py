@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pandis.geometry.arrays import Points, Values
 from pandis.geometry.frame import UNIT_SIDE
 
 #: A ball touches its own point if the surface is no nearer to its centre than this (unit frame).
@@ -10,7 +11,7 @@ _SAME = 1e-6
 _STEPS = 60
 
 
-def inscribed_radius(engine, points, normals, largest=UNIT_SIDE / 2):
+def inscribed_radius(engine, points: Points, normals: Points, largest=UNIT_SIDE / 2) -> Values:
     """Return the radius (n,) of the largest ball inside that touches each surface point.
 
     From there on another wall is nearer: half the thickness of a plate, and the depth at which

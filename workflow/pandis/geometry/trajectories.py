@@ -50,18 +50,18 @@ def trace(surface, engine, options, seed, progress):
     """
     if options.kind == "spiral":
         return _spiral(engine, options.samples), {"followed": ""}
-    found = _walk(surface, engine, options, seed, progress, follow=False)
-    if found is not None:
-        return found, {"followed": ""}
-    found = _walk(surface, engine, options, seed, progress, follow=True)
-    if found is None:
+    path = _walk(surface, engine, options, seed, progress, follow=False)
+    if path is not None:
+        return path, {"followed": ""}
+    path = _walk(surface, engine, options, seed, progress, follow=True)
+    if path is None:
         raise PandisError(
             "there is no way over the mesh for the probe's path, at any depth: its parts are "
             f"smaller than a step of it; reduce trajectory.step (now {options.step:g} of the "
             "unit frame)"
         )
-    deepest = -found["distance"].min()
-    return found, {
+    deepest = -path["distance"].min()
+    return path, {
         "followed": f"its parts are too thin for the depths of {options.shallow:g} to "
         f"{options.deep:g} that were asked for, so that the path follows their thickness and "
         f"is at most {deepest:.2g} deep"
@@ -125,16 +125,16 @@ class _Tracer:
         """Bring a point to the depth; None if it ends elsewhere, turned or too far away."""
         start, now = point, normal
         for _ in range(6):
-            distance, found = self.engine.distance_and_normal(point[None])
-            error, now = distance[0] + depth, found[0]
+            distance, direction = self.engine.distance_and_normal(point[None])
+            error, now = distance[0] + depth, direction[0]
             if abs(error) < 1e-3 * depth:
                 break
             point = point - error * now
-        distance, found = self.engine.distance_and_normal(point[None])
+        distance, direction = self.engine.distance_and_normal(point[None])
         well = abs(distance[0] + depth) < 0.02 * depth and distance[0] < 0
         near = np.linalg.norm(point - start) < 3 * reach
-        same_side = found[0] @ normal > 0.0
-        return (point, distance[0], found[0]) if well and near and same_side else None
+        same_side = direction[0] @ normal > 0.0
+        return (point, distance[0], direction[0]) if well and near and same_side else None
 
     def _step(self, point, normal, heading, depth):
         """Take one step along the surface, at a depth that the part allows where it leads."""

@@ -55,8 +55,8 @@ class DenseGrid:
 
     def __init__(self, engine, content, size, band, progress):
         self.content, self.size, self.band = content.removesuffix(BOX), size, Band(*band)
-        own = content.endswith(BOX)
-        self.axes = Axes.of_bounds(size, engine) if own else Axes.of_cube(size)
+        boxed = content.endswith(BOX)
+        self.axes = Axes.of_bounds(size, engine) if boxed else Axes.of_cube(size)
         cells, signs = find_cells(engine, size, self.band, self.axes.low, self.axes.step)
         needed = needed_nodes(cells, size, REACH[self.content])
         self.inside = _inside_nodes(signs)

@@ -6,6 +6,7 @@ here; on a shape that is not convex they see the outermost surface only.
 """
 
 import numpy as np
+from trimesh.creation import icosphere
 
 SUBDIVISIONS = 3
 #: Pixels per axis of a map.
@@ -14,36 +15,6 @@ SIZE = 64
 _HIT, _STEPS = 1e-6, 96
 #: Rays start so far above their plane: a tessellation touches it from below.
 _ABOVE = 1e-3
-
-
-def icosphere(subdivisions):
-    """Return the corners (10·4^s + 2, 3) of a subdivided icosahedron, unit length."""
-    golden = (1 + 5**0.5) / 2
-    corners = [(0, a, b * golden) for a in (-1, 1) for b in (-1, 1)]
-    vertices = np.array([np.roll(c, k) for c in corners for k in range(3)], float)
-    near = np.linalg.norm(vertices[:, None] - vertices, axis=2) < 2.1
-    faces = [
-        (i, j, k)
-        for i in range(12) for j in range(i + 1, 12) for k in range(j + 1, 12)
-        if near[i, j] and near[j, k] and near[i, k]
-    ]  # fmt: skip
-    vertices = list(vertices / np.linalg.norm(vertices[0]))
-    for _ in range(subdivisions):
-        middles, finer = {}, []
-
-        def middle(a, b, middles=middles):
-            key = min(a, b), max(a, b)
-            if key not in middles:
-                point = vertices[a] + vertices[b]
-                middles[key] = len(vertices)
-                vertices.append(point / np.linalg.norm(point))
-            return middles[key]
-
-        for a, b, c in faces:
-            ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
-            finer += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
-        faces = finer
-    return np.array(vertices)
 
 
 def plane_axes(normals):
@@ -73,7 +44,7 @@ def build_planes(vertices, engine, progress):
         `plane_axes`; ``radius`` (). All float32. Where a ray meets nothing the depth is that of
         the far side.
     """
-    normals = icosphere(SUBDIVISIONS)
+    normals = np.array(icosphere(SUBDIVISIONS).vertices)
     offsets = np.concatenate([(part @ vertices.T).max(1) for part in np.array_split(normals, 20)])
     radius = float(np.linalg.norm(vertices, axis=1).max())
     axis = np.linspace(-radius, radius, SIZE)

@@ -96,8 +96,8 @@ class SplineFit:
         depth = -distance[inside] / _TURNS
         # as much deeper along the same way: if that is nearer to another wall, it turns here
         further = points[inside] + (depth + distance[inside])[:, None] * -normal[inside]
-        found = self.engine.distance_and_normal(further, check=False)[0]
-        return inside[-found < depth * (1 - 1e-6)]
+        deeper = self.engine.distance_and_normal(further, check=False)[0]
+        return inside[-deeper < depth * (1 - 1e-6)]
 
     def choose_size(self, budget):
         """Return the finest size of which the worthwhile blocks fit into ``budget`` bytes."""

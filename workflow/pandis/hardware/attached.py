@@ -48,7 +48,7 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
     spec : pandis.hardware.devices.Specification
     pressed : pandis.run.records.hardware.Pressed or None
         Of this field, mesh and device.
-    walls : pandis.run.records.hardware.WallsFound or None
+    walls : pandis.run.records.hardware.WallVerdict or None
     sound : bool
         The file has its field's forces, and computes them in time.
 
@@ -91,7 +91,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     arrays : dict of str to ndarray
         Per tick, in the device's workspace: ``position`` (m), ``force`` (N), ``taken`` and
         ``since`` (s).
-    found : pandis.run.records.hardware.AttachedRun
+    record : pandis.run.records.hardware.AttachedRun
     """
     spec = DEVICES[options.model]
     # the device's scheduler has a rate of its own
@@ -114,7 +114,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
         model=session.model or spec.title, why=session.sentence, refused=refused
     )
     late = session.since - period
-    found = AttachedRun(
+    record = AttachedRun(
         statement=statement + _reach(session, scale.size),
         hardware=not session.stand_in and touched and session.cause == DONE,
         stand_in=session.stand_in,
@@ -142,7 +142,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
         "taken": session.taken,
         "since": session.since,
     }
-    return arrays, found
+    return arrays, record
 
 
 def _statement(session, armed, consent, touched):

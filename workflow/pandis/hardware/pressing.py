@@ -216,8 +216,8 @@ class _Rig:
         told = []
         for run, (_, _, radius, _) in zip(self.presses(stiffness), self.picked, strict=True):
             touched = bool(run.force.any())
-            held = self.strength(stiffness, radius) <= _STUCK * self.spec.friction
-            if touched or not held or run.armed_at < 0:
+            carried = self.strength(stiffness, radius) <= _STUCK * self.spec.friction
+            if touched or not carried or run.armed_at < 0:
                 told.append(touched and self.is_quiet(run))
         return float(np.mean(told)) if told else 1.0
 

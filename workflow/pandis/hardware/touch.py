@@ -63,19 +63,19 @@ def known(path, model, size):
         report = HardwareRecord.model_validate_json(verdict.read_bytes())
     except ValidationError:
         return None, None, f"{verdict} is not a report of this version: run the hardware stage"
-    found = report.fields.get(path.stem)
-    if found is None or found.sha256 != digest(path):
+    validated = report.fields.get(path.stem)
+    if validated is None or validated.sha256 != digest(path):
         return None, None, f"{verdict} is about another file: run the workflow's hardware stage"
     if abs(report.size / size - 1) > 1e-6:
         return None, None, f"{verdict} is about a longest side of {report.size:g} m: use --size"
     if report.rate != DEVICES[model].rate:
         return None, None, f"{verdict} is about {report.rate:g} Hz, this device about another"
-    if not (found.agrees and found.in_time):
-        return None, None, f"{verdict} says: {found.sentence}"
-    pressed = found.devices.get(model)
+    if not (validated.agrees and validated.in_time):
+        return None, None, f"{verdict} says: {validated.sentence}"
+    pressed = validated.devices.get(model)
     if pressed is None:
         return None, None, f"{verdict} knows no {model}: add it to hardware.devices"
-    return pressed, found.walls, ""
+    return pressed, validated.walls, ""
 
 
 def touch_simulated(field, model, size, stiffness, seconds):
@@ -141,9 +141,9 @@ def main(words=None):
     )
     span = Span(given.seconds, HardwareOptions().deadline)
     scale = Scale(given.size, given.stiffness)
-    _, found = run_attached(field, scale, options, span, pressed, walls)
-    print(found.statement)
-    print(f"It ended so: {found.ended}; at most {found.strongest_n:.2f} N.")
+    _, run = run_attached(field, scale, options, span, pressed, walls)
+    print(run.statement)
+    print(f"It ended so: {run.ended}; at most {run.strongest_n:.2f} N.")
     return 0
 
 

@@ -84,9 +84,9 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         name = path.stem
         reference = evaluation.arrays[f"force_{name}"]
         field = NativeField(path)
-        found = compare(unit_force(field, frame), walls)
-        ticks, servo = validate(field, frame, points, reference, found, options)
-        devices, attached = press_devices(field, surface, found, options), None
+        lacks = compare(unit_force(field, frame), walls)
+        ticks, servo = validate(field, frame, points, reference, lacks, options)
+        devices, attached = press_devices(field, surface, lacks, options), None
         if options.attached:
             more, attached = _attached(field, surface, servo, devices, options)
             ticks |= {f"device_{key}": values for key, values in more.items()}
@@ -145,7 +145,7 @@ def unit_force(field, frame):
 def press_devices(field, surface, walls, options):
     """Press every simulated device that is asked for onto a field's object.
 
-    ``walls`` is a `pandis.run.records.hardware.WallsFound`.
+    ``walls`` is a `pandis.run.records.hardware.WallVerdict`.
 
     Returns
     -------
@@ -153,18 +153,18 @@ def press_devices(field, surface, walls, options):
         By the device's name.
     """
     hand, stiffness = Hand(**dict(options.hand)), options.stiffness
-    found = {}
+    verdicts = {}
     for name in options.devices:
-        own = press(field, DEVICES[name], surface, options.size, stiffness, hand, options.rate)
-        found[name] = DeviceVerdict(
-            **dict(own),
+        pressed = press(field, DEVICES[name], surface, options.size, stiffness, hand, options.rate)
+        verdicts[name] = DeviceVerdict(
+            **dict(pressed),
             device=name,
             pressed_missing=walls.pressed_missing,
             holds=walls.holds,
-            verdict=judge(own, walls),
-            sentence=device_sentence(name, own, walls),
+            verdict=judge(pressed, walls),
+            sentence=device_sentence(name, pressed, walls),
         )
-    return found
+    return verdicts
 
 
 def validate(field, frame, points, reference, walls, options):
@@ -179,7 +179,7 @@ def validate(field, frame, points, reference, walls, options):
     reference : ndarray, shape (m, 3)
         The force that was evaluated there, of the same file (unit frame, k = 1); export has
         compared that file with the library.
-    walls : pandis.run.records.hardware.WallsFound
+    walls : pandis.run.records.hardware.WallVerdict
     options : pandis.run.options.HardwareOptions
 
     Returns

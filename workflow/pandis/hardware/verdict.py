@@ -39,7 +39,7 @@ def device_sentence(name, pressed, walls):
     name : str
         A key of `pandis.hardware.devices.DEVICES`.
     pressed : pandis.run.records.hardware.Pressed
-    walls : pandis.run.records.hardware.WallsFound
+    walls : pandis.run.records.hardware.WallVerdict
     """
     device = DEVICES[name]
     faults = []

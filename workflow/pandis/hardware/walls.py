@@ -17,7 +17,7 @@ from pandis.geometry.measure import (
     stratify,
 )
 from pandis.geometry.sampling import PROBE_DEPTHS
-from pandis.run.records.hardware import WallsFound
+from pandis.run.records.hardware import WallVerdict
 from pandis.streams import WALLS, generator
 
 #: Surface points that forces are compared at; and that a simulated device presses on.
@@ -75,7 +75,7 @@ def open_walls(exact, surface, scale, seed):
     walls = Walls(*drawn, scale)
     tried = {c.name: compare(force_of(c), walls)
              for c in controls(exact, surface, scale)}  # fmt: skip
-    demand_failure("the hardware verdict", (n for n, found in tried.items() if found.holds))
+    demand_failure("the hardware verdict", (n for n, compared in tried.items() if compared.holds))
     return walls
 
 
@@ -90,16 +90,17 @@ def compare(force_at, walls):
 
     Returns
     -------
-    WallsFound
+    WallVerdict
     """
     newtons = walls.scale.newtons
-    found = shares(force_at(walls.probes.points), walls.probes.force, newtons, walls.places.weight)
+    force = force_at(walls.probes.points)
+    figures = shares(force, walls.probes.force, newtons, walls.places.weight)
     exact = walls.pressed_probes.force
     judged = np.linalg.norm(exact, axis=1) * newtons >= JUDGED
     gone = judged & missing(force_at(walls.pressed_probes.points), exact, newtons)
-    return WallsFound(
-        **found,
+    return WallVerdict(
+        **figures,
         points=len(walls.places.feet),
         pressed_missing=int(gone.sum()),
-        holds=bool(found["missing"] <= MISSING_LIMIT and not gone.any()),
+        holds=bool(figures["missing"] <= MISSING_LIMIT and not gone.any()),
     )

@@ -64,7 +64,7 @@ def _closed_form(source, log):
     shape = find_shape(name)
     vertices, faces = shape.tessellation()
     frame = Frame.of_bounds(-shape.half_extent, shape.half_extent)
-    found = diagnose(vertices, faces)
+    diagnosis = diagnose(vertices, faces)
     # how far the flat faces lie from the true surface, at their centres
     off = np.abs(shape.distance_and_normal(vertices[faces].mean(axis=1))[0])
     distances = {
@@ -72,12 +72,12 @@ def _closed_form(source, log):
         "p99": float(np.percentile(off, 99)),
         "mean": float(off.mean()),
     }
-    log(f"{source}: {found.faces:,} faces, at most {off.max():.2g} from the closed form")
+    log(f"{source}: {diagnosis.faces:,} faces, at most {off.max():.2g} from the closed form")
     attributes = {
         "source": {"name": source, "unit": "unknown"},
-        "before": found.attributes(),
-        "faults_before": found.faults(),
-        "after": found.attributes(),
+        "before": diagnosis.attributes(),
+        "faults_before": diagnosis.faults(),
+        "after": diagnosis.attributes(),
         "rungs": [],
         "deviation": {
             "to_result": distances | {"hidden": 0.0},

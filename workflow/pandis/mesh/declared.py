@@ -44,10 +44,10 @@ def declared(path, form):
     """
     ask = {"obj": _obj, "ply": _ply, "stl": _stl, "off": _off, "glb": _glb, "gltf": _gltf}
     try:
-        found = ask[form](path.read_bytes()) if form in ask else None
+        says = ask[form](path.read_bytes()) if form in ask else None
     except (ValueError, KeyError, IndexError, TypeError, struct.error):
         return None  # malformed: the readers will say how
-    return found if found is None or found.triangles > 0 else None
+    return says if says is None or says.triangles > 0 else None
 
 
 def _obj(data):
@@ -59,9 +59,9 @@ def _obj(data):
 
 def _ply(data):
     header = data[: data.index(b"end_header")]
-    found = re.search(rb"^element face (\d+)", header, re.M)
+    match = re.search(rb"^element face (\d+)", header, re.M)
     # polygons: each is one triangle or more
-    return Declared(int(found[1]), exact=False) if found else None
+    return Declared(int(match[1]), exact=False) if match else None
 
 
 def _stl(data):
@@ -146,8 +146,8 @@ def declared_unit(path):
         data = gzip.decompress(data) if path.suffix == ".gz" else data
         with zipfile.ZipFile(io.BytesIO(data)) as package:
             model = next(name for name in package.namelist() if name.lower().endswith(".model"))
-            found = re.search(rb'<model[^>]*\bunit="(\w+)"', package.read(model))
+            match = re.search(rb'<model[^>]*\bunit="(\w+)"', package.read(model))
     except (OSError, zipfile.BadZipFile, StopIteration):
         return "unknown"
-    unit = found[1].decode() if found else "millimeter"  # the standard's default
+    unit = match[1].decode() if match else "millimeter"  # the standard's default
     return _UNITS.get(unit, unit)

@@ -6,6 +6,7 @@ import igl
 import igl.predicates
 import numpy as np
 
+from pandis.geometry.arrays import Faces, Vertices
 from pandis.mesh.nesting import must_turn, nesting_depth, signed_volumes
 from pandis.mesh.topology import (
     EdgeTable,
@@ -95,7 +96,7 @@ class Diagnosis:
 
     def faults(self):
         """Return the faults that make the mesh invalid, as one phrase."""
-        found = [
+        faults = [
             f"{getattr(self, key):,} {name}" for key, name in FAULTS.items() if getattr(self, key)
         ]
         if self.holes:
@@ -103,11 +104,11 @@ class Diagnosis:
             rim = f"{longest['length'] / self.diagonal:.3g} times the mesh's diagonal"
             several = len(self.holes) > 1
             count = f"{len(self.holes):,} holes, the longest" if several else "1 hole"
-            found.append(f"{count} with {longest['edges']} edges and a rim {rim}")
-        return ", ".join(found) or "none"
+            faults.append(f"{count} with {longest['edges']} edges and a rim {rim}")
+        return ", ".join(faults) or "none"
 
 
-def diagnose(vertices, faces):
+def diagnose(vertices: Vertices, faces: Faces):
     """Examine a mesh.
 
     Corners at the same place are counted, then taken as one vertex: the faults
@@ -162,14 +163,14 @@ def diagnose(vertices, faces):
         "cavities": int((depth % 2).sum()) if solid else None,
         "genus": int(count - euler / 2) if solid and not torn else None,
     }
-    found = Diagnosis(**figures)
-    if not found.valid:
-        return found
+    diagnosis = Diagnosis(**figures)
+    if not diagnosis.valid:
+        return diagnosis
     scale = np.ptp(vertices[used], axis=0).max()
     return Diagnosis(**figures, wall=_wall_thickness(unit, faces, area, scale))
 
 
-def crossing_faces(vertices, faces):
+def crossing_faces(vertices: Vertices, faces: Faces):
     """Return the pairs (m, 2) of faces that meet elsewhere than in what they share.
 
     Exact (libigl's predicates). Faces that merely touch count: where two
@@ -188,7 +189,7 @@ def crossing_faces(vertices, faces):
     return sound[np.asarray(pairs, np.int64).reshape(-1, 2)]
 
 
-def count_distinct(faces):
+def count_distinct(faces: Faces):
     """Return the number of different vertex triples."""
     ordered = np.sort(faces, axis=1)
     ordered = ordered[np.lexsort(ordered.T)]
@@ -245,8 +246,8 @@ def _wall_thickness(unit, faces, area, scale):
     tree.init(unit, faces)
     hits = tree.intersect_ray(unit, faces, origin, -normal)
     ways = [
-        min((hit[1] for hit in found if hit[0] != face), default=np.nan)
-        for face, found in zip(start.tolist(), hits, strict=True)
+        min((hit[1] for hit in seen if hit[0] != face), default=np.nan)
+        for face, seen in zip(start.tolist(), hits, strict=True)
     ]
     ways = np.asarray(ways)[np.isfinite(ways)] * scale
     if not len(ways):

@@ -85,7 +85,7 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
             )
         says = declared(path, ending)
         limits = {"seconds": seconds, "memory_gb": memory_gb}
-        found = {}
+        readings = {}
         for reader in readers_of(ending, says):
             try:
                 mesh = tools.call(f"read_{reader}", path=str(path.resolve()), **limits)
@@ -96,23 +96,23 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
             except tools.ToolError as error:
                 complaints[reader] = str(error)
                 continue
-            found[reader] = mesh
+            readings[reader] = mesh
             count = len(mesh[1])
             if says is None or says.agrees(count):
                 break
             complaints[reader] = f"finds {count:,} triangles, the file declares {says}"
-    if not found:
+    if not readings:
         raise PandisError(
             f"{source}: no reader finds a usable mesh in it ("
             + "; ".join(f"{reader}: {complaint}" for reader, complaint in complaints.items())
             + "); open it in a mesh editor and export it again as a triangle mesh with finite "
             "coordinates"
         )
-    reader = choose(found, says)
+    reader = choose(readings, says)
     record = {"reader": reader, "format": ending, "sha256": digest}
     record["declared_triangles"] = str(says) if says else None
     complaints.pop(reader, None)
-    return *found[reader], record | {"passed_over": complaints}
+    return *readings[reader], record | {"passed_over": complaints}
 
 
 def readers_of(ending, says):
@@ -123,17 +123,17 @@ def readers_of(ending, says):
     ]
 
 
-def choose(found, says):
+def choose(readings, says):
     """Return the reader to believe: who agrees with the file, else with others, else has most.
 
     Parameters
     ----------
-    found : dict of str to (vertices, faces)
+    readings : dict of str to (vertices, faces)
     says : Declared or None
     """
-    counts = {reader: len(mesh[1]) for reader, mesh in found.items()}
+    counts = {reader: len(mesh[1]) for reader, mesh in readings.items()}
     if says is None:
-        return next(iter(found))
+        return next(iter(readings))
     votes = list(counts.values())
     return max(counts, key=lambda r: (says.agrees(counts[r]), votes.count(counts[r]), counts[r]))
 

@@ -98,45 +98,47 @@ class Ladder:
         if not np.isfinite(vertices).all():
             self._note(entry, "gave vertices that are not finite")
             return False
-        found = diagnose(vertices, faces)
-        reason = accept(vertices, faces, found)
+        diagnosis = diagnose(vertices, faces)
+        reason = accept(vertices, faces, diagnosis)
         if reason is None:
-            self.vertices, self.faces, self.now = vertices, faces, found
+            self.vertices, self.faces, self.now = vertices, faces, diagnosis
             self.deviation, self._measured = self._measured, None
-        self._note(entry, reason, found)
+        self._note(entry, reason, diagnosis)
         return reason is None
 
-    def _note(self, entry, reason, found=None):
+    def _note(self, entry, reason, diagnosis=None):
         entry["kept"] = reason is None
         entry["reason"] = reason
-        entry["faults"] = found.faults() if found else None
+        entry["faults"] = diagnosis.faults() if diagnosis else None
         self.rungs.append(entry)
         text = f"{entry['operation']}: "
         text += "kept" if reason is None else f"not kept ({reason})"
-        self.log(text + (f"; {found.faces:,} faces; faults: {entry['faults']}" if found else ""))
+        if diagnosis:
+            text += f"; {diagnosis.faces:,} faces; faults: {entry['faults']}"
+        self.log(text)
 
     # --- what counts as better ----------------------------------------------------------
 
-    def not_worse(self, vertices, faces, found):
+    def not_worse(self, vertices, faces, diagnosis):
         """Accept what keeps or lowers the number of faults."""
         del vertices, faces
-        return None if found.rank <= self.now.rank else "more faults than before"
+        return None if diagnosis.rank <= self.now.rank else "more faults than before"
 
-    def better(self, vertices, faces, found):
+    def better(self, vertices, faces, diagnosis):
         """Accept fewer faults within the deviation budget."""
-        if not found.valid and found.rank >= self.now.rank:
+        if not diagnosis.valid and diagnosis.rank >= self.now.rank:
             return "no fewer faults than before"
-        return self.within_budget(vertices, faces, found)
+        return self.within_budget(vertices, faces, diagnosis)
 
-    def valid_only(self, vertices, faces, found):
+    def valid_only(self, vertices, faces, diagnosis):
         """Accept a valid mesh within the deviation budget."""
-        if not found.valid:
+        if not diagnosis.valid:
             return "not valid"
-        return self.within_budget(vertices, faces, found)
+        return self.within_budget(vertices, faces, diagnosis)
 
-    def within_budget(self, vertices, faces, found, allowance=0.0):
+    def within_budget(self, vertices, faces, diagnosis, allowance=0.0):
         """Measure the deviation; return None or what exceeds the budget."""
-        del found
+        del diagnosis
         result, seed = Surface(vertices, faces), self.seed
         changed = 0.0 if allowance else inside_changed(self.reference, result, seed)
         if changed > INSIDE_CHANGED:

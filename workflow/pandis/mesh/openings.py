@@ -25,9 +25,9 @@ def large_holes(vertices, faces, small_hole, max_edges):
     edges = EdgeTable(faces)
     large = []
     for part in np.unique(label[np.flatnonzero(edges.boundary[edges.edge_of]) // 3]):
-        own = faces[label == part]
-        size = float(np.linalg.norm(np.ptp(vertices[np.unique(own)], axis=0)))
-        for hole in EdgeTable(own).holes(vertices):
+        component = faces[label == part]
+        size = float(np.linalg.norm(np.ptp(vertices[np.unique(component)], axis=0)))
+        for hole in EdgeTable(component).holes(vertices):
             rim = hole["length"] / size if size else np.inf
             if rim > small_hole or hole["edges"] > max_edges:
                 large.append(hole | {"rim": rim})

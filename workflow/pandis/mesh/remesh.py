@@ -161,8 +161,8 @@ def orient_by_sight(vertices, faces):
     hits = tree.intersect_ray(vertices, faces, origin, way)
     seen = np.array(
         [
-            all(hit[0] == face or hit[1] < 1e-7 for hit in found)
-            for face, found in zip(chosen.tolist(), hits, strict=True)
+            all(hit[0] == face or hit[1] < 1e-7 for hit in seen)
+            for face, seen in zip(chosen.tolist(), hits, strict=True)
         ],
         bool,
     )

@@ -18,6 +18,7 @@ wrap     alpha wrap
 import numpy as np
 
 from pandis.errors import PandisError
+from pandis.geometry.arrays import Faces, Vertices
 from pandis.mesh.deviation import Surface, provenance
 from pandis.mesh.diagnosis import diagnose
 from pandis.mesh.ladder import Ladder
@@ -31,7 +32,7 @@ REMESH_LEVELS = (7, 8)
 WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
 
 
-def repair(vertices, faces, options, seed, log=print):
+def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
     """Climb the ladder, no higher than needed.
 
     A mesh that is valid as read is returned bit by bit as it is.
@@ -152,14 +153,14 @@ def _settle(ladder):
             return
 
 
-def _balanced_only(vertices, faces, found):
-    del vertices, found
+def _balanced_only(vertices, faces, diagnosis):
+    del vertices, diagnosis
     return None if EdgeTable(faces).balanced else "the union came out open"
 
 
-def _manifold_only(vertices, faces, found):
+def _manifold_only(vertices, faces, diagnosis):
     del vertices, faces
-    torn = found.nonmanifold_edges + found.nonmanifold_vertices
+    torn = diagnosis.nonmanifold_edges + diagnosis.nonmanifold_vertices
     return "still not manifold" if torn else None
 
 
@@ -174,10 +175,10 @@ def _thicken(ladder):
     """Wrap the surface from both sides: the offset makes the wall."""
     half = ladder.options.thickness / 2
 
-    def accept(vertices, faces, found):
-        if not found.valid:
+    def accept(vertices, faces, diagnosis):
+        if not diagnosis.valid:
             return "not valid"
-        return ladder.within_budget(vertices, faces, found, allowance=half)
+        return ladder.within_budget(vertices, faces, diagnosis, allowance=half)
 
     alpha = min(WRAP_ALPHA, ladder.options.thickness)
     if not ladder.allows("wrap") or not ladder.attempt(

@@ -79,11 +79,11 @@ class EdgeTable:
         label = connected(index, len(nodes))[index[:, 0]]
         lengths = np.linalg.norm(vertices[rim[:, 0]] - vertices[rim[:, 1]], axis=1)
         _, which = np.unique(label, return_inverse=True)
-        found = [
+        holes = [
             {"edges": int(edges), "length": float(length)}
             for edges, length in zip(np.bincount(which), np.bincount(which, lengths), strict=True)
         ]
-        return sorted(found, key=lambda hole: -hole["length"])
+        return sorted(holes, key=lambda hole: -hole["length"])
 
 
 def connected(pairs, count):

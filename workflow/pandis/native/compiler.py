@@ -88,27 +88,29 @@ def build(command, source, libraries, name):
     # what is compiled for one processor may not run on another
     key = [*command, *libraries, platform.machine(), _processor(), *texts]
     digest = hashlib.sha256("\0".join(key).encode()).hexdigest()[:20]
-    made = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
-    return made if made.is_file() else _compile([*command, str(source), *libraries], made)
+    compiled = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
+    if compiled.is_file():
+        return compiled
+    return _compile([*command, str(source), *libraries], compiled)
 
 
-def _compile(command, made):
-    """Compile to ``made``; into a temporary folder if the cache cannot be written."""
+def _compile(command, compiled):
+    """Compile to a path; into a temporary folder if the cache cannot be written."""
     try:
-        made.parent.mkdir(parents=True, exist_ok=True)
-        folder = tempfile.mkdtemp(dir=made.parent)
+        compiled.parent.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.mkdtemp(dir=compiled.parent)
     except OSError:
         folder = tempfile.mkdtemp(prefix="pandis-")
-        made = Path(folder) / made.name
+        compiled = Path(folder) / compiled.name
     part = Path(folder) / "part"
     done = subprocess.run([*command, "-o", str(part)], capture_output=True, text=True, check=False)
     if done.returncode:
         shutil.rmtree(folder, ignore_errors=True)
         raise PandisError(f"{' '.join(command)} failed:\n{done.stderr.strip()}")
-    part.replace(made)  # whole or not at all, whoever else compiles the same
-    if Path(folder) != made.parent:
+    part.replace(compiled)  # whole or not at all, whoever else compiles the same
+    if Path(folder) != compiled.parent:
         shutil.rmtree(folder, ignore_errors=True)
-    return made
+    return compiled
 
 
 def _processor():

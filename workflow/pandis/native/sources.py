@@ -29,14 +29,14 @@ def included(source):
     -------
     list of Path
     """
-    found, queue = [], [source.resolve()]
+    files, queue = [], [source.resolve()]
     while queue:
         path = queue.pop(0)
-        if path not in found:
-            found.append(path)
+        if path not in files:
+            files.append(path)
             names = _INCLUDE.findall(path.read_text("utf-8"))
             queue += [(path.parent / name).resolve() for name in names]
-    return found
+    return files
 
 
 def tokens(text):

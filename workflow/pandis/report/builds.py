@@ -27,17 +27,17 @@ def build_seconds(mesh, fields, folder):
     dict of str to float
         0 where nothing is built beyond the mesh.
     """
-    found = {}
+    seconds = {}
     for field in fields:
         path = build_file(mesh, field, folder)
         if path is None:
-            found[field] = 0.0
+            seconds[field] = 0.0
             continue
         try:
-            found[field] = float(json.loads(path.read_text().splitlines()[-1])["s"])
+            seconds[field] = float(json.loads(path.read_text().splitlines()[-1])["s"])
         except (OSError, ValueError, KeyError, IndexError):
             continue
-    return found
+    return seconds
 
 
 def build_file(mesh, field, folder):

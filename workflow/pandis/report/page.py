@@ -158,10 +158,10 @@ def mesh_section(name, artifacts, field_names):
 
 def _versions(artifacts):
     """Return the versions behind artifacts, by package."""
-    found = {}
+    versions = {}
     for artifact in artifacts:
-        found |= artifact.provenance.get("versions", {})
-    return dict(sorted(found.items()))
+        versions |= artifact.provenance.get("versions", {})
+    return dict(sorted(versions.items()))
 
 
 def _chosen(record):
@@ -220,8 +220,8 @@ def _training(model):
 def _first(rows, networks):
     """Return the field whose errors the view shows first: the best network, or the best grid."""
     known = [r for r in rows if r["bytes"] != "" and r["trajectory_mean"] > 0]
-    own = [r for r in known if r["field"] in networks] or known
-    return min(own, key=lambda row: row["trajectory_mean"], default={"field": ""})["field"]
+    shown = [r for r in known if r["field"] in networks] or known
+    return min(shown, key=lambda row: row["trajectory_mean"], default={"field": ""})["field"]
 
 
 def _sentence(rows, networks, closed_form):

@@ -88,11 +88,11 @@ def tables(sections):
         Empty where no mesh is called as one of the paper's.
     """
     scans = [s for s in sections if s.name in PRINTED]
-    found = []
+    made_anew = []
     if scans:
-        found += [_training(scans), _setup(scans), _space(scans), _times(scans), _errors(scans)]
-    found += [_sphere(s) for s in sections if s.name == "sphere" and "kim-100" in _by_field(s)]
-    return found
+        made_anew += [_training(scans), _setup(scans), _space(scans), _times(scans), _errors(scans)]
+    made_anew += [_sphere(s) for s in sections if s.name == "sphere" and "kim-100" in _by_field(s)]
+    return made_anew
 
 
 def _by_field(section):
@@ -174,15 +174,15 @@ def _space(scans):
 def _times(scans):
     def cells(section, field, index):
         times = section.timing.fields.get(field, {})
-        found = [times.get(key, "") for key in _TIMES]
-        return f"{PRINTED[section.name]['query'][index]} ms", *map(_micro, found)
+        times_here = [times.get(key, "") for key in _TIMES]
+        return f"{PRINTED[section.name]['query'][index]} ms", *map(_micro, times_here)
 
     rows = _each(scans, cells)
     for field in dict.fromkeys(f for s in scans for f in s.timing.fields):
         if field not in METHODS and field not in CUBES:
             both = [s.timing.fields.get(field, {}) for s in scans]
-            own = (c for t in both for c in ("", *(_micro(t.get(k)) for k in _TIMES)))
-            rows.append((field, *own))
+            cells_here = (c for t in both for c in ("", *(_micro(t.get(k)) for k in _TIMES)))
+            rows.append((field, *cells_here))
     return Table(
         "Table 3: time of one force",
         _heads(scans, "paper", "in C", "from Python", "caches empty"),
@@ -228,11 +228,11 @@ def _scan_errors(section):
     path, contact = errors["trajectory"], errors[_CONTACT]
     bases = [path[b].mean if b in known else None for b in BASELINES]
     networks = repeats(section.models)
-    own = next((names for names in networks if "pandis" in names), ["pandis"])
-    asked = {BRUTE: ["exact"], "pandis": own}
+    trained = next((names for names in networks if "pandis" in names), ["pandis"])
+    asked = {BRUTE: ["exact"], "pandis": trained}
     rows = [(title, asked.get(f, [f]), printed[k]) for k, (f, title) in enumerate(METHODS.items())]
     rows += [(title, [field], None) for field, title in CUBES.items() if field in known]
-    rows += [(", ".join(names), names, None) for names in networks if names != own]
+    rows += [(", ".join(names), names, None) for names in networks if names != trained]
     for title, fields, paper in rows:
         there = [name for name in fields if name in known]
         means = [path[name].mean for name in there]

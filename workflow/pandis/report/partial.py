@@ -93,11 +93,11 @@ def main():
     except PandisError as error:
         print(f"error: no report of the other meshes: {error}", file=sys.stderr)
         return 1
-    made = len(plan.meshes) + len(plan.refused) - len(refused)
-    if not made or not refused:
+    count = len(plan.meshes) + len(plan.refused) - len(refused)
+    if not count or not refused:
         return 1
     print(
-        f"{plan.report} and {plan.summary} are about the {made} that could be built; "
+        f"{plan.report} and {plan.summary} are about the {count} that could be built; "
         f"left out, with the reason: {', '.join(refused)}",
         file=sys.stderr,
     )

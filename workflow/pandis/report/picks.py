@@ -26,10 +26,10 @@ def picks(rows, hardware, folder):
     exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or `auto`, come to it
     others = [row for row in able if row["contact_mean"] > 0]
     best = [min(others, key=lambda row: row["contact_mean"])] if others else []
-    found = [_pick(row, tried[row["field"]], folder) | {"why": "Use"} for row in exact + best]
+    picked = [_pick(row, tried[row["field"]], folder) | {"why": "Use"} for row in exact + best]
     if exact and best:
-        found[1]["why"] = _why(*best, *exact)
-    return found
+        picked[1]["why"] = _why(*best, *exact)
+    return picked
 
 
 def usable(rows, hardware):
@@ -61,22 +61,22 @@ def _why(row, exact):
     return "Or, if that is too slow," if faster else "Of the others the best is"
 
 
-def _file_is_sound(found):
+def _file_is_sound(verdict):
     """Tell whether the validation of an exported file has found nothing that forbids its use."""
-    devices = found.devices.values()
+    devices = verdict.devices.values()
     pressed = all(device.holds and not device.pressed_missing for device in devices)
-    whole = found.agrees and found.in_time and found.walls.holds and pressed
-    return bool(whole and _safe(found) != 0)
+    whole = verdict.agrees and verdict.in_time and verdict.walls.holds and pressed
+    return bool(whole and _safe(verdict) != 0)
 
 
-def _safe(found):
+def _safe(verdict):
     """Return the stiffness that is safe in the lightest hand on every device; None without one."""
-    hands = [device.hands for device in found.devices.values()]
+    hands = [device.hands for device in verdict.devices.values()]
     return min((most[min(most, key=float)] for most in hands), default=None)
 
 
-def _pick(row, found, folder):
-    error, most = "no error", _safe(found)
+def _pick(row, verdict, folder):
+    error, most = "no error", _safe(verdict)
     if row["contact_mean"] > 0:
         percent = f"{row['contact_percent']:.2g} % of the force"
         error = f"{row['contact_millinewtons']:.3g} mN ({percent})"

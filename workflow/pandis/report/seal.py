@@ -28,10 +28,10 @@ def read_seal(path):
     """
     page, mark, rest = Path(path).read_bytes().partition(_MARK.encode())
     try:
-        found = json.loads(rest.removesuffix(b" -->\n"))
-        whole = mark and found["sha256"] == hashlib.sha256(page).hexdigest()
+        seal = json.loads(rest.removesuffix(b" -->\n"))
+        whole = mark and seal["sha256"] == hashlib.sha256(page).hexdigest()
     except (ValueError, KeyError, TypeError):
         whole = False
     if not whole:
         raise ArtifactError(f"{path}: truncated or damaged")
-    return found["provenance"]
+    return seal["provenance"]

@@ -85,10 +85,10 @@ def summarise(evaluations, timings, stresses, hardware):
         One of each per mesh, in the same order. The folder is the mesh's name.
     """
     rows = []
-    for found in zip(evaluations, timings, stresses, hardware, strict=True):
-        (mesh,) = {artifact.path.parent.name for artifact in found}
-        records = [kind.of(artifact) for kind, artifact in zip(_RECORDS, found, strict=True)]
-        times = found[0].path.parent.parent / "benchmarks"
+    for artifacts in zip(evaluations, timings, stresses, hardware, strict=True):
+        (mesh,) = {artifact.path.parent.name for artifact in artifacts}
+        records = [kind.of(artifact) for kind, artifact in zip(_RECORDS, artifacts, strict=True)]
+        times = artifacts[0].path.parent.parent / "benchmarks"
         rows += summary_rows(mesh, *records, build_seconds(mesh, records[0].fields, times))
     return rows
 
@@ -120,11 +120,11 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
             keys = ("one_p50_us", "one_p99_us", "one_p999_us", "batch_us")
             row |= {key: times.get(key, "") for key in keys}
             row |= {key: times.get(key, "") for key in _IN_C}
-        if found := stress.fields.get(field):
-            row["jump_max_newtons"] = found["jumps"]["mm01_max"]
-            row["jump_rms_newtons"] = found["jumps"]["mm01_rms"]
-            row["ghost_percent"] = 100 * found["contacts"]["ghosts"]
-            row["ghost_newtons"] = found["contacts"]["largest_n"]
+        if answers := stress.fields.get(field):
+            row["jump_max_newtons"] = answers["jumps"]["mm01_max"]
+            row["jump_rms_newtons"] = answers["jumps"]["mm01_rms"]
+            row["ghost_percent"] = 100 * answers["contacts"]["ghosts"]
+            row["ghost_newtons"] = answers["contacts"]["largest_n"]
             row["stress"] = len(stress.failed[field])
         if verdict := hardware.fields.get(field):
             row |= {
@@ -174,16 +174,16 @@ def _errors(evaluation, field):
 
 def _contact(errors):
     """Return the columns of the contact measure, from what `contact_errors` has found."""
-    found = errors[CONTACT]
+    figures = errors[CONTACT]
     row = {
-        "contact_millinewtons": 1e3 * found.newtons,
-        "contact_percent": 100 * found.relative,
-        "missing_percent": 100 * found.missing,
-        "felt_percent": 100 * found.felt,
-        "contact_mean": found.mean,
-        "contact_p99": found.p99,
+        "contact_millinewtons": 1e3 * figures.newtons,
+        "contact_percent": 100 * figures.relative,
+        "missing_percent": 100 * figures.missing,
+        "felt_percent": 100 * figures.felt,
+        "contact_mean": figures.mean,
+        "contact_p99": figures.p99,
     }
-    if found.mean < ROUNDING:
+    if figures.mean < ROUNDING:
         row |= {key: 0.0 for key in row if key.startswith("contact")}
     return row | {"contact_shallow_mean": _told(errors[SHALLOW].mean)}
 

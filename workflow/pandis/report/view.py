@@ -11,7 +11,7 @@ DECADES = 3
 _STEPS, _COLOURS = 32767, 255
 
 
-def view(held, newtons, names, first):
+def view(arrays, newtons, names, first):
     """Return the text of a JSON object for ``view.js``.
 
     Parameters
@@ -33,19 +33,19 @@ def view(held, newtons, names, first):
         less) to 255 (10^high mN or more); ``low``, ``high``, ``first``; ``small``: faces are of 16
         bits, not 32.
     """
-    errors = {n: held[f"view_error_{n}"] for n in names if f"view_error_{n}" in held}
+    errors = {n: arrays[f"view_error_{n}"] for n in names if f"view_error_{n}" in arrays}
     scale = 1e3 * newtons
     largest = max((np.percentile(e, 99.5) * scale for e in errors.values()), default=0.0)
     high = float(np.ceil(2 * np.log10(max(largest, 1e-6))) / 2)
     with np.errstate(divide="ignore"):
         shades = {n: (np.log10(e * scale) - high) / DECADES + 1 for n, e in errors.items()}
-    small = len(held["view_vertices"]) < 1 << 16
+    small = len(arrays["view_vertices"]) < 1 << 16
     return json.dumps(
         {
-            "vertices": _text(held["view_vertices"] * _STEPS, "<i2"),
-            "faces": _text(held["view_faces"], "<u2" if small else "<u4"),
+            "vertices": _text(arrays["view_vertices"] * _STEPS, "<i2"),
+            "faces": _text(arrays["view_faces"], "<u2" if small else "<u4"),
             "small": small,
-            "paths": [_text(path * _STEPS, "<i2") for path in held["paths"]],
+            "paths": [_text(path * _STEPS, "<i2") for path in arrays["paths"]],
             "errors": {n: _text(s.clip(0, 1) * _COLOURS, "u1") for n, s in shades.items()},
             "low": high - DECADES,
             "high": high,

@@ -319,21 +319,21 @@ def read_artifact(path, kind=None):
     check_seal(path)
     try:
         root, read = _decode(path)
-        found, schema = root["kind"], root["schema"]
+        stored_kind, schema = root["kind"], root["schema"]
         digests, recorded = root["content"]["arrays"], root["content"]["digest"]
         attributes, provenance = root["attributes"], root["provenance"]
     except Exception as error:
         raise _damaged(path, f"not readable as zarr ({type(error).__name__}: {error})") from error
     if schema != SCHEMA:
         raise _damaged(path, f"has schema {schema}, this version of pandis reads {SCHEMA}")
-    if kind is not None and found != kind:
-        raise ArtifactError(f"{path}: holds a {found}, expected a {kind}")
+    if kind is not None and stored_kind != kind:
+        raise ArtifactError(f"{path}: holds a {stored_kind}, expected a {kind}")
     wrong = [n for n in digests if n not in read or array_digest(n, read[n]) != digests[n]]
     if wrong:
         raise _damaged(path, f"array {', '.join(wrong)} differs from its digest")
-    if content_digest(found, digests, attributes) != recorded:
+    if content_digest(stored_kind, digests, attributes) != recorded:
         raise _damaged(path, "its attributes differ from their digest")
-    return Artifact(path, found, read, attributes, provenance, recorded)
+    return Artifact(path, stored_kind, read, attributes, provenance, recorded)
 
 
 def file_digest(path):

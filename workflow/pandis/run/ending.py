@@ -69,6 +69,6 @@ def partial_report(plan, workflow):
         check=False,
     )
     if done.returncode == 0:
-        for made in (path for job in final for path in job.output):
-            workflow.persistence.cleanup_metadata(made)
+        for output in (path for job in final for path in job.output):
+            workflow.persistence.cleanup_metadata(output)
         forget_partial_report(plan)

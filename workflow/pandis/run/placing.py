@@ -39,9 +39,10 @@ def load_scenes(raw, entries):
         if not re.fullmatch(MESH_NAME, str(name)):
             faults[path] = "a scene's name starts with a-z and goes on with a-z, 0-9, - or _"
             continue
-        own = faults_of(SceneOptions, scene if isinstance(scene, dict) else {"objects": scene})
-        faults |= {f"{path}.{key}" if key else path: message for key, message in own.items()}
-        if own:
+        given = scene if isinstance(scene, dict) else {"objects": scene}
+        wrong = faults_of(SceneOptions, given)
+        faults |= {f"{path}.{key}" if key else path: message for key, message in wrong.items()}
+        if wrong:
             continue
         scenes[name] = SceneOptions.model_validate(scene)
         for key, placed in scenes[name].objects.items():
@@ -57,10 +58,10 @@ def _object_faults(path, key, placed, entries):
     if entry is None:
         return {f"{path}.mesh": f"there is no mesh {placed.mesh} under `meshes`: add it there"}
     values = entry.model_dump() | {"fields": [placed.field]}
-    found = next((message for at, message in name_faults(values) if at == "fields.0"), None)
-    if found is None and not parse_field(placed.field, entry.train).native:
-        found = f"{placed.field} has no file for pandis.h: take a grid, a spline, a network, exact"
-    return {f"{path}.field": found} if found else {}
+    fault = next((message for at, message in name_faults(values) if at == "fields.0"), None)
+    if fault is None and not parse_field(placed.field, entry.train).native:
+        fault = f"{placed.field} has no file for pandis.h: take a grid, a spline, a network, exact"
+    return {f"{path}.field": fault} if fault else {}
 
 
 def needed(entries, scenes):
@@ -73,9 +74,9 @@ def needed(entries, scenes):
     fields = {}
     for scene in scenes.values():
         for placed in scene.objects.values():
-            own = fields.setdefault(placed.mesh, [])
-            if placed.field not in own:
-                own.append(placed.field)
+            names = fields.setdefault(placed.mesh, [])
+            if placed.field not in names:
+                names.append(placed.field)
     return {
         mesh: entry.model_copy(update={"fields": fields[mesh]})
         for mesh, entry in entries.items()

@@ -253,7 +253,7 @@ class Plan:
     def scene_fields(self, wildcards):
         """Return the files for ``pandis.h`` of the objects of a scene, each once."""
         objects = self.scenes[wildcards.scene].objects.values()
-        files = (f"{self.folder}/{own.mesh}/export/{own.field}.pandis" for own in objects)
+        files = (f"{self.folder}/{placed.mesh}/export/{placed.field}.pandis" for placed in objects)
         return list(dict.fromkeys(files))
 
     def unexported(self, wildcards):
@@ -277,14 +277,14 @@ class Plan:
 
     def report_artifacts(self, only=None):
         """Return everything that the report reads, of all meshes or of one."""
-        found = []
+        paths = []
         for mesh in [only] if only else self.entries:
             stems = ["mesh", "trajectory", "evaluation", "stress", "timing", "hardware"]
             stems += [spec.artifact for spec in self.held(mesh)]
             if any(spec.kind == "network" for spec in self.held(mesh)):
                 stems.append("samples")
-            found += [f"{self.folder}/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
-        return found
+            paths += [f"{self.folder}/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
+        return paths
 
     def results(self, stem):
         """Return one file of every mesh."""

@@ -25,6 +25,8 @@ _DATA, _SOURCES = {".html", ".css", ".js"}, {".c", ".cpp"}
 
 #: Packages that are installed under another name than they are imported by.
 DISTRIBUTIONS = {"igl": "libigl", "yaml": "PyYAML", "skimage": "scikit-image"}
+#: What does nothing to a result: ourselves, who are digested, and what only names shapes.
+_NOTHING = {"pandis", "snakemake", "jaxtyping", ""}
 #: What a stage's code says of Python itself: its versions differ in what they compute, not the
 #: last number.
 _PYTHON = "python"
@@ -98,13 +100,13 @@ class CodeDigests:
         """
         script = f"scripts/{name}"
         self._load(script, self.scripts / f"{name}.py", package="")
-        found, queue = set(unused), [script]
+        seen, queue = set(unused), [script]
         while queue:
             module = queue.pop()
-            if module not in found:
-                found.add(module)
+            if module not in seen:
+                seen.add(module)
                 queue += self._imports[module]
-        modules = {module: self._own[module] for module in sorted(found - set(unused))}
+        modules = {module: self._own[module] for module in sorted(seen - set(unused))}
         packages = {name for module in modules for name in self._packages[module]}
         versions = {f"package {name}": self._version(name) for name in sorted(packages)}
         major, minor = sys.version_info[:2]
@@ -191,7 +193,7 @@ def _facts(source, package):
 
 
 def _tree_digest(tree):
-    """Digest what the code does: unparsed source without comments and docstrings.
+    """Digest what the code does: unparsed source without comments, docstrings, and annotations.
 
     `ast.unparse` gives the same text on Python 3.11 to 3.13; `ast.dump` does not.
     """
@@ -199,6 +201,10 @@ def _tree_digest(tree):
         documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
         if isinstance(node, documented) and ast.get_docstring(node, clean=False) is not None:
             node.body = node.body[1:] or [ast.Pass()]
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            node.returns = None
+        if isinstance(node, ast.arg):
+            node.annotation = None
     return hashlib.sha256(ast.unparse(tree).encode()).hexdigest()
 
 
@@ -228,7 +234,7 @@ def _foreign(tree):
         else:
             continue
         tops = {name.split(".")[0] for name in names}
-        yield from tops - {"pandis", "snakemake", ""} - sys.stdlib_module_names
+        yield from tops - _NOTHING - sys.stdlib_module_names
 
 
 def versions(modules):
@@ -241,13 +247,13 @@ def versions(modules):
     modules : dict of str to str
         From `CodeDigests.modules`.
     """
-    found = {"python": ".".join(map(str, sys.version_info[:3]))}
+    versions = {"python": ".".join(map(str, sys.version_info[:3]))}
     for name, version in modules.items():
         if name.startswith("package "):
-            found[name.removeprefix("package ")] = version
+            versions[name.removeprefix("package ")] = version
     if "pandis.native.compiler" in modules:
-        found["compiler"] = compiler_version()
-    return found
+        versions["compiler"] = compiler_version()
+    return versions
 
 
 @cache

@@ -125,11 +125,11 @@ def load_config(raw, refused=None):
             faults.setdefault(path, "expected a mapping such as {source: path/to/mesh.obj}")
         else:
             options = merge(top, entry)
-            own = stage_faults(MeshEntry, options)
-            for key, message in own.items():
+            mesh_faults = stage_faults(MeshEntry, options)
+            for key, message in mesh_faults.items():
                 if key not in faults:
                     faults[f"{path}.{key}" if key else path] = message
-            if not own and path not in faults:
+            if not mesh_faults and path not in faults:
                 merged[name] = MeshEntry.model_validate(options)
     if refused is not None and merged and not shared:
         for key, message in faults.items():

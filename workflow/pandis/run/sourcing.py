@@ -127,10 +127,10 @@ def source_files(path):
     path = Path(path)
     named, seen = _named(path), {path}
     while named:
-        own = path.parent / named.pop()
-        if own not in seen and own.is_file():
-            seen.add(own)
-            named += _named(own)
+        target = path.parent / named.pop()
+        if target not in seen and target.is_file():
+            seen.add(target)
+            named += _named(target)
     return [path, *sorted(seen - {path})]
 
 
@@ -150,9 +150,9 @@ def _named(path):
 
 def _of_obj(data):
     lines = re.findall(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", data, re.M)
-    found = [line.decode("utf-8", "replace").strip() for line in lines]
+    names = [line.decode("utf-8", "replace").strip() for line in lines]
     # one name with spaces, or several: take what is there
-    return [*found, *(word for line in found for word in line.split())]
+    return [*names, *(word for line in names for word in line.split())]
 
 
 def _of_mtl(data):
@@ -162,15 +162,15 @@ def _of_mtl(data):
 
 def _of_ply(data):
     header = data[: data.find(b"end_header")]
-    found = re.findall(rb"^comment TextureFile[ \t]+([^\r\n]+)", header, re.M)
-    return [name.decode("utf-8", "replace").strip() for name in found]
+    names = re.findall(rb"^comment TextureFile[ \t]+([^\r\n]+)", header, re.M)
+    return [name.decode("utf-8", "replace").strip() for name in names]
 
 
 def _of_gltf(data):
     scene = json.loads(data)
     parts = [*scene.get("buffers", []), *scene.get("images", [])]
-    found = [part["uri"] for part in parts if part.get("uri")]
-    return [unquote(uri) for uri in found if not uri.startswith("data:")]
+    names = [part["uri"] for part in parts if part.get("uri")]
+    return [unquote(uri) for uri in names if not uri.startswith("data:")]
 
 
 def source_digest(files, digest=file_digest):
@@ -210,16 +210,16 @@ class SourceDigests:
             return ""
         if path is None:
             return ""
-        found = source_digest(self.files(path), lambda one: self._entry(one)["sha256"])
+        digest = source_digest(self.files(path), lambda one: self._entry(one)["sha256"])
         self._keep()
-        return found
+        return digest
 
     def files(self, path):
         """Return what `source_files` does, without reading a file that has not changed."""
         seen, waiting = [Path(path)], [Path(path)]
         while waiting:
-            own = waiting.pop()
-            for name in self._entry(own)["names"]:
+            next_file = waiting.pop()
+            for name in self._entry(next_file)["names"]:
                 other = Path(path).parent / name
                 if other not in seen and other.is_file():
                     seen.append(other)
@@ -232,9 +232,9 @@ class SourceDigests:
                 self._known = json.loads(self.memory.read_text(encoding="utf-8"))
             except (OSError, ValueError):
                 self._known = {}
-        found = os.stat(path)
+        stat = os.stat(path)
         # the time of the last change of any kind cannot be set back by a copy that keeps times
-        stamp = [found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino]
+        stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
         entry = self._known.get(str(path.resolve()))
         if not entry or entry.get("stamp") != stamp:
             entry = {"stamp": stamp, "sha256": file_digest(path), "names": _named(path)}

@@ -163,9 +163,9 @@ class Job:
 
     def read_path(self, path, kind=None):
         """Read an artifact among the rule's inputs and remember its digest."""
-        found = read_artifact(path, kind)
-        self.note_digest(path, found.digest)
-        return found
+        artifact = read_artifact(path, kind)
+        self.note_digest(path, artifact.digest)
+        return artifact
 
     def read_input(self, path):
         """Read an input that is an artifact; of an exported file return the path."""
@@ -196,8 +196,8 @@ class Job:
         """Return why the output that is being made will be current."""
         wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
         inputs = dict(sorted(self._inputs.items()))
-        made = provenance(self.stage, wildcards, self._asked, self._modules, inputs)
-        return made | ({"source": self.source} if self.source else {})
+        why = provenance(self.stage, wildcards, self._asked, self._modules, inputs)
+        return why | ({"source": self.source} if self.source else {})
 
     def write(self, kind, arrays, attributes, chunks=None):
         """Write the rule's first output as an artifact."""

@@ -37,36 +37,36 @@ def verify(plan, log):
     """
     checker = Checker(plan)
     outputs = plan.everything()
-    found = [(output, fault) for output in outputs if (fault := checker.fault(output))]
+    faults = [(output, fault) for output in outputs if (fault := checker.fault(output))]
     total = len(outputs)
-    width = max((len(output.path) for output, _ in found), default=0)
-    for output, fault in found:
+    width = max((len(output.path) for output, _ in faults), default=0)
+    for output, fault in faults:
         log(f"{output.path:{width}}  {fault}")
-    if found:
+    if faults:
         raise PandisError(
-            f"{len(found)} of {total} results are not what the configuration asks for (listed "
-            f"above). {remedy(plan, found)}"
+            f"{len(faults)} of {total} results are not what the configuration asks for (listed "
+            f"above). {remedy(plan, faults)}"
         )
     log(f"all {total} results are whole and belong to this configuration and code")
 
 
-def remedy(plan, found):
+def remedy(plan, faults):
     """Return the commands that mend results, of pairs of an output and what is wrong with it.
 
     A file that is lost or damaged is made again alone: if its bytes come out the same, as all do
     except durations, nothing that was made from it runs again.
     """
     given = f"-j2{_configfiles(plan)}"
-    stale = [output for output, fault in found if fault.startswith(_STALE)]
+    stale = [output for output, fault in faults if fault.startswith(_STALE)]
     # what waits for an input that is lost is whole again with that
     apart = (*_STALE, _WAITS)
-    lost = [output for output, fault in found if not fault.startswith(apart)]
+    lost = [output for output, fault in faults if not fault.startswith(apart)]
     said = []
-    made = [output.path for output in lost if output.stage != "refuse"]
-    if made:
+    outputs = [output.path for output in lost if output.stage != "refuse"]
+    if outputs:
         said.append(
             f"To restore what is lost or damaged, without making again what follows from it: "
-            f"snakemake {given} -f {' '.join(made)} && snakemake {given} -- all"
+            f"snakemake {given} -f {' '.join(outputs)} && snakemake {given} -- all"
         )
     if stale:
         paths = " ".join(output.path for output in stale)
@@ -103,36 +103,36 @@ class Checker:
             wanted = self.plan.entries[output.wildcards["mesh"]].sha256.lower()
             return None if file_digest(path) == wanted else "damaged: its sha256 is another"
         try:
-            found = self._provenance(path)
+            stored = self._provenance(path)
         except PandisError as error:
             return str(error).removeprefix(f"{path}: ").split(";")[0]
         if output.stage == "summary":
             return self._summary(path)
-        if found is None:
+        if stored is None:
             return self._companion(path)
-        return self._stale(output, found)
+        return self._stale(output, stored)
 
-    def _stale(self, output, found):
+    def _stale(self, output, stored):
         options = self.plan.options(output.stage)(output.wildcards)
-        if found["stage"] == "partial":
+        if stored["stage"] == "partial":
             return "leaves out the meshes that a run could not build"
-        made = (found["stage"], found["wildcards"])
-        if made != (output.stage, output.wildcards):
-            return f"is another result, of {made[0]} {' '.join(made[1].values())}"
-        if json.loads(json.dumps(options)) != found["options"]:
-            keys = sorted(set(options) | set(found["options"]))
-            changed = [k for k in keys if options.get(k) != found["options"].get(k)]
+        stored_stage = (stored["stage"], stored["wildcards"])
+        if stored_stage != (output.stage, output.wildcards):
+            return f"is another result, of {stored_stage[0]} {' '.join(stored_stage[1].values())}"
+        if json.loads(json.dumps(options)) != stored["options"]:
+            keys = sorted(set(options) | set(stored["options"]))
+            changed = [k for k in keys if options.get(k) != stored["options"].get(k)]
             return f"stale: options changed ({', '.join(changed)})"
         modules = self.plan.digests.modules(output.stage, unused_modules(options))
-        if modules != found["code"]["modules"]:
-            before = found["code"]["modules"]
+        if modules != stored["code"]["modules"]:
+            before = stored["code"]["modules"]
             changed = [m for m in sorted(modules | before) if modules.get(m) != before.get(m)]
             return f"stale: code changed ({', '.join(changed)})"
         if output.stage == "mesh":
             source = self._source(output.wildcards["mesh"])
-            if source != found.get("source", ""):
+            if source != stored.get("source", ""):
                 return "stale: its source changed, or a file that the source names"
-        for name, digest in found["inputs"].items():
+        for name, digest in stored["inputs"].items():
             now = self._digest(name)
             if now is None:
                 return f"its input {name} is missing or damaged"
@@ -168,12 +168,12 @@ class Checker:
             text = path.read_text(encoding="utf-8")
             if path.suffix == ".h":
                 return None if text == attributes["header"] else "differs from its artifact"
-            found = json.loads(text)
+            companion = json.loads(text)
         except (PandisError, ValueError, KeyError):
             return "damaged, or without its artifact"
-        found.pop("mesh", None)
+        companion.pop("mesh", None)
         wanted = {key: value for key, value in attributes.items() if key != "header"}
-        return None if found == wanted else "differs from its artifact"
+        return None if companion == wanted else "differs from its artifact"
 
     def _provenance(self, path):
         """Return an output's provenance; None for a plain companion file."""

@@ -74,8 +74,8 @@ def absence(answer, contacts):
         What `pandis.geometry.measure.shares` counts; ``limit``, ``passed``.
     """
     probes = contacts.pressed
-    found = shares(penalty_force(*answer(probes.points)), probes.force, contacts.newtons)
-    return found | {"limit": MISSING_LIMIT, "passed": found["missing"] <= MISSING_LIMIT}
+    figures = shares(penalty_force(*answer(probes.points)), probes.force, contacts.newtons)
+    return figures | {"limit": MISSING_LIMIT, "passed": figures["missing"] <= MISSING_LIMIT}
 
 
 def holding(answer, places, scale, device):
@@ -124,8 +124,8 @@ def hold(answer, places, wanted, scale, device):
         than half of that, and by 0.05 N; ``of_exact``: the least share of it that a wall holds;
         ``limit``, ``broken_limit``, ``passed``.
     """
-    found = holding(answer, places, scale, device)
-    share, short = found / np.maximum(wanted, 1e-12), wanted - found >= JUDGED
+    forces = holding(answer, places, scale, device)
+    share, short = forces / np.maximum(wanted, 1e-12), wanted - forces >= JUDGED
     early = float(places.weight[share < 1 - 1e-6].sum())
     broken = float(places.weight[(share < BREAKS) & short].sum())
     return {

@@ -14,6 +14,7 @@ from scipy.linalg import expm
 from scipy.ndimage import uniform_filter1d
 
 from pandis.forces import penalty_force
+from pandis.geometry.arrays import Points
 from pandis.native.mass import mass_steps
 from pandis.stress.physical import TICK
 
@@ -89,7 +90,17 @@ class Press(NamedTuple):
         return (self.swing < QUIET) & (self.held >= HOLDS)
 
 
-def simulate(answer, points, normals, stiffness, scale, device, press, ticks=TICKS, start=START):
+def simulate(
+    answer,
+    points: Points,
+    normals: Points,
+    stiffness,
+    scale,
+    device,
+    press,
+    ticks=TICKS,
+    start=START,
+):
     """Press a device onto surface points.
 
     Parameters
@@ -132,9 +143,10 @@ def simulate(answer, points, normals, stiffness, scale, device, press, ticks=TIC
         if tick >= ticks * 2 // 3:
             path.append(position)
             answered += np.einsum("ij,ij->i", force, normals)
-    held = answered / np.maximum(press * len(path), 1e-12)
-    held[press <= _STUCK * device.friction] = np.inf  # what friction holds may not come to the wall
-    return Press(shaking(np.array(path)), energy, held)
+    carried = answered / np.maximum(press * len(path), 1e-12)
+    # what friction holds may not come to the wall
+    carried[press <= _STUCK * device.friction] = np.inf
+    return Press(shaking(np.array(path)), energy, carried)
 
 
 def shaking(path, period=TICK):
@@ -157,8 +169,8 @@ def stable_stiffness(answer, places, wanted, scale, device):
     every = np.tile(places.feet, (len(LADDER), 1)), np.tile(places.outward, (len(LADDER), 1))
     holds = _HARD * np.outer(LADDER, wanted).ravel()
     press = np.minimum(device.press, holds)
-    found = simulate(answer, *every, np.repeat(ladder, count), scale, device, press)
-    calm = found.calm.reshape(len(LADDER), count) @ places.weight >= CALM
+    runs = simulate(answer, *every, np.repeat(ladder, count), scale, device, press)
+    calm = runs.calm.reshape(len(LADDER), count) @ places.weight >= CALM
     steps = int(np.logical_and.accumulate(calm).sum())
     return float(ladder[steps - 1]) if steps else 0.0
 
@@ -201,8 +213,8 @@ def closed_loop(answer, places, wanted, calm, rests, scale, device):
         the worse of a light and a hard press; ``stable_n_m``; ``least_n_m``: the stiffness asked
         for, or what the exact field reaches; ``limit``; ``passed``.
     """
-    found = presses(answer, places, wanted, scale, device)
-    restless = float(((calm & ~found) * places.weight).sum(axis=1).max())
+    pressed = presses(answer, places, wanted, scale, device)
+    restless = float(((calm & ~pressed) * places.weight).sum(axis=1).max())
     stable = stable_stiffness(answer, places, wanted, scale, device)
     least = float(min(scale.stiffness, rests))
     passed = bool(restless <= ALLOWED and stable >= least)

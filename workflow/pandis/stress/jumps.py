@@ -39,21 +39,21 @@ def jumps(answer, exact, shell, along, scale, device):
         force changes by beyond the exact one on the worst way in ten thousand; ``limit``;
         ``passed``; and ``exact_…``: what the exact force changes by over 0.1 mm.
     """
-    found = {}
+    figures = {}
     for name, way in {"encoder": device.encoder, **WAYS}.items():
         part = slice(None, None, 1 if name == _COUNTED else 10)
         change = _changes(answer, shell.points[part], along[part], way * scale.metre)
-        found |= _told(name, change * scale.newtons)
+        figures |= _told(name, change * scale.newtons)
         if name == _COUNTED:
             flat = way * scale.metre
             exactly = _changes(exact, shell.points, along, flat)
-            found |= _told("exact", exactly * scale.newtons)
+            figures |= _told("exact", exactly * scale.newtons)
             reference = _nearby(exact, shell.points, along, flat, exactly)
             share = excess(change, reference, STEEP * flat, shell.weight)
             worst = _upper(change - reference, shell.weight, RARE)
     passed = share <= ALLOWED and worst <= WORST * flat
     worst_n = float(worst * scale.newtons)
-    return found | {"jumps": share, "worst_n": worst_n, "limit": ALLOWED, "passed": bool(passed)}
+    return figures | {"jumps": share, "worst_n": worst_n, "limit": ALLOWED, "passed": bool(passed)}
 
 
 def _told(name, change):

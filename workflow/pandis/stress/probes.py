@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pandis.geometry.arrays import Values
+
 
 class Shell(NamedTuple):
     """Points below a surface, down to the depth of the device's largest force.
@@ -42,7 +44,7 @@ def directions(count, rng):
     return along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
-def excess(value, reference, floor, weight, more=1.1):
+def excess(value: Values, reference: Values, floor, weight: Values, more=1.1):
     """Return the share of the area where a value is above a floor, and above the exact field's.
 
     Parameters

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pandis.forces import penalty_force
+from pandis.geometry.arrays import Matrices, Points
 from pandis.stress.probes import excess
 
 #: A wall that is more than so many times as stiff as asked for is felt as an edge.
@@ -13,7 +14,7 @@ ALLOWED = 0.01
 NEARBY = 20
 
 
-def jacobians(answer, points, step):
+def jacobians(answer, points: Points, step) -> Matrices:
     """Return dF/dx (n, 3, 3) by central differences over ``step``, k = 1, unit frame."""
     moves = np.concatenate([step / 2 * np.eye(3), -step / 2 * np.eye(3)])
     force = penalty_force(*answer((points[:, None] + moves).reshape(-1, 3))).reshape(-1, 2, 3, 3)
@@ -40,14 +41,14 @@ def stiffness(answer, exact, shell, scale, device):
         mean ‖J − Jᵀ‖ / ‖J‖, zero of a force that is a gradient; ``limit``, ``passed``.
     """
     step = device.encoder * scale.metre
-    found = jacobians(answer, shell.points, step)
+    slopes = jacobians(answer, shell.points, step)
     largest, here, nearby = (
         np.linalg.norm(j, ord=2, axis=(1, 2))
-        for j in (found, *(jacobians(exact, shell.points, s) for s in (step, NEARBY * step)))
+        for j in (slopes, *(jacobians(exact, shell.points, s) for s in (step, NEARBY * step)))
     )
     reference = np.maximum(here, NEARBY * nearby - (NEARBY - 1))
-    size = np.linalg.norm(found, axis=(1, 2))
-    odd = np.linalg.norm(found - found.transpose(0, 2, 1), axis=(1, 2))
+    size = np.linalg.norm(slopes, axis=(1, 2))
+    odd = np.linalg.norm(slopes - slopes.transpose(0, 2, 1), axis=(1, 2))
     steep = excess(largest, reference, STEEP, shell.weight)
     p50, p99 = np.percentile(largest, [50, 99]) * scale.stiffness
     return {

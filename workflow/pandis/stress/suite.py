@@ -138,9 +138,9 @@ class Suite:
             name: wanted_force(self.exact, places, self.scale, self.device)
             for name, places in (("pushed", self.pushed), ("pressed", self.pressed))
         }
-        own = self.pressed, self.wanted["pressed"], self.scale, self.device
-        self.calm = presses(self.exact, *own)
-        self.rests = stable_stiffness(self.exact, *own)
+        pressing = self.pressed, self.wanted["pressed"], self.scale, self.device
+        self.calm = presses(self.exact, *pressing)
+        self.rests = stable_stiffness(self.exact, *pressing)
         #: How thick the solid is below the points pushed into, however thick.
         self.thickness = inscribed_radius(engine, self.pushed.feet, self.pushed.outward)
         self.odd = special_points(body.corners, body.faces, self.pushed, self.thickness)
@@ -168,12 +168,12 @@ class Suite:
         dict of str to dict
             By question: figures, and whether the field passed.
         """
-        found = {}
+        answers = {}
         for question, answer in self._questions(field, progress).items():
-            found[question] = answer()
-            if first and not found[question]["passed"]:
+            answers[question] = answer()
+            if first and not answers[question]["passed"]:
                 break
-        return found
+        return answers
 
     def _questions(self, field, progress):
         """Return what answers each question, in the order of `QUESTIONS`: the quick ones first."""
@@ -227,15 +227,15 @@ def stress(fields, controls, suite, count, progress):
     """
     tried = {control.name: failures(suite.ask(control, progress, first=True))
              for control in controls}  # fmt: skip
-    demand_failure("the stress suite", (name for name, own in tried.items() if not own))
+    demand_failure("the stress suite", (name for name, failed in tried.items() if not failed))
     asked = [field for field in fields if not field.ordered]
     answers = each(lambda field: suite.ask(field, progress), asked, count)
-    found = {field.name: answer for field, answer in zip(asked, answers, strict=True)}
+    answered = {field.name: answer for field, answer in zip(asked, answers, strict=True)}
     holds = suite.thickness * suite.scale.newtons
     arrays = {"pushed": suite.pushed.feet, "holding_newtons": holds}
     record = StressRecord(
-        fields=found,
-        failed={name: failures(answer) for name, answer in found.items()},
+        fields=answered,
+        failed={name: failures(answer) for name, answer in answered.items()},
         controls=tried,
         skipped={field.name: "its answers depend on the way" for field in fields if field.ordered},
         device=suite.device._asdict(),
@@ -245,6 +245,6 @@ def stress(fields, controls, suite, count, progress):
     return arrays, record.attributes()
 
 
-def failures(found):
+def failures(answers):
     """Return the questions that were failed, of what `Suite.ask` has found."""
-    return [question for question, row in found.items() if not row["passed"]]
+    return [question for question, row in answers.items() if not row["passed"]]

@@ -71,11 +71,11 @@ def work(answer, exact, paths, scale, device):
         depth; ``push_n``: of the worst loop, the work per length, newtons; ``limit``: what the
         device's damping takes at `SPEED`, and what is forgiven there; ``passed``: every loop.
     """
-    (found, length), (rest, _) = (loop_work(a, paths) for a in (answer, exact))
-    push, forgiven = (np.abs(w / length) * scale.newtons for w in (found, rest))
+    (energy, length), (rest, _) = (loop_work(a, paths) for a in (answer, exact))
+    push, forgiven = (np.abs(w / length) * scale.newtons for w in (energy, rest))
     limit = device.damping * SPEED + forgiven
     worst = int(np.argmax(np.where(np.isnan(push), np.inf, push) - limit))
-    share = np.sqrt((found**2).mean()) / (np.mean(DEPTHS) ** 2 / 2)
+    share = np.sqrt((energy**2).mean()) / (np.mean(DEPTHS) ** 2 / 2)
     return {
         "work": float(share),
         "push_n": float(push[worst]),

@@ -1,9 +1,16 @@
 """The loss of the default recipe: regression on exact distance and normal."""
 
+from pandis.training.tensors import Loss, Numbers, Vectors
 from pandis.training.vectors import length
 
 
-def exact_loss(phi, direction, distance, normal, options):
+def exact_loss(
+    phi: Numbers,
+    direction: Vectors,
+    distance: Numbers,
+    normal: Vectors,
+    options,
+) -> Loss:
     """Return the regression loss on exact distance and normal.
 
     The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;

@@ -10,6 +10,7 @@ absolute value, for without it a vanishing Ψ is rewarded.
 
 import torch
 
+from pandis.training.tensors import Loss, OffOutputs, OffVectors, Outputs, Vectors
 from pandis.training.vectors import cosine, length
 
 
@@ -49,7 +50,14 @@ def psi_off_surface(psi, gradient):
     return (1 - cosine(psi, gradient)).mean()
 
 
-def paper_loss(on, on_gradient, off, off_gradient, normal, options):
+def paper_loss(
+    on: Outputs,
+    on_gradient: Vectors,
+    off: OffOutputs,
+    off_gradient: OffVectors,
+    normal: Vectors,
+    options,
+) -> Loss:
     """Return the paper's total loss, Eq. 5, with its seven weights.
 
     Parameters

@@ -51,11 +51,11 @@ def train(task, samples, strata, points, checkpoint, progress, log):
         return *trainer.run(progress), trainer.finish
     recipe = task.recipe
     limits = points.limits(recipe)
-    found, tried, finish = narrowest(
+    network, tried, finish = narrowest(
         task, widths_up_to(recipe.width), samples, strata, checkpoint, progress, log,
         lambda trainer, arrays, attributes: points.measure(trainer.force_at, limits),
     )  # fmt: skip
-    if found is None:
+    if network is None:
         finish()
         best = min(tried, key=lambda one: one.excess)
         raise PandisError(
@@ -63,7 +63,7 @@ def train(task, samples, strata, points, checkpoint, progress, log):
             f"{len(tried)}, up to {recipe.width} units per layer, the nearest, of "
             f"{best.size}, {best.why}: ask for less, or give more steps or width"
         )
-    arrays, attributes, measured = found
+    arrays, attributes, measured = network
     sizing = {
         "asked": recipe.model_dump(include={"force_error", "tail", "missed"}),
         "tried": [one._asdict() for one in tried],
@@ -95,7 +95,7 @@ def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
 
     Returns
     -------
-    found : tuple (arrays, attributes, measured), or None
+    network : tuple (arrays, attributes, measured), or None
         What was taken.
     tried : list of Tried
     finish : callable
@@ -103,9 +103,9 @@ def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
     """
     tried, finish = [], lambda: None
     for width in widths:
-        own = checkpoint.with_name(f"{checkpoint.stem}.{width}.pt")
+        state = checkpoint.with_name(f"{checkpoint.stem}.{width}.pt")
         recipe = task.recipe.model_copy(update={"width": width})
-        trainer = Trainer(task.model_copy(update={"recipe": recipe}), samples, strata, own, log)
+        trainer = Trainer(task.model_copy(update={"recipe": recipe}), samples, strata, state, log)
         arrays, attributes = trainer.run(progress)
         trainer.keep()
         finish = trainer.finish

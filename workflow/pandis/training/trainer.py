@@ -173,8 +173,8 @@ class Trainer:
             # The default stream cannot be recorded. A stream that the caller has chosen is used
             # again: torch hands out 32 in turn, and two recordings on one may share memory.
             current = torch.cuda.current_stream()
-            own = current != torch.cuda.default_stream()
-            side = current if own else torch.cuda.Stream()
+            chosen = current != torch.cuda.default_stream()
+            side = current if chosen else torch.cuda.Stream()
             side.wait_stream(current)
             with torch.cuda.stream(side):
                 loss = self._descend(self._rows)

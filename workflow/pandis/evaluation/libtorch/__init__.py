@@ -60,9 +60,9 @@ def ask(path, points, queries):
         _run([sys.executable, "-c", _COMPILE, str(path), str(package)], quick)
         np.ascontiguousarray(points, np.float64).tofile(asked)
         _run([str(program), str(package), str(asked), str(answered), str(queries)], quick)
-        found = np.fromfile(answered)
-    answers = found[: 4 * len(points)].reshape(-1, 4)
-    return answers[:, 0], answers[:, 1:], found[4 * len(points) :] * 1e-9
+        numbers = np.fromfile(answered)
+    answers = numbers[: 4 * len(points)].reshape(-1, 4)
+    return answers[:, 0], answers[:, 1:], numbers[4 * len(points) :] * 1e-9
 
 
 def _program():

@@ -143,14 +143,14 @@ class Bvh:
     def inside(self, points):
         """Tell which points (n, 3) lie inside, by the winding number alone."""
         points = np.ascontiguousarray(points, np.float64)
-        found = np.empty(len(points), np.uint8)
+        inside = np.empty(len(points), np.uint8)
 
         def part(low, high):
             start = points[low:].ctypes.data
-            self._library.bvh_inside(self._tree, start, high - low, found[low:].ctypes.data)
+            self._library.bvh_inside(self._tree, start, high - low, inside[low:].ctypes.data)
 
         in_threads(part, len(points))
-        return found.astype(bool)
+        return inside.astype(bool)
 
     def parts(self):
         """Return what the tree is made of, as a file for ``pandis.h`` holds it.
@@ -160,11 +160,11 @@ class Bvh:
         dict of str to bytes
             By the names of docs/format.md.
         """
-        found, size = {}, ctypes.c_int64()
+        arrays, size = {}, ctypes.c_int64()
         for index, name in enumerate(PARTS):
             start = self._library.bvh_part(self._tree, index, ctypes.byref(size))
-            found[name] = ctypes.string_at(start, size.value)
-        return found
+            arrays[name] = ctypes.string_at(start, size.value)
+        return arrays
 
     @property
     def reach(self):
@@ -189,15 +189,15 @@ class Bvh:
         Clusters of faces farther than ``beta`` times their radius count as one.
         """
         points = np.ascontiguousarray(points, np.float64)
-        found = np.empty(len(points))
+        turns = np.empty(len(points))
 
         def part(low, high):
             start = points[low:].ctypes.data
-            self._library.bvh_turns(self._tree, start, high - low, beta, found[low:].ctypes.data)
+            self._library.bvh_turns(self._tree, start, high - low, beta, turns[low:].ctypes.data)
 
         if len(points):
             in_threads(part, len(points))
-        return found
+        return turns
 
     def winding(self, points):
         """Return the approximate and the exact winding numbers (n,) at points (n, 3)."""

@@ -330,16 +330,16 @@ def _run(order, function):
         order.patience, order.expected, order.armed, order.ticks,
         *(column.ctypes.data for column in (position, force, taken, since)),
     )  # fmt: skip
-    found = _Outcome()
-    function(ctypes.byref(given), ctypes.byref(found))
-    if found.hangs:
+    ended = _Outcome()
+    function(ctypes.byref(given), ctypes.byref(ended))
+    if ended.hangs:
         # the callback is still at it, and may come back
-        _KEPT.append((order, given, found, position, force, taken, since))
+        _KEPT.append((order, given, ended, position, force, taken, since))
         position, force, taken, since = (v.copy() for v in (position, force, taken, since))
-    count = found.ticks
+    count = ended.ticks
     return Session(
-        position[:count], force[:count], taken[:count], since[:count], found.cause, found.code,
-        found.worst, found.strongest, found.steepest, found.fastest, found.added, found.cut,
-        found.slowed, found.damped, found.armed_at, found.signs, found.spec, found.limits,
-        bool(found.stand_in), bool(found.simulated), found.why.decode(errors="replace"),
+        position[:count], force[:count], taken[:count], since[:count], ended.cause, ended.code,
+        ended.worst, ended.strongest, ended.steepest, ended.fastest, ended.added, ended.cut,
+        ended.slowed, ended.damped, ended.armed_at, ended.signs, ended.spec, ended.limits,
+        bool(ended.stand_in), bool(ended.simulated), ended.why.decode(errors="replace"),
     )  # fmt: skip

@@ -104,8 +104,8 @@ class NativeScene:
         self._library, self.objects = library(), list(objects)
         count = len(self.objects)
         self._placed = (_Object * max(count, 1))()
-        for place, own in zip(self._placed, self.objects, strict=False):
-            _fill(place, own)
+        for place, placed in zip(self._placed, self.objects, strict=False):
+            _fill(place, placed)
         self._room = np.empty(max(self._library.scene_room(count), 1))
         self._scene = ctypes.create_string_buffer(self._library.scene_bytes())
         self._check(

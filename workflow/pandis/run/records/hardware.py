@@ -3,7 +3,7 @@
 from pandis.run.records.record import Record
 
 
-class WallsFound(Record):
+class WallVerdict(Record):
     """Where a field lacks the exact force, below surface points of every thickness.
 
     Attributes
@@ -107,7 +107,7 @@ class ServoVerdict(Ticks):
         Largest difference from the forces that were evaluated (unit frame, k = 1).
     agrees, in_time, punctual : bool
         It is small enough; few enough ticks compute too long; few enough begin too late.
-    walls : WallsFound
+    walls : WallVerdict
     verdict, sentence : str
     loaded : Ticks or None
         The same beside other work on every core.
@@ -119,7 +119,7 @@ class ServoVerdict(Ticks):
     agrees: bool
     in_time: bool
     punctual: bool
-    walls: WallsFound
+    walls: WallVerdict
     verdict: str = ""
     sentence: str = ""
     loaded: Ticks | None = None
