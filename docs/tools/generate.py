@@ -149,6 +149,7 @@ def generated():
             ablation=tables.ablation_table(),
             untuned=tables.training_table("untuned"),
             budgets=tables.budget_table(),
+            sweep=tables.sweep_table(),
             base=tables.base_table(),
             throughput=tables.throughput_table(),
         ),

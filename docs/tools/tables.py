@@ -330,6 +330,24 @@ def _pair(row):
     return " / ".join(f"{1e3 * float(row[key]):.3g}" for key in ("shallow", "deep"))
 
 
+def sweep_table():
+    """Return the table of one option changed at a time, on a GPU."""
+    notes, rows = _figures("training_gpu")
+    cells = {}
+    for row in rows:
+        changes = dict(pair.split("=") for pair in row["options"].split())
+        changes.pop("device")
+        steps = int(changes.pop("steps"))
+        if row["recipe"] == "pandis-exact" and changes:
+            more = [f"{steps:,} steps"] if steps != 3800 else []
+            change = ", ".join([*(f"`{key}` {value}" for key, value in changes.items()), *more])
+            cells.setdefault(change, {})[row["mesh"]] = _pair(row)
+    meshes = list(dict.fromkeys(mesh for pairs in cells.values() for mesh in pairs))
+    table = ["| change | " + " | ".join(meshes) + " |", "|---" + "|--:" * len(meshes) + "|"]
+    table += [_row([change, *(pairs[mesh] for mesh in meshes)]) for change, pairs in cells.items()]
+    return _noted(table, notes)
+
+
 def base_table():
     """Return the table of what the base is worth, near the surface and away from it."""
     notes, rows = _figures("base")

@@ -172,6 +172,12 @@ def test_generated_files_are_in_sync():
         assert path.read_text() == text, f"{path}: run `make docs`"
 
 
+def test_no_formula_hides_in_a_comment_of_the_docs():
+    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for comment in re.findall(r"<!--(.*?)-->", path.read_text(encoding="utf-8"), re.DOTALL):
+            assert re.fullmatch(r" (generated: \w+|end of generated) ", comment), (path, comment)
+
+
 def test_schema_accepts_the_configs_and_refuses_a_typo():
     import jsonschema
 
