@@ -116,7 +116,7 @@ def test_verify_without_snakemakes_records(rerun):
     for mesh in ("sphere", "torus"):
         line = f"results/{mesh}/model-pandis-exact.zarr.zip"
         found = next(t for t in done.stdout.splitlines() if line in t and "stale" in t)
-        assert "options changed (steps)" in found
+        assert "options changed (recipe.steps)" in found
     assert "-R results/" in done.stdout
 
 

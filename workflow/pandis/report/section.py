@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from pandis.geometry.frame import Frame
+from pandis.report.picture import Picture
 from pandis.run.records.evaluation import EvaluationRecord
 from pandis.run.records.hardware import HardwareRecord
 from pandis.run.records.mesh import MeshRecord
@@ -13,7 +14,7 @@ from pandis.run.records.timing import TimingRecord
 
 @dataclass(frozen=True)
 class Section:
-    """One mesh of the page. Pictures and plots are texts that the page takes as they are.
+    """One mesh of the page, with its pictures.
 
     Attributes
     ----------
@@ -71,12 +72,12 @@ class Section:
     followed: str
     choice: dict | None
     view: str
-    picture: str
-    heat: str | None
-    holding: str
-    quiver: str
-    path: str
-    front: str
-    samples: str | None
-    curves: str | None
-    histogram: str | None
+    picture: Picture
+    heat: Picture | None
+    holding: Picture
+    quiver: Picture
+    path: Picture
+    front: Picture
+    samples: Picture | None
+    curves: Picture | None
+    histogram: Picture | None

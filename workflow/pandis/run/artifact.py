@@ -50,7 +50,7 @@ class Artifact:
         SHA-256 of kind, arrays and attributes; provenance excluded.
     """
 
-    path: Path
+    path: Path | None
     kind: str
     arrays: dict
     attributes: dict

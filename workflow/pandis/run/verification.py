@@ -120,8 +120,7 @@ class Checker:
         if stored_stage != (output.stage, output.wildcards):
             return f"is another result, of {stored_stage[0]} {' '.join(stored_stage[1].values())}"
         if json.loads(json.dumps(options)) != stored["options"]:
-            keys = sorted(set(options) | set(stored["options"]))
-            changed = [k for k in keys if options.get(k) != stored["options"].get(k)]
+            changed = _differences(options, stored["options"])
             return f"stale: options changed ({', '.join(changed)})"
         modules = self.plan.digests.modules(output.stage, unused_modules(options))
         if modules != stored["code"]["modules"]:
@@ -208,3 +207,15 @@ def _without_builds(data):
     """Return the rows of a summary without build times, which no artifact vouches for."""
     rows = list(csv.DictReader(data.decode("utf-8", "replace").splitlines()))
     return [{k: v for k, v in row.items() if k != "build_s"} for row in rows]
+
+
+def _differences(one, other):
+    """Return the names of the options in which two sets differ, `recipe.steps` within a recipe."""
+    names = []
+    for key in sorted(set(one) | set(other)):
+        values = one.get(key), other.get(key)
+        if all(isinstance(value, dict) for value in values):
+            names += [f"{key}.{name}" for name in _differences(*values)]
+        elif values[0] != values[1]:
+            names.append(key)
+    return names
