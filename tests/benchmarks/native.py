@@ -143,9 +143,7 @@ def ways(vertices, faces):
         if name == "exact":
             engine = field.engine
             surface = Surface(engine.vertices, engine.faces)
-            path["points"] = trace(surface, engine, TrajectoryOptions(), 2, silent_progress)[0][
-                "points"
-            ]
+            path, _ = trace(surface, engine, TrajectoryOptions(), 2, silent_progress)
         points = path["points"]
         network = not isinstance(kind, str)
         for bits in (32, 16) if network else (32,):

@@ -247,7 +247,10 @@ def test_an_armed_device_gets_what_is_safe_for_a_light_hand():
     weak = changed(SAFE, hands={"0.3": 200.0, "3": 1e3})
     assert stiffness_for(400.0, touch, weak, WHOLE) == (pytest.approx(140.0), "")
     assert stiffness_for(100.0, touch, weak, WHOLE) == (100.0, "")
-    assert "has not the forces" in stiffness_for(400.0, touch, SAFE, WHOLE, sound=False)[1]
+    assert (
+        "does not give its field's forces"
+        in stiffness_for(400.0, touch, SAFE, WHOLE, sound=False)[1]
+    )
     for known, why in {
         (None, None): "no safe stiffness is known",
         (0, 1): "lacks a part of the surface",

@@ -64,7 +64,7 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
     if pressed is None or walls is None:
         return most, "no safe stiffness is known for this field on this device"
     if not sound:
-        return most, "the file has not the forces of its field, or takes too long to compute them"
+        return most, "the file does not give its field's forces, or computes them too slowly"
     if not walls.holds or walls.pressed_missing:
         return most, "the field lacks a part of the surface"
     safe = SHARE * pressed.hands[HAND]

@@ -227,16 +227,16 @@ class _Rig:
         for wanted in LADDER * stiffness:
             runs = self.presses(wanted)
             if self.quiet(wanted) < CALM:
-                why = "it shakes, or holds nothing, beyond"
+                why = "beyond that it shakes, or holds nothing"
             if min(run.worst for run in runs) < -SLACK:
-                why = "the wall gives energy beyond"
+                why = "beyond that the wall gives energy"
             if any(run.cause != DONE for run in runs):
-                why = "a run ends beyond"
+                why = "beyond that a run ends early"
             if why:
                 break
             last = float(wanted)
             if wanted > self.spec.stiffness:
                 break
         if last >= self.spec.stiffness:
-            return self.spec.stiffness, "more is not asked of this device"
+            return self.spec.stiffness, "the most that is tried on this device"
         return last, why or "more was not tried"

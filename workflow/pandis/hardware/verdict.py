@@ -55,13 +55,13 @@ def device_sentence(name, pressed, walls):
         )
     if pressed.unarmed:
         faults.append(
-            f"{pressed.unarmed} presses got no force, for the field pushes in free space, too, "
-            "and a device is armed outside of every force"
+            f"{pressed.unarmed} presses got no force, because the field also pushes in free space "
+            "and a device is armed only where there is no force"
         )
     still = "it keeps still"
     if pressed.quiet < 1:
         share = f"it shakes or is not held on {100 * (1 - pressed.quiet):.0f} % of the points"
-        still = f"{share} ({100 * (1 - CALM):.0f} % may)"
+        still = f"{share} ({100 * (1 - CALM):.0f} % allowed)"
     energy = "gives no energy"
     if pressed.energy_j < 0:
         lost = f"{-1e3 * pressed.energy_j:.2g} mJ more than the device loses"

@@ -23,11 +23,10 @@ def farewell(plan):
 def condolence(plan):
     """Return what a failed run prints at its end."""
     return (
-        "\nA job failed, or was stopped; its own message stands above, after 'error:' or in a "
-        "traceback.\n"
+        "\nA job failed or was stopped; its message is above, after 'error:' or in a traceback.\n"
         f"All logs are in    {plan.folder}/logs/\n"
-        "Other meshes went on. Mend the cause and run the same command again: only what is "
-        "missing or stale runs."
+        "Other meshes went on. Fix the cause and run the same command again: only what is "
+        "missing or stale will run."
     )
 
 

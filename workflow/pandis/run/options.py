@@ -67,8 +67,8 @@ class MeshOptions(Options):
     )
     nested: Literal["cavity", "solid"] = Field(
         "cavity",
-        description="what a component wholly inside another bounds: a `cavity` (and inside that "
-        "an island, by parity), or `solid` matter, so that only the outer surface remains",
+        description="what to make of a component wholly inside another: a `cavity` (inside which "
+        "the next one is solid again, and so on), or `solid`: only the outer surface remains",
     )
     deviation_p99: float = Field(
         0.005,
@@ -162,8 +162,8 @@ class BudgetOptions(Options):
     )
     query_time: Positive | None = Field(
         None,
-        description="seconds of one query, median, by `config/query-times.csv` (`snakemake "
-        "calibrate` measures it on your machine)",
+        description="median time of one query, in seconds, as listed in `config/query-times.csv` "
+        "(`snakemake calibrate` measures that table on your machine)",
     )
     bytes: Count | None = Field(None, description="bytes that a program holds in memory")
 
@@ -180,7 +180,7 @@ class BakeOptions(Options):
         default_factory=dict,
         description="what `nearest-auto`, `trilinear-auto`, … should achieve, by kind: "
         "`force_error` (the coarsest grid that meets it, `tail` and `missed`) or `bytes` (the "
-        "finest that fits); without a word `spline-auto` gets 800,000 bytes",
+        "finest that fits); by default `spline-auto` gets 800,000 bytes",
     )
     vti: bool = Field(
         False, description="also write every grid field as `.vti`, for ParaView and 3D Slicer"
@@ -198,8 +198,8 @@ class ExportOptions(Options):
 
     weight_bits: Literal[16, 32] = Field(
         32,
-        description="of a network's hidden layers in its `.pandis` file; 16 halves the file, and "
-        "the export's log says what it costs",
+        description="bits per weight of a network's hidden layers in its `.pandis` file; 16 halves "
+        "the size of the file, and the export's log says by how much the answers change",
     )
 
 
@@ -243,8 +243,8 @@ class StressOptions(Options):
     encoder: Positive = Field(55e-6, description="step of the position that it reports, m")
     delay: int = Field(0, ge=0, le=20, description="ticks by which a force comes late")
     force_limit: Positive = Field(3.3, description="largest force, N")
-    hand_stiffness: float = Field(20.0, ge=0, description="of the hand that holds it, N/m")
-    hand_damping: float = Field(3.0, ge=0, description="likewise, Ns/m")
+    hand_stiffness: float = Field(20.0, ge=0, description="stiffness of the hand, N/m")
+    hand_damping: float = Field(3.0, ge=0, description="damping of the hand, Ns/m")
     press: Positive = Field(0.5, description="force with which the hand presses, N")
     loops: Annotated[int, Field(ge=2)] = Field(
         20, description="closed loops around which the work is measured"
@@ -274,9 +274,9 @@ class AttachedOptions(Options):
     """A haptic device of 3D Systems that is attached to this machine, and held by somebody."""
 
     library: str = Field("libHD.so", description="OpenHaptics' library, a name or a path")
-    name: str = Field("", description="of the device, as set up there; empty: the default one")
+    name: str = Field("", description="the device's name in OpenHaptics; empty: the default one")
     model: Literal["touch", "touch-x"] = Field(
-        "touch", description="which it is: its limits are kept"
+        "touch", description="model of the device; forces stay within the limits of that model"
     )
     arm: bool = Field(
         False,
@@ -293,10 +293,12 @@ class HardwareOptions(Options):
     rate: Positive = Field(1000.0, ge=100, le=20_000, description="ticks per second")
     deadline: Positive = Field(
         0.8e-3,
-        description="a tick that computes longer is a miss (s); at most 0.8 of the period is "
-        "accepted",
+        description="a tick that takes longer to compute is a miss (s); values above 0.8 of the "
+        "period count as 0.8 of it",
     )
-    misses: float = Field(0.001, ge=0, lt=1, description="share of misses a pass allows")
+    misses: float = Field(
+        0.001, ge=0, lt=1, description="largest share of misses with which a field passes"
+    )
     loaded_seconds: float = Field(
         0.5, ge=0, le=600, description="length of a second run, beside a busy loop on every core"
     )

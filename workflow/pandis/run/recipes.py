@@ -27,7 +27,9 @@ class Recipe(Options):
     depth: Annotated[int, Field(ge=1, le=16)] = Field(
         4, description="number of sine layers; 4 is the paper's 800 KB"
     )
-    steps: Count | None = Field(None, description="budget in optimiser steps: bytes reproduce")
+    steps: Count | None = Field(
+        None, description="budget in optimiser steps, with which the result is reproducible"
+    )
     seconds: Positive | None = Field(
         None,
         description="budget in seconds instead: the steps reached are recorded, "
@@ -81,9 +83,10 @@ class PaperRecipe(Recipe):
     batch: Count = Field(1400, description="points on the surface per step; as many again off it")
     weighting: Literal["subset", "batch"] = Field(
         "subset",
-        description="a term that holds for one half of the points is a mean over that half; or "
-        "over the whole batch, as in SIREN's code, which halves its weight beside the others: as "
-        "good in short trainings, and at least as good in long ones (docs/benchmarks.md)",
+        description="how a term that applies to only half of the points is averaged: `subset`, "
+        "over that half; `batch`, over the whole batch, as in SIREN's code, which halves its "
+        "weight relative to the others: as good in short trainings, and at least as good in long "
+        "ones (docs/benchmarks.md)",
     )
     learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
     clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")

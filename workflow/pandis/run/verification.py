@@ -72,7 +72,7 @@ def remedy(plan, faults):
         paths = " ".join(output.path for output in stale)
         said.append(f"To mend what is stale: snakemake {given} -R {paths} -- all")
     if any(output.stage == "refuse" for output in lost):
-        said.append("Meshes that are refused have to be mended, or taken out.")
+        said.append("Meshes that are refused must be repaired, or removed from the configuration.")
     return "\n".join(said)
 
 

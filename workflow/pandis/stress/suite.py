@@ -65,22 +65,22 @@ QUESTIONS = {
     "jumps": Question(
         "Does the force jump?",
         "jumps",
-        "the force jumps on {jumps:.2%} of the ways of 0.1 mm on which the exact one does not "
-        "({limit:.2%} allowed), on one in ten thousand by {worst_n:.2g} N or more beyond the "
-        "exact one",
+        "on {jumps:.2%} of the moves of 0.1 mm the force jumps where the exact one does not "
+        "({limit:.2%} allowed); on one move in ten thousand it changes by {worst_n:.2g} N or "
+        "more beyond the exact one",
     ),
     "closed_loop": Question(
-        "Do device and hand shake on it, or go through?",
+        "Does a device in a hand shake on the wall, or go through it?",
         "restless",
-        "on {restless:.0%} of the surface a press shakes or goes through that is calm on the exact "
-        "field ({limit:.0%} allowed); a device is calm up to {stable_n_m:.0f} N/m "
-        "(at least {least_n_m:.0f} N/m are asked for)",
+        "on {restless:.0%} of the surface a press that is calm on the exact field shakes or goes "
+        "through ({limit:.0%} allowed); a device is calm up to {stable_n_m:.0f} N/m "
+        "(at least {least_n_m:.0f} N/m required)",
     ),
     "invariance": Question(
         "Do units and place matter?",
         "distance",
-        "distances change by {distance:.1e} with units or place, forces on {changed:.2%} of the "
-        "surface",
+        "when units or position change, distances change by {distance:.1e}, and the force "
+        "changes on {changed:.2%} of the surface",
     ),
     "precision": Question(
         "Do float32 positions matter?",
@@ -91,7 +91,8 @@ QUESTIONS = {
     "special": Question(
         "Are vertices, edges, the medial axis and NaN answered?",
         "bad",
-        "{bad:,} special points and {unflagged:,} that are none are not answered",
+        "{bad:,} special points have no valid answer, and {unflagged:,} invalid points are not "
+        "flagged or get a force",
     ),
     "endurance": Question(
         "Does a long run end as it began?",
