@@ -8,6 +8,6 @@ with stage(snakemake, SceneTask) as job:
     files = [job.note_file(path) for path in job.input.fields]
     name = snakemake.wildcards.scene
     arrays, attributes, text, header = try_scene(name, files, job.options, job.progress, job.log)
-    job.write("scene", arrays, attributes)
+    job.write("scene", arrays, attributes | {"header": header})
     job.write_file(text.encode(), index=1)
     job.write_file(header.encode(), index=2)

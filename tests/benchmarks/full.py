@@ -95,6 +95,7 @@ def network(path):
     arrays = {key: found[key] for key in found.files if key != "options"}
     shape = {key: options[key] for key in ("width", "depth", "omega")}
     shape["omega"] = shape["omega"] or usual_omega(shape["width"])
+    shape["outputs"] = 1 if options["direction"] == "gradient" else 4
     artifact = Artifact(None, "model", arrays, {"architecture": shape} | UNIT, {}, "")
     return SirenField(options["recipe"], artifact), options
 

@@ -71,3 +71,13 @@ def test_a_damaged_field_is_one_sentence(exported, capsys):
     exported.write_bytes(b"nothing")
     assert touch.main([str(exported), "--simulated"]) == 1
     assert capsys.readouterr().err.startswith("error: ")
+
+
+def test_what_cannot_be_attached_is_refused_before_anything_opens(exported, capsys):
+    with pytest.raises(SystemExit):
+        touch.main([str(exported), "--model", "falcon"])
+    assert "only touch and touch-x can be attached" in capsys.readouterr().err
+
+
+def test_no_number_is_no_agreement(exported):
+    assert "use --size" in touch.known(exported, "touch", float("nan"))[2]

@@ -2,13 +2,17 @@
 
 import ast
 import inspect
+from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
+from pandis.errors import ArtifactError
 from pandis.run import options, recipes, tasks, values
+from pandis.run.artifact import Artifact
 from pandis.run.plan import Plan
 from pandis.run.provenance import _MODELS
+from pandis.run.records.stress import StressRecord
 from support import ROOT
 
 #: Two meshes whose fields need every stage that a mesh without a download can have.
@@ -91,3 +95,17 @@ def test_options_and_attributes_are_read_by_name_and_not_by_key():
     files = [path for path in library.rglob("*.py") if library / "run" not in path.parents]
     found = [key for path in [*files, *(ROOT / "scripts").glob("*.py")] for key in keys_of(path)]
     assert len(found) <= 20, found
+
+
+def test_a_paper_recipe_may_stand_for_the_chosen_network():
+    train = {"pandis-exact": {"loss": "paper"}}
+    budget = {"fields": "auto", "budget": {"force_error": 1e-3}}
+    _, asked = planned({"a": {"source": "analytic:sphere", "train": train} | budget})
+    (task,) = (task for output, task in asked if output.stage == "choose")
+    assert task.recipe.loss == "paper"
+
+
+def test_attributes_of_another_version_are_a_sentence():
+    artifact = Artifact(Path("x.zarr.zip"), "stress", {}, {"fields": {}}, {}, "")
+    with pytest.raises(ArtifactError, match=r"x\.zarr\.zip: not of this version of pandis"):
+        StressRecord.of(artifact)

@@ -28,6 +28,8 @@ from pandis.native.scene import NativeScene, Placed
 from pandis.run.options import AttachedOptions, HardwareOptions
 from pandis.run.records.hardware import HardwareRecord
 
+#: Models that OpenHaptics drives.
+ATTACHED = ("touch", "touch-x")
 #: The hand that holds the simulated device: N/m and Ns/m.
 HAND = (300.0, 6.0)
 
@@ -66,7 +68,7 @@ def known(path, model, size):
     validated = report.fields.get(path.stem)
     if validated is None or validated.sha256 != digest(path):
         return None, None, f"{verdict} is about another file: run the workflow's hardware stage"
-    if abs(report.size / size - 1) > 1e-6:
+    if not abs(report.size / size - 1) <= 1e-6:  # no number is no agreement, either
         return None, None, f"{verdict} is about a longest side of {report.size:g} m: use --size"
     if report.rate != DEVICES[model].rate:
         return None, None, f"{verdict} is about {report.rate:g} Hz, this device about another"
@@ -121,6 +123,8 @@ def main(words=None):
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--arm", action="store_true", help="send forces, with PANDIS_ARM=1")
     given = parser.parse_args(words)
+    if not given.simulated and given.model not in ATTACHED:
+        parser.error(f"only {' and '.join(ATTACHED)} can be attached; others with --simulated")
     try:
         field = NativeField(given.field)
     except PandisError as error:

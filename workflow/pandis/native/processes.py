@@ -8,8 +8,11 @@ import ctypes
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from multiprocessing import active_children, get_context
+
+from pandis.errors import PandisError
 
 _TASK = {}
 
@@ -33,6 +36,11 @@ def each(work, items, count):
     with ProcessPoolExecutor(count, get_context("fork"), _begin, (work, items)) as pool:
         try:
             yield from pool.map(_do, range(len(items)))
+        except BrokenProcessPool as error:
+            raise PandisError(
+                "a process of this stage was killed, perhaps for want of memory; run the same "
+                "command again, with one thread if memory is short (-j1)"
+            ) from error
         except BaseException:
             for process in active_children():
                 process.kill()  # or the pool would wait for what they are at

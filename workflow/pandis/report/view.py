@@ -16,7 +16,7 @@ def view(arrays, newtons, names, first):
 
     Parameters
     ----------
-    held : dict of str to ndarray
+    arrays : dict of str to ndarray
         The arrays of ``evaluation.zarr.zip``.
     newtons : float
         Per force of the unit frame.

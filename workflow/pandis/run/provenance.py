@@ -3,8 +3,9 @@
 Snakemake tracks a script by its modification time and an imported module not
 at all. Here every rule gets a ``code`` param instead: a digest of its script
 and of all library modules that it imports, directly or through others, C included.
-Comments, docstrings and formatting do not count. The same facts are stored
-inside each artifact, so that `verify` can judge a folder of results alone.
+Comments, docstrings, annotations of signatures and formatting do not count. The
+same facts are stored inside each artifact, so that `verify` can judge a folder of
+results alone.
 """
 
 import ast

@@ -1,8 +1,8 @@
 """How a script runs: its log, its errors, its threads, its progress, its one artifact.
 
-Every script is ``with stage(snakemake) as job:`` around a few calls of the
-library. What is written to the job's log also appears on the terminal, but
-for tracebacks: Snakemake prints the log of a failed job itself.
+Every script is ``with stage(snakemake, Task) as job:``, with the model of what it is
+asked, around a few calls of the library. What is written to the job's log also appears
+on the terminal, except tracebacks: Snakemake prints the log of a failed job itself.
 """
 
 import hashlib
@@ -29,6 +29,7 @@ from pandis.run.provenance import CodeDigests, combine, provenance, unused_modul
 from pandis.run.sourcing import source_digest, source_files
 
 PROGRESS_SECONDS = 5.0
+CHANGED = "the code was changed after this run was planned; run the same command again"
 #: What a job that was stopped says.
 INTERRUPTED = "interrupted; run the same command again to go on: what was finished stays"
 
@@ -92,9 +93,9 @@ class Job:
         # the script's name, as another workflow may give the rule another one
         self.stage = Path(sys.modules["__main__"].__file__).stem
         self.mesh = snakemake.wildcards.get("mesh")
-        self._asked = dict(snakemake.params.options)
-        #: What the stage is asked, as its model.
-        self.options = task(**self._asked)
+        self._asked, self._task = dict(snakemake.params.options), task
+        #: What the stage is asked, as its model: from `check_code` on.
+        self.options = None
         self.threads = snakemake.threads
         self.input = snakemake.input
         self.output = snakemake.output
@@ -138,9 +139,11 @@ class Job:
         unused = unused_modules(self._asked)
         self._modules = CodeDigests(self.workflow()).modules(self.stage, unused)
         if combine(self._modules) != self._snakemake.params.code:
-            raise PandisError(
-                "the code was changed after this run was planned; run the same command again"
-            )
+            raise PandisError(CHANGED)
+        try:
+            self.options = self._task(**self._asked)
+        except ValueError as error:
+            raise PandisError(f"{CHANGED} ({error})") from error
 
     def checkpoint(self):
         """Return where an unfinished result may be kept: a path that belongs to this very work.

@@ -96,7 +96,7 @@ class ChooseTask(DeviceOptions):
 
     budget: BudgetOptions
     name: str
-    recipe: ExactRecipe
+    recipe: Annotated[PaperRecipe | ExactRecipe, Field(discriminator="loss")]
     samples: SampleOptions
     stress: StressOptions
     weight_bits: Literal[16, 32]

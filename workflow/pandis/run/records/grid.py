@@ -20,7 +20,7 @@ class GridRecord(Record):
     @classmethod
     def of(cls, artifact):
         """Return the record of a grid's artifact."""
-        return cls.model_validate(artifact.attributes["grid"])
+        return cls.checked(artifact, artifact.attributes["grid"])
 
     def attributes(self):
         """Return the record as it stands among the attributes."""

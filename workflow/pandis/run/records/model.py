@@ -14,7 +14,7 @@ class Architecture(Record):
     @classmethod
     def of(cls, artifact):
         """Return the architecture of a network's artifact."""
-        return cls.model_validate(artifact.attributes["architecture"])
+        return cls.checked(artifact, artifact.attributes["architecture"])
 
 
 class Spread(Record):
