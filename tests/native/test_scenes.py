@@ -20,8 +20,11 @@ from pandis.fields.base import INVALID
 from pandis.geometry.body import Body
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
+from pandis.run.artifact import write_artifact
 from pandis.run.stage import silent_progress
 from pandis.run.tasks import SceneTask
+from pandis.run.verification import Checker
+from support import ROOT
 
 NATIVE = Path(pandis.__file__).parent / "native"
 #: Way of a tick at 0.5 m/s (m).
@@ -305,3 +308,16 @@ def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
         [tmp_path / "main"], input=arrays["points"].tobytes(), capture_output=True, check=True
     )
     assert done.stdout == arrays["force"].tobytes()
+
+
+def test_the_header_of_a_scene_is_what_verify_compares_it_with(tried, tmp_path):
+    _, arrays, attributes, text, header = tried
+    script = (ROOT / "scripts/scene.py").read_text()
+    assert 'attributes | {"header": header}' in script
+    write_artifact(tmp_path / "s.zarr.zip", "scene", arrays, attributes | {"header": header}, {})
+    (tmp_path / "s.h").write_text(header)
+    (tmp_path / "s.json").write_text(text)
+    for ending in ("h", "json"):
+        assert Checker._companion(None, tmp_path / f"s.{ending}") is None
+    (tmp_path / "s.h").write_text(header + "\n")
+    assert Checker._companion(None, tmp_path / "s.h") == "differs from its artifact"
