@@ -7,7 +7,7 @@ from pandis.run.tasks import SceneTask
 with stage(snakemake, SceneTask) as job:
     files = [job.note_file(path) for path in job.input.fields]
     name = snakemake.wildcards.scene
-    arrays, attributes, text, header = try_scene(name, files, job.options, job.progress, job.log)
-    job.write("scene", arrays, attributes | {"header": header})
+    arrays, attributes, text = try_scene(name, files, job.options, job.progress, job.log)
+    job.write("scene", arrays, attributes)
     job.write_file(text.encode(), index=1)
-    job.write_file(header.encode(), index=2)
+    job.write_file(attributes["header"].encode(), index=2)

@@ -24,7 +24,6 @@ from pandis.run.artifact import write_artifact
 from pandis.run.stage import silent_progress
 from pandis.run.tasks import SceneTask
 from pandis.run.verification import Checker
-from support import ROOT
 
 NATIVE = Path(pandis.__file__).parent / "native"
 #: Way of a tick at 0.5 m/s (m).
@@ -248,7 +247,7 @@ COMMON = {"rotation": (10.0, 90.0, -20.0), "size": 0.05, "stiffness": 400.0}
 
 @pytest.fixture
 def tried(files, tmp_path):
-    """Return the files, arrays, attributes, text and header of a scene that was tried."""
+    """Return the files, arrays, attributes and text of a scene that was tried."""
     found = []
     for mesh, name in (("a", "spline"), ("b", "sphere")):
         path = tmp_path / mesh / "export" / f"{name}.pandis"
@@ -260,7 +259,7 @@ def tried(files, tmp_path):
 
 
 def test_a_scene_is_tried(tried):
-    _, arrays, attributes, text, _ = tried
+    _, arrays, attributes, text = tried
     assert attributes["different"] == 0
     assert 0.1 < attributes["touched_share"] < 0.9
     assert attributes["asked_mean"] < 1.5
@@ -284,8 +283,8 @@ def test_a_scene_that_loses_contacts_fails(tried, tmp_path):
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
 def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
-    _, arrays, _, _, header = tried
-    (tmp_path / "scene.h").write_text(header)
+    _, arrays, attributes, _ = tried
+    (tmp_path / "scene.h").write_text(attributes["header"])
     (tmp_path / "main.c").write_text(
         '#define PANDIS_IMPLEMENTATION\n#include "scene.h"\n'
         "int main(void) {\n"
@@ -311,13 +310,11 @@ def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
 
 
 def test_the_header_of_a_scene_is_what_verify_compares_it_with(tried, tmp_path):
-    _, arrays, attributes, text, header = tried
-    script = (ROOT / "scripts/scene.py").read_text()
-    assert 'attributes | {"header": header}' in script
-    write_artifact(tmp_path / "s.zarr.zip", "scene", arrays, attributes | {"header": header}, {})
-    (tmp_path / "s.h").write_text(header)
+    _, arrays, attributes, text = tried
+    write_artifact(tmp_path / "s.zarr.zip", "scene", arrays, attributes, {})
+    (tmp_path / "s.h").write_text(attributes["header"])
     (tmp_path / "s.json").write_text(text)
     for ending in ("h", "json"):
         assert Checker._companion(None, tmp_path / f"s.{ending}") is None
-    (tmp_path / "s.h").write_text(header + "\n")
+    (tmp_path / "s.h").write_text(attributes["header"] + "\n")
     assert Checker._companion(None, tmp_path / "s.h") == "differs from its artifact"

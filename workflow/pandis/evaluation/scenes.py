@@ -39,9 +39,7 @@ def try_scene(name, files, options, progress, log):
         As stored in the scene's artifact: the walk, forces, flags, how many fields were asked and
         the seconds of each tick.
     text : str
-        ``{scene}.json``: the attributes.
-    header : str
-        ``{scene}.h``.
+        ``{scene}.json``: the attributes, except the header, which is ``{scene}.h``.
 
     Raises
     ------
@@ -81,7 +79,7 @@ def try_scene(name, files, options, progress, log):
         "seconds": answer.seconds,
     }
     text = json.dumps(record.attributes(), indent=2) + "\n"
-    return arrays, record.attributes(), text, header(name, record.objects)
+    return arrays, record.attributes() | {"header": header(name, record.objects)}, text
 
 
 def _place(asked, field):

@@ -13,6 +13,7 @@ import argparse
 import hashlib
 import sys
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from pydantic import ValidationError
@@ -29,7 +30,7 @@ from pandis.run.options import AttachedOptions, HardwareOptions
 from pandis.run.records.hardware import HardwareRecord
 
 #: Models that OpenHaptics drives.
-ATTACHED = ("touch", "touch-x")
+ATTACHED = get_args(AttachedOptions.model_fields["model"].annotation)
 #: The hand that holds the simulated device: N/m and Ns/m.
 HAND = (300.0, 6.0)
 
