@@ -4,8 +4,17 @@ The letters are lengths: within one call the same letter is the same length. Not
 while the workflow runs; the tests check every call (`tests/conftest.py`).
 """
 
+import re
+
 import numpy as np
-from jaxtyping import Bool, Float, Integer
+from jaxtyping import AbstractDtype, Bool, Float
+
+
+class Integer(AbstractDtype):
+    """Any integer, also NumPy's `longlong`: trimesh gives it where `int64` has the same bits."""
+
+    dtypes = re.compile(r"u?(int\d+|longlong)")
+
 
 #: n points, or vectors.
 Points = Float[np.ndarray, "n 3"]
