@@ -39,4 +39,5 @@ wildcard_constraints:
     kind="|".join(GRID_FIELDS),
     content="|".join(sorted(set(GRID_FIELDS.values()) - {"spline"})),
     size=r"\d+",
+    bits=r"\d+",
     extension=r"[A-Za-z0-9.]+",

@@ -68,3 +68,27 @@ rule bake_auto:
         "{wildcards.mesh}: find the size of {wildcards.kind}-auto"
     script:
         "../scripts/bake_auto.py"
+
+
+rule bake_compact:
+    input:
+        mesh="<results>/{mesh}/mesh.zarr.zip",
+    output:
+        "<results>/{mesh}/compact-{bits}.zarr.zip",
+    log:
+        "<results>/logs/{mesh}/bake-compact-{bits}.log",
+    benchmark:
+        "<results>/benchmarks/{mesh}/bake-compact-{bits}.jsonl"
+    conda:
+        "../workflow/envs/grids.yaml"
+    threads: 2
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        options=plan.options("bake_compact"),
+        code=plan.code("bake_compact"),
+    message:
+        "{wildcards.mesh}: pack the mesh on a lattice of {wildcards.bits} bits"
+    script:
+        "../scripts/bake_compact.py"

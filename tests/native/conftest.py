@@ -7,6 +7,7 @@ import pytest
 
 from pandis.export.clearance import clearance
 from pandis.export.native import native_bytes
+from pandis.fields.compact import CompactField
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
@@ -15,6 +16,7 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import SHAPES
 from pandis.grids.base import fit_base
+from pandis.grids.compact import build_compact
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
 from pandis.native.runtime import RULES
@@ -72,6 +74,9 @@ def fields(meshes):
     found = {"exact": (ExactField("exact", Body.open(meshes["exact"])), "exact")}
     engine = found["exact"][0].engine
     surface = Surface(engine.vertices, engine.faces)
+    arrays, record = build_compact(Body.open(meshes["exact"]), 14, 0, lambda text: None)
+    held = artifact("compact", arrays, record.attributes() | FRAME.attributes())
+    found["compact"] = CompactField("compact-14", held), "compact"
     for rule in (*RULES, "nearest-box", "trilinear-box"):
         made = DenseGrid(engine, GRID_FIELDS[rule], 20, (0.2, 0.1), silent_progress)
         values = np.concatenate(list(made.slabs(32)))

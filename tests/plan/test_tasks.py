@@ -16,7 +16,15 @@ from pandis.run.records.stress import StressRecord
 from support import ROOT
 
 #: Two meshes whose fields need every stage that a mesh without a download can have.
-FIELDS = ["exact", "trilinear-24", "spline-48", "spline-auto", "pandis", "pandis-exact"]
+FIELDS = [
+    "exact",
+    "trilinear-24",
+    "spline-48",
+    "compact-16",
+    "spline-auto",
+    "pandis",
+    "pandis-exact",
+]
 FIELDS += ["support-planes", "salisbury"]
 MESHES = {
     "a": {"source": "analytic:sphere", "fields": FIELDS, "bake": {"vti": True}},

@@ -376,8 +376,9 @@ def test_quality_of_the_default_network(workspace):
 def test_every_kind_of_grid(workspace):
     """By size, by bytes and by error; exported; and as image data for ParaView."""
     kinds = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic", "spline")
+    grids = [*(f"{kind}-32" for kind in kinds), "trilinear-auto", "spline-auto"]
     config = {
-        "fields": ["exact", *(f"{kind}-32" for kind in kinds), "trilinear-auto", "spline-auto"],
+        "fields": ["exact", "compact-14", *grids],
         "bake": {
             "vti": True,
             "auto": {"trilinear": {"bytes": 400_000}, "spline": {"bytes": 40_000}},
@@ -403,15 +404,18 @@ def test_every_kind_of_grid(workspace):
         sized = read_artifact(home / "grid-trilinear-auto.zarr.zip").attributes["sizing"]
         assert sized["held_out_error"] == sized["tried"][-1]["force_error"] <= 0.02
         assert spline.attributes["grid"]["band"] == {"inside": 0.045, "outside": 0.02}
-        for field in config["fields"][1:]:
+        compact = read_artifact(home / "compact-14.zarr.zip", "compact").attributes
+        assert errors["compact-14"] < errors["spline-32"]
+        assert compact["deviation"] < 1.8 / (2**14 - 1)
+        for field in grids:
             assert (home / f"export/{field}.vti").stat().st_size > 1000
             assert (home / f"export/{field}.onnx").is_file() != field.startswith("spline")
         timing = read_artifact(home / "timing.zarr.zip").attributes["fields"]
         assert set(timing) == set(config["fields"])
     rows = (workspace / "results/summary.csv").read_text().splitlines()[1:]
     named = [row.split(",")[:3] for row in rows]
-    assert [row[0] for row in named] == ["torus"] * 9 + ["box"] * 9
-    assert named[0][2] == named[9][2] == "0"  # closed forms hold nothing
+    assert [row[0] for row in named] == ["torus"] * 10 + ["box"] * 10
+    assert named[0][2] == named[10][2] == "0"  # closed forms hold nothing
     again = snakemake(workspace, "-j2", "all", "--configfile", "config/grids.yaml")
     assert "Nothing to be done" in again.stdout
     check = snakemake(workspace, "verify", "--configfile", "config/grids.yaml", "-j1")

@@ -4,6 +4,7 @@ import numpy as np
 
 from pandis.errors import PandisError
 from pandis.forces import penalty_force
+from pandis.geometry.frame import Frame
 
 POINTS = 100_000
 #: Bounds in the unit frame: force errors where the direction had at least a tenth of unit
@@ -11,6 +12,7 @@ POINTS = 100_000
 #: that of the direction before it was scaled, over whose length rounding turns a unit normal.
 DISTANCE, FORCE, NORMAL = 5e-6, 5e-6, 2e-5
 FORCE_LENGTH, NORMAL_LENGTH = 0.1, 0.5
+_UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 
 
 def check_points(frame, seed=0):
@@ -61,6 +63,49 @@ def check(answer, reference, frame, rounding=1.0):
         "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),
     }
     bounds = {"distance": DISTANCE, "force": FORCE * rounding, "normal": NORMAL, "length": 1e-5}
+    return _within(differences, bounds)
+
+
+def check_nearest(field, engine, rounding):
+    """Check that answers lead to points of a surface than which none is nearer.
+
+    Directions are not compared: where faces are equally near, any of them may answer.
+
+    Parameters
+    ----------
+    field : pandis.fields.exported.ExportedField
+    engine : pandis.geometry.distance.MeshDistance
+        Of the surface.
+    rounding : float
+        By how much a distance may be too large (unit frame).
+
+    Returns
+    -------
+    dict
+        Largest differences of the distance, and of the side beyond that of rounding; how far the
+        points that answers lead to are from the surface; difference of the normal's length from 1.
+
+    Raises
+    ------
+    PandisError
+        They are larger than rounding allows, or something is not finite.
+    """
+    points = check_points(_UNIT)
+    distance, normal = field.answer(points)
+    exact, _ = engine.distance_and_normal(points, check=False)
+    foot, _ = engine.distance_and_normal(points - distance[:, None] * normal, check=False)
+    far = np.abs(exact) > rounding
+    differences = {
+        "distance": float(np.abs(np.abs(distance) - np.abs(exact)).max()),
+        "side": float(np.abs(distance - exact)[far].max()),
+        "foot": float(np.abs(foot).max()),
+        "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),
+    }
+    bounds = {"distance": rounding, "side": rounding, "foot": 1e-9, "length": 1e-9}
+    return _within(differences, bounds)
+
+
+def _within(differences, bounds):
     for key, bound in bounds.items():
         if not differences[key] <= bound:  # NaN fails too
             raise PandisError(

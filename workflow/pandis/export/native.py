@@ -8,8 +8,9 @@ import copy
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.export.check import FORCE_LENGTH, check, check_points
+from pandis.export.check import FORCE_LENGTH, check, check_nearest, check_points
 from pandis.export.clearance import clearance
+from pandis.fields.compact import CompactField
 from pandis.fields.exact import ExactField
 from pandis.fields.exported import ExportedField
 from pandis.fields.grid import GridField
@@ -17,8 +18,10 @@ from pandis.fields.siren import SirenField
 from pandis.fields.spline import SplineField
 from pandis.forces import penalty_force
 from pandis.geometry.distance import ShapeDistance
+from pandis.grids.compact import file_parts
 from pandis.native.bvh import LEAF_BYTES, NODE_BYTES
 from pandis.native.runtime import (
+    COMPACT,
     GRID,
     MESH,
     NETWORK,
@@ -60,6 +63,8 @@ def native_bytes(field, kind, provenance, weight_bits=32, safe=None):
         parts = NETWORK, *_network(field, weight_bits)
     elif isinstance(field, SplineField):
         parts = SPLINE, *_spline(field)
+    elif isinstance(field, CompactField):
+        parts = COMPACT, *file_parts(field.arrays, field.record)
     elif isinstance(field, GridField):
         parts = GRID, *_grid(field, kind)
     elif isinstance(field, ExactField) and isinstance(field.engine, ShapeDistance):
@@ -71,7 +76,7 @@ def native_bytes(field, kind, provenance, weight_bits=32, safe=None):
     number, wholes, reals, sections = parts
     if safe is not None:
         sections = sections | {"SAFE": np.asarray(safe, np.float64)}
-    version = 2 if number == GRID and len(reals) else 1
+    version = 3 if number == COMPACT else 2 if number == GRID and len(reals) else 1
     return pack(number, field.frame, wholes, reals, sections, provenance, version)
 
 
@@ -194,16 +199,27 @@ def export_native(field, kind, provenance, weight_bits, body, log):
         wanted = _rounded(field)
         whole = NativeField(native_bytes(field, kind, provenance))
         log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
-    differences = check(native.distance_and_normal, _reference(wanted), field.frame)
+    if isinstance(field, CompactField):
+        file = ExportedField(field.name, data)
+        differences = check_nearest(file, field.engine, field.record.rounding)
+    else:
+        differences = check(native.distance_and_normal, _reference(wanted), field.frame)
     told = ", ".join(f"{key} {value:.1g}" for key, value in differences.items())
     log(f"answers as the library does: the largest differences (unit frame) are {told}")
-    file = ExportedField(field.name, data)
-    safe = clearance(lambda points: file.query(points)[::2], body.distance)
+    safe = _clearance(field, data, body)
     log(
         "a scene trusts its distances in free space to within {:.2g} of the unit frame, and where "
         "they are flagged as bounds to within {:.2g}".format(*safe[6:])
     )
     return native_bytes(field, kind, provenance, weight_bits, safe)
+
+
+def _clearance(field, data, body):
+    """Return where contacts can be, and the margins of a field's distances (8,)."""
+    if isinstance(field, CompactField):
+        return np.array([*field.record.low, *field.record.high, *[field.record.rounding] * 2])
+    file = ExportedField(field.name, data)
+    return clearance(lambda points: file.query(points)[::2], body.distance)
 
 
 def _rounded(field):

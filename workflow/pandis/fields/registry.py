@@ -9,6 +9,7 @@ name in `pandis.run.catalogue`, and one line here.
 
 from pathlib import Path
 
+from pandis.fields.compact import CompactField
 from pandis.fields.exact import ExactField
 from pandis.fields.exported import ExportedField
 from pandis.fields.grids import GRID_OPENERS
@@ -17,7 +18,7 @@ from pandis.fields.planes import PlanesField
 from pandis.fields.proxy import ProxyField
 from pandis.fields.siren import SirenField
 from pandis.geometry.body import Body
-from pandis.run.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, parse_field
+from pandis.run.catalogue import ALGEBRAIC, AUTO, COMPACT, PLANE_FIELDS, parse_field
 from pandis.run.records.choice import ChoiceRecord
 
 
@@ -26,6 +27,7 @@ def _open_exact(name, mesh):
 
 
 _OPENERS = GRID_OPENERS | {"exact": _open_exact, "network": SirenField, ALGEBRAIC: AlgebraicField}
+_OPENERS |= {COMPACT: CompactField}
 _OPENERS |= dict.fromkeys(PLANE_FIELDS, PlanesField)
 
 

@@ -74,7 +74,7 @@
 #define PANDIS_VERSION_MINOR 1
 #define PANDIS_VERSION_PATCH 0
 #define PANDIS_VERSION "0.1.0"
-#define PANDIS_FORMAT_VERSION 2
+#define PANDIS_FORMAT_VERSION 3
 
 #ifdef __cplusplus
 extern "C" {
@@ -104,7 +104,7 @@ enum {
     PANDIS_ERROR_LARGE = 11 /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
 };
 
-enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5 };
+enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };
 
 /* An answer. The slope is the length of the vector that was scaled to the normal: 1 for meshes and closed
  * forms; elsewhere about 1, and clearly less near the medial axis, where two walls are about equally near
@@ -180,6 +180,30 @@ typedef struct {
     const pandis__leaf *leaves;
 } pandis__mesh;
 
+/* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to
+ * origin + (high << shift). */
+typedef struct {
+    int32_t origin[3];
+    uint8_t shift[3], count;
+    uint8_t boxes[6][PANDIS__WIDTH]; /* low x, y, z, then high */
+    int32_t child[PANDIS__WIDTH];    /* a branch if >= 0, else the complement of a block */
+} pandis__branch;
+
+/* Where a block of faces lies, in the section of blocks and in space: 21 bits of each coordinate of its
+ * origin; faces less one and corners less one (6 bits each), bits that its extents need (5 each). */
+typedef struct {
+    uint32_t start, counts;
+    uint64_t origin;
+} pandis__block_record;
+
+typedef struct {
+    int32_t bits, branch_count, block_count;
+    double step, reach; /* of the lattice, and the largest coordinate: unit frame */
+    const pandis__branch *branches;
+    const pandis__block_record *blocks;
+    const unsigned char *packed;
+} pandis__compact;
+
 typedef struct {
     int32_t shape;
     double size[3];
@@ -196,6 +220,7 @@ typedef struct {
         pandis__grid grid;
         pandis__spline spline;
         pandis__mesh mesh;
+        pandis__compact compact;
         pandis__shape shape;
     } as;
 } pandis_field;
@@ -336,6 +361,8 @@ PANDIS_API const char *pandis_error(int error);
 #define PANDIS_MOST_DEPTH 16
 #endif
 
+#define PANDIS__LONGEST 1.8       /* of the unit frame: a mesh is scaled so that its longest side is this */
+#define PANDIS__HALF 0.9          /* where it ends */
 #define PANDIS__FAR 1e150         /* farther points overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
@@ -343,6 +370,9 @@ PANDIS_API const char *pandis_error(int error);
 #define PANDIS__STACK 704
 #define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
+#define PANDIS__MOST_BITS 20
+#define PANDIS__SLACK 16 /* bytes behind the last block, which are read and not used */
+#define PANDIS__BLOCK 64 /* most faces, and most corners, of a block of a packed mesh */
 
 static double pandis__dot(const double *u, const double *v) {
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
@@ -633,9 +663,7 @@ static void pandis__edge_foot(const double *p, const double *a, const double *b,
 }
 
 /* The closest point of one triangle, with what it lies on. */
-static void pandis__find_foot(const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
-    const double *c[3];
-    for (int k = 0; k < 3; k++) c[k] = pandis__corner(t, face, k);
+static void pandis__find_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
     foot->corner = foot->edge = -1;
@@ -675,6 +703,12 @@ static void pandis__find_foot(const pandis__mesh *t, int32_t face, const double 
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
 }
 
+static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
+    const double *c[3];
+    for (int k = 0; k < 3; k++) c[k] = pandis__corner(t, face, k);
+    pandis__find_foot(c, p, foot);
+}
+
 /* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
 static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
     if (foot->corner >= 0) {
@@ -709,13 +743,358 @@ PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double
     if (face == INT32_MAX) return PANDIS_INVALID;
     pandis__foot foot;
     double n[3];
-    pandis__find_foot(t, face, u, &foot);
+    pandis__find_mesh_foot(t, face, u, &foot);
     pandis__pseudonormal(t, face, &foot, n);
     double sign = pandis__sign(t, u, &foot, n);
     *distance = sign * foot.distance;
     /* closer than this the quotient has lost too many digits */
     for (int k = 0; k < 3; k++) normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
     return fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1 ? PANDIS_OK : PANDIS_BOUND;
+}
+
+/* ---------------------------------------------------------------- closest points of a packed mesh
+ *
+ * The mesh's vertices lie on a lattice. Its faces come in blocks of up to 64, each with corners of its
+ * own in as few bits as it needs, and eight boxes around eight faces each; a tree of eight-wide branches
+ * leads to the blocks. The nearest face is found in single precision, relative to the block; its closest
+ * point and the answer are then computed in double.
+ *
+ * Which side a point is on whose closest point lies on an edge or a corner: of all such points the
+ * side is the same, for they form a convex cone that the surface does not enter. So two bits say it,
+ * and no neighbour is needed. Where faces around are nearly in one plane, and inside of faces, the face
+ * itself tells. Where the lattice has folded the surface over itself no face does: there a ray counts. */
+
+enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
+
+typedef struct {
+    const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face tells its own */
+    int32_t origin[3];
+    int face_count, groups, corner_count, bits[3], stride; /* stride: bytes of a corner's word */
+} pandis__packed;
+
+#define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
+
+static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
+    const pandis__block_record *record = t->blocks + block;
+    b->face_count = (int)(record->counts & 63) + 1, b->corner_count = (int)(record->counts >> 6 & 63) + 1;
+    b->groups = (b->face_count + PANDIS__WIDTH - 1) / PANDIS__WIDTH;
+    for (int k = 0; k < 3; k++) {
+        b->bits[k] = (int)(record->counts >> (12 + 5 * k) & 31);
+        b->origin[k] = (int32_t)(record->origin >> (21 * k) & 0x1fffff);
+    }
+    b->stride = (b->bits[0] + b->bits[1] + b->bits[2]) / 8 + 1;
+    b->boxes = t->packed + record->start;
+    b->faces = b->boxes + 6 * PANDIS__WIDTH;
+    b->words = b->faces + PANDIS__GROUP_BYTES * b->groups;
+    b->sides = record->counts >> 27 & 1 ? b->words + b->stride * b->corner_count : NULL;
+}
+
+/* How far the low byte of a box's place is shifted, where extents need so many bits. */
+static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
+
+/* The corners of eight faces, as numbers of the block's: six bits each, for one of the three corners. */
+static uint64_t pandis__six_bits(const unsigned char *bytes) {
+    uint32_t low;
+    uint16_t high;
+    memcpy(&low, bytes, sizeof low), memcpy(&high, bytes + 4, sizeof high);
+    return (uint64_t)high << 32 | low;
+}
+
+/* A corner's word: its coordinates one after the other, x from the lowest bit on. */
+static uint64_t pandis__word(const pandis__packed *b, int corner) {
+    uint64_t word;
+    memcpy(&word, b->words + b->stride * corner, sizeof word);
+    return word;
+}
+
+/* Where the corners of eight faces lie, relative to the block's origin: (3 corners, 3 axes, 8). */
+static void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
+    const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * group;
+    uint32_t xy[PANDIS__WIDTH], z[PANDIS__WIDTH], mask[3];
+    int second = b->bits[0], third = second + b->bits[1];
+    for (int k = 0; k < 3; k++) mask[k] = (1u << b->bits[k]) - 1;
+    for (int c = 0; c < 3; c++) {
+        uint64_t codes = pandis__six_bits(faces + 6 * c);
+        for (int i = 0; i < PANDIS__WIDTH; i++) {
+            uint64_t word = pandis__word(b, (int)(codes >> 6 * i & 63));
+            xy[i] = (uint32_t)word, z[i] = (uint32_t)(word >> third);
+        }
+        for (int i = 0; i < PANDIS__WIDTH; i++) {
+            out[c][0][i] = (float)(int32_t)(xy[i] & mask[0]);
+            out[c][1][i] = (float)(int32_t)(xy[i] >> second & mask[1]);
+            out[c][2][i] = (float)(int32_t)(z[i] & mask[2]);
+        }
+        if (third > 32)
+            for (int i = 0; i < PANDIS__WIDTH; i++)
+                out[c][1][i] = (float)(int32_t)(pandis__word(b, (int)(codes >> 6 * i & 63)) >> second & mask[1]);
+    }
+}
+
+/* Eight numbers that sort as the lower bounds of the squared distances at which faces in as many boxes can
+ * be found: a float that is not negative sorts as a whole number, and its last three bits say which box it is of. */
+static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
+                                const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
+    float out[PANDIS__WIDTH];
+    float place[6 * PANDIS__WIDTH], scale[3], low[3], high[3];
+    for (int i = 0; i < 6 * PANDIS__WIDTH; i++) place[i] = (float)(int32_t)(uint32_t)boxes[i]; /* so that gcc uses vectors */
+    for (int k = 0; k < 3; k++) {
+        scale[k] = (float)(1 << shift[k]);
+        float slack = 1e-6f * (fabsf(q[k]) + 256 * scale[k]);
+        low[k] = q[k] + slack, high[k] = q[k] - slack;
+    }
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float below = place[0 * PANDIS__WIDTH + i] * scale[0] - low[0], above = high[0] - place[3 * PANDIS__WIDTH + i] * scale[0];
+        float x = below > above ? below : above;
+        below = place[1 * PANDIS__WIDTH + i] * scale[1] - low[1], above = high[1] - place[4 * PANDIS__WIDTH + i] * scale[1];
+        float y = below > above ? below : above;
+        below = place[2 * PANDIS__WIDTH + i] * scale[2] - low[2], above = high[2] - place[5 * PANDIS__WIDTH + i] * scale[2];
+        float z = below > above ? below : above;
+        x = x > 0 ? x : 0, y = y > 0 ? y : 0, z = z > 0 ? z : 0;
+        out[i] = (x * x + y * y + z * z) * 0.99999f;
+    }
+    memcpy(keys, out, sizeof out);
+    for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = i < count ? (keys[i] & ~7) | i : INT32_MAX;
+}
+
+static int32_t pandis__least(const int32_t *keys) {
+    int32_t least = keys[0];
+    for (int i = 1; i < PANDIS__WIDTH; i++) least = keys[i] < least ? keys[i] : least;
+    return least;
+}
+
+/* A squared distance as such a number: boxes with larger ones are farther. */
+static int32_t pandis__key(float squared) {
+    int32_t key;
+    memcpy(&key, &squared, sizeof key);
+    return key | 7;
+}
+
+static float pandis__clamp01f(float t) {
+    t = t > 0 ? t : 0;
+    return t < 1 ? t : 1;
+}
+
+/* Squared distances to eight triangles: each is that of some point of the triangle, and so never too
+ * small. Their normals are exact as long as sides are shorter than 2^12 steps; the closest point inside a triangle
+ * is off by rounding over the sine of its narrowest corner. */
+static void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
+                                    float *PANDIS__RESTRICT out) {
+    float v[3][3][PANDIS__WIDTH];
+    pandis__group_corners(b, group, v);
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float wx = vx - ux, wy = vy - uy, wz = vz - uz;
+        float s = pandis__clamp01f((ux * x + uy * y + uz * z) / (ux * ux + uy * uy + uz * uz));
+        float rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
+        float best = rx * rx + ry * ry + rz * rz;
+        float t = pandis__clamp01f((vx * x + vy * y + vz * z) / (vx * vx + vy * vy + vz * vz));
+        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
+        float d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        float bx = x - ux, by = y - uy, bz = z - uz;
+        float r = pandis__clamp01f((wx * bx + wy * by + wz * bz) / (wx * wx + wy * wy + wz * wz));
+        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
+        d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+        float per = 1 / (nx * nx + ny * ny + nz * nz);
+        s = ((y * vz - z * vy) * nx + (z * vx - x * vz) * ny + (x * vy - y * vx) * nz) * per;
+        t = ((uy * z - uz * y) * nx + (uz * x - ux * z) * ny + (ux * y - uy * x) * nz) * per;
+        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
+        d = rx * rx + ry * ry + rz * rz;
+        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
+        out[i] = inside && d < best ? d : best;
+    }
+}
+
+/* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it. */
+typedef struct {
+    float squared;
+    int32_t key, face;
+} pandis__near;
+
+static void pandis__search_block(const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
+    pandis__packed b;
+    float q[3], d[PANDIS__WIDTH];
+    int32_t keys[PANDIS__WIDTH], key, nearest[PANDIS__WIDTH];
+    int shift[3];
+    pandis__unpack(t, block, &b);
+    for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - b.origin[k]), shift[k] = pandis__coarse(b.bits[k]);
+    pandis__byte_bounds(b.boxes, b.groups, shift, q, keys);
+    while ((key = pandis__least(keys)) <= best->key) {
+        int group = key & 7, i = 0;
+        keys[group] = INT32_MAX;
+        pandis__group_distances(&b, group, q, d);
+        memcpy(nearest, d, sizeof nearest);
+        int32_t least = pandis__least(nearest), face = PANDIS__BLOCK * block + PANDIS__WIDTH * group;
+        if (least > (best->key | 7)) continue;
+        while (nearest[i] != least) i++;
+        if (d[i] < best->squared || (d[i] == best->squared && face + i < best->face))
+            best->squared = d[i], best->key = pandis__key(d[i]), best->face = face + i;
+    }
+}
+
+/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. */
+PANDIS__APART static int32_t pandis__search(const pandis__compact *t, const double *p) {
+    struct {
+        int32_t keys[PANDIS__WIDTH];
+        const pandis__branch *branch;
+    } path[PANDIS__DEEPEST], *at = path;
+    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX};
+    at->branch = t->branches;
+    for (int fresh = 1;;) {
+        const pandis__branch *branch = at->branch;
+        if (fresh) {
+            float q[3];
+            int shift[3];
+            for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
+            pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, at->keys);
+        }
+        int32_t key = pandis__least(at->keys), child = branch->child[key & 7];
+        if ((fresh = key <= best.key && child >= 0)) {
+            at->keys[key & 7] = INT32_MAX;
+            (++at)->branch = t->branches + child;
+        } else if (key <= best.key) {
+            at->keys[key & 7] = INT32_MAX;
+            pandis__search_block(t, ~child, p, &best);
+        } else if (at-- == path) {
+            return best.face;
+        }
+    }
+}
+
+/* One corner of a block, in steps of the lattice. */
+static void pandis__packed_corner(const pandis__packed *b, int corner, double *out) {
+    uint64_t word = pandis__word(b, corner);
+    for (int k = 0; k < 3; word >>= b->bits[k++]) out[k] = b->origin[k] + (double)(word & ((1u << b->bits[k]) - 1));
+}
+
+/* The corners of a face: their numbers in the block, and where they lie. */
+static void pandis__face_corners(const pandis__packed *b, int place, int *corners, double (*at)[3]) {
+    const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * (place / PANDIS__WIDTH);
+    for (int k = 0; k < 3; k++) {
+        corners[k] = (int)(pandis__six_bits(faces + 6 * k) >> 6 * (place % PANDIS__WIDTH) & 63);
+        pandis__packed_corner(b, corners[k], at[k]);
+    }
+}
+
+/* Two bits of a list of them. */
+static int pandis__two_bits(const unsigned char *list, int at) { return list[at / 4] >> 2 * (at % 4) & 3; }
+
+/* Which of eight boxes a ray from a point along x meets: a bit each. */
+static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
+                               const double *p) {
+    int met = 0;
+    for (int i = 0; i < count; i++) {
+        int ahead = p[0] <= (double)(origin[0] + (boxes[3 * PANDIS__WIDTH + i] << shift[0]));
+        for (int k = 1; k < 3; k++)
+            ahead &= p[k] >= (double)(origin[k] + (boxes[PANDIS__WIDTH * k + i] << shift[k])) &&
+                     p[k] <= (double)(origin[k] + (boxes[PANDIS__WIDTH * (3 + k) + i] << shift[k]));
+        met |= ahead << i;
+    }
+    return met;
+}
+
+/* Twice the signed area that an edge and a point span, seen along x. Of the edge's two directions the values
+ * are opposite to the last bit, so that a ray next to it meets one of its two faces. */
+static double pandis__beside(const double *a, const double *b, const double *p) {
+    int turn = a[1] > b[1] || (a[1] == b[1] && a[2] > b[2]);
+    const double *s = turn ? b : a, *e = turn ? a : b;
+    double area = (e[1] - s[1]) * (p[2] - s[2]) - (e[2] - s[2]) * (p[1] - s[1]);
+    return turn ? -area : area;
+}
+
+/* How a triangle changes the winding number along a ray from a point along x. */
+static int pandis__crossing(const double (*c)[3], const double *p) {
+    double area[3], all = 0, x = 0;
+    int left = 0;
+    for (int k = 0; k < 3; k++) {
+        const double *a = c[k], *b = c[(k + 1) % 3];
+        area[k] = pandis__beside(a, b, p);
+        /* on the edge: to the left of it if it leads upwards */
+        left += area[k] > 0 || (area[k] == 0 && (a[1] < b[1] || (a[1] == b[1] && a[2] < b[2])));
+        all += area[k];
+    }
+    if (left % 3 || !(all < 0 || all > 0)) return 0;
+    for (int k = 0; k < 3; k++) x += c[(k + 2) % 3][0] * (area[k] / all);
+    return x > p[0] ? (all > 0 ? 1 : -1) : 0;
+}
+
+/* The winding number of the surface around a point: faces that a ray along x leaves, less those that it enters. */
+PANDIS__APART static int pandis__winding(const pandis__compact *t, const double *p) {
+    int32_t stack[PANDIS__STACK];
+    int top = 1, turns = 0, shift[3];
+    stack[0] = 0;
+    while (top) {
+        int32_t child = stack[--top];
+        if (child >= 0) {
+            const pandis__branch *branch = t->branches + child;
+            for (int k = 0; k < 3; k++) shift[k] = branch->shift[k];
+            int met = pandis__boxes_ahead(branch->boxes[0], branch->count, branch->origin, shift, p);
+            for (int i = 0; i < branch->count; i++)
+                if (met >> i & 1) stack[top++] = branch->child[i];
+            continue;
+        }
+        pandis__packed b;
+        pandis__unpack(t, ~child, &b);
+        for (int k = 0; k < 3; k++) shift[k] = pandis__coarse(b.bits[k]);
+        int met = pandis__boxes_ahead(b.boxes, b.groups, b.origin, shift, p);
+        for (int place = 0; place < b.face_count; place++) {
+            double c[3][3];
+            int corners[3];
+            if (!(met >> place / PANDIS__WIDTH & 1)) continue;
+            pandis__face_corners(&b, place, corners, c);
+            turns += pandis__crossing((const double(*)[3])c, p);
+        }
+    }
+    return turns;
+}
+
+/* What tells the side of a point with this closest point. */
+static int pandis__tells(const pandis__packed *b, int place, const int *corners, const pandis__foot *foot) {
+    int tells = PANDIS__BY_FACE;
+    if (!b->sides) return tells;
+    const unsigned char *edges = b->sides + (b->corner_count + 3) / 4, *faces = edges + 6 * b->groups;
+    if (foot->corner >= 0)
+        tells = pandis__two_bits(b->sides, corners[foot->corner]);
+    else if (foot->edge >= 0)
+        tells = pandis__two_bits(edges, 3 * place + foot->edge);
+    return tells == PANDIS__BY_FACE ? pandis__two_bits(faces, place) : tells;
+}
+
+PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double *distance,
+                                                double *normal) {
+    double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
+    const double *c[3] = {corner[0], corner[1], corner[2]};
+    for (int k = 0; k < 3; k++) most = fabs(u[k]) > most ? fabs(u[k]) : most;
+    /* from very far away the nearest face is that of a point in the same direction */
+    double nearer = most > 1024 ? 1024 / most : 1;
+    for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
+    int32_t face = pandis__search(t, p);
+    if (face == INT32_MAX) return PANDIS_INVALID;
+    pandis__packed b;
+    pandis__foot foot;
+    pandis__unpack(t, face / PANDIS__BLOCK, &b);
+    int place = face % PANDIS__BLOCK, corners[3];
+    pandis__face_corners(&b, place, corners, corner);
+    if (nearer < 1) { /* in the unit frame, where squares do not overflow */
+        size = 1;
+        for (int k = 0; k < 3; k++) p[k] = u[k];
+        for (int k = 0; k < 9; k++) corner[k / 3][k % 3] = corner[k / 3][k % 3] * t->step - PANDIS__HALF;
+    }
+    pandis__find_foot(c, p, &foot);
+    for (int k = 0; k < 3; k++) side[0][k] = corner[1][k] - corner[0][k], side[1][k] = corner[2][k] - corner[0][k];
+    pandis__cross(side[0], side[1], n);
+    if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
+    int tells = most > t->reach ? PANDIS__OUTSIDE : pandis__tells(&b, place, corners, &foot);
+    if (tells == PANDIS__BY_RAY) tells = pandis__winding(t, p) > 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
+    if (tells == PANDIS__BY_FACE) tells = pandis__dot(foot.offset, n) < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
+    double sign = tells == PANDIS__INSIDE ? -1 : 1;
+    *distance = sign * foot.distance * size;
+    for (int k = 0; k < 3; k++) normal[k] = foot.distance * size > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
+    return most <= 1 ? PANDIS_OK : PANDIS_BOUND;
 }
 
 /* ---------------------------------------------------------------- networks */
@@ -1197,8 +1576,6 @@ PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double h
     }
 }
 
-#define PANDIS__LONGEST 1.8 /* of the unit frame: a mesh is scaled so that its longest side is this */
-
 PANDIS_API double pandis_longest_side(const pandis_field *field) {
     return field->kind ? PANDIS__LONGEST / field->scale : 0;
 }
@@ -1238,6 +1615,7 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], &d, n[0]); break;
+            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], &d, n[0]); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
                 d *= field->scale;
@@ -1504,6 +1882,120 @@ static int pandis__finite64(const double *values, uint64_t count) {
 
 static uint64_t pandis__cube(int32_t n) { return (uint64_t)n * (uint64_t)n * (uint64_t)n; }
 
+/* ---------------------------------------------------------------- files that hold trees */
+
+/* The child of a node at one of its eight places; 0 if there is none. */
+typedef int (*pandis__child)(const void *nodes, int32_t node, int place, int32_t *child);
+
+/* Walk a tree: nodes and leaves must come in the order in which they are met, each of them once, so
+ * that no query can go round, or take longer than there are leaves; and not deeper than the stack. */
+static int pandis__walk(const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
+    int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
+    int next[PANDIS__DEEPEST], depth = 0;
+    path[0] = 0, next[0] = 0;
+    while (depth >= 0) {
+        int32_t child;
+        int k = next[depth]++;
+        if (k >= PANDIS__WIDTH) {
+            depth--;
+            continue;
+        }
+        if (!child_of(tree, path[depth], k, &child)) continue;
+        if (child < 0) {
+            if (~child != leaves || leaves >= leaf_count) return 0;
+            leaves++;
+        } else {
+            if (child != nodes || nodes >= node_count || depth + 1 >= PANDIS__DEEPEST) return 0;
+            nodes++, depth++;
+            path[depth] = child, next[depth] = 0;
+        }
+    }
+    return nodes == node_count && leaves == leaf_count;
+}
+
+static int pandis__node_child(const void *nodes, int32_t node, int place, int32_t *child) {
+    const pandis__node *n = (const pandis__node *)nodes + node;
+    *child = n->child[place];
+    return !(n->low[0][place] > n->high[0][place]);
+}
+
+static int pandis__branch_child(const void *nodes, int32_t node, int place, int32_t *child) {
+    const pandis__branch *b = (const pandis__branch *)nodes + node;
+    *child = b->child[place];
+    return place < b->count;
+}
+
+/* Every index must lead somewhere. */
+static int pandis__open_mesh(pandis_field *f) {
+    pandis__mesh *m = &f->as.mesh;
+    m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
+    m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
+    m->reach = pandis__real(f, 0);
+    if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
+    if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
+    uint64_t v = (uint64_t)m->vertex_count, t = (uint64_t)m->face_count;
+    m->vertices = (const double *)pandis__section(f, "VERT", 3 * v, sizeof(double));
+    m->vertex_normals = (const double *)pandis__section(f, "VNRM", 3 * v, sizeof(double));
+    m->faces = (const int32_t *)pandis__section(f, "FACE", 3 * t, sizeof(int32_t));
+    m->neighbours = (const int32_t *)pandis__section(f, "NEIG", 3 * t, sizeof(int32_t));
+    m->nodes = (const pandis__node *)pandis__section(f, "TREE", (uint64_t)m->node_count, sizeof(pandis__node));
+    m->leaves = (const pandis__leaf *)pandis__section(f, "LEAF", (uint64_t)m->leaf_count, sizeof(pandis__leaf));
+    if (!m->faces || !m->neighbours || !m->nodes || !m->leaves) return 0;
+    if (!pandis__finite64(m->vertices, 3 * v) || !pandis__finite64(m->vertex_normals, 3 * v)) return 0;
+    for (uint64_t i = 0; i < 3 * t; i++)
+        if (m->faces[i] < 0 || m->faces[i] >= m->vertex_count || m->neighbours[i] < -1 || m->neighbours[i] >= m->face_count)
+            return 0;
+    for (int32_t i = 0; i < m->leaf_count; i++) {
+        const pandis__leaf *leaf = m->leaves + i;
+        if (leaf->count < 1 || leaf->count > PANDIS__LEAF) return 0;
+        for (int k = 0; k < leaf->count; k++)
+            if (leaf->face[k] < 0 || leaf->face[k] >= m->face_count) return 0;
+    }
+    return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
+}
+
+/* What a block says must lie in the section, and its corners among its own. */
+static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t size) {
+    pandis__packed b;
+    const pandis__block_record *record = t->blocks + block;
+    if (record->start > size || record->counts >> 28 || record->origin >> 63) return 0;
+    pandis__unpack(t, block, &b);
+    for (int k = 0; k < 3; k++)
+        if (b.bits[k] > PANDIS__MOST_BITS + 1 || b.origin[k] >> PANDIS__MOST_BITS) return 0;
+    uint64_t bytes = (uint64_t)(6 * PANDIS__WIDTH + PANDIS__GROUP_BYTES * b.groups + b.stride * b.corner_count);
+    if (b.sides) bytes += (uint64_t)((b.corner_count + 3) / 4 + 8 * b.groups);
+    if (bytes + PANDIS__SLACK > size - record->start) return 0;
+    for (int i = 0; i < 3 * b.groups; i++) {
+        uint64_t codes = pandis__six_bits(b.faces + 6 * i);
+        for (int k = 0; k < PANDIS__WIDTH; k++)
+            if ((int)(codes >> 6 * k & 63) >= b.corner_count) return 0;
+    }
+    return 1;
+}
+
+static int pandis__open_compact(pandis_field *f) {
+    pandis__compact *t = &f->as.compact;
+    t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1), t->block_count = pandis__whole(f, 2);
+    t->reach = pandis__real(f, 0);
+    if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1) return 0;
+    if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1e30)) return 0;
+    t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
+    uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);
+    t->branches = (const pandis__branch *)pandis__section(f, "BRCH", (uint64_t)t->branch_count, sizeof(pandis__branch));
+    t->blocks = (const pandis__block_record *)pandis__section(f, "BLCK", (uint64_t)t->block_count, sizeof(pandis__block_record));
+    t->packed = (const unsigned char *)pandis__section(f, "PACK", size, 1);
+    if (!t->branches || !t->blocks || !t->packed) return 0;
+    for (int32_t i = 0; i < t->branch_count; i++) {
+        const pandis__branch *b = t->branches + i;
+        if (b->count < 1 || b->count > PANDIS__WIDTH) return 0;
+        for (int k = 0; k < 3; k++)
+            if (b->shift[k] > PANDIS__MOST_BITS || b->origin[k] < 0 || b->origin[k] >> PANDIS__MOST_BITS) return 0;
+    }
+    for (int32_t i = 0; i < t->block_count; i++)
+        if (!pandis__good_block(t, i, size)) return 0;
+    return pandis__walk(t->branches, pandis__branch_child, t->branch_count, t->block_count);
+}
+
 /* The lattice that answers in the box, `cells` per axis there. */
 static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
     l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
@@ -1602,62 +2094,6 @@ static int pandis__open_spline(pandis_field *f) {
     return s->far && s->side;
 }
 
-/* Walk the tree: nodes and leaves must come in the order in which they are met, each of them once, so
- * that no query can go round, or take longer than there are leaves; and not deeper than the stack. */
-static int pandis__walk(const pandis__mesh *m) {
-    int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
-    int next[PANDIS__DEEPEST], depth = 0;
-    path[0] = 0, next[0] = 0;
-    while (depth >= 0) {
-        const pandis__node *node = m->nodes + path[depth];
-        int k = next[depth]++;
-        if (k >= PANDIS__WIDTH) {
-            depth--;
-            continue;
-        }
-        if (node->low[0][k] > node->high[0][k]) continue;
-        int32_t child = node->child[k];
-        if (child < 0) {
-            if (~child != leaves || leaves >= m->leaf_count) return 0;
-            leaves++;
-        } else {
-            if (child != nodes || nodes >= m->node_count || depth + 1 >= PANDIS__DEEPEST) return 0;
-            nodes++, depth++;
-            path[depth] = child, next[depth] = 0;
-        }
-    }
-    return nodes == m->node_count && leaves == m->leaf_count;
-}
-
-/* Every index must lead somewhere. */
-static int pandis__open_mesh(pandis_field *f) {
-    pandis__mesh *m = &f->as.mesh;
-    m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
-    m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
-    m->reach = pandis__real(f, 0);
-    if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
-    if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
-    uint64_t v = (uint64_t)m->vertex_count, t = (uint64_t)m->face_count;
-    m->vertices = (const double *)pandis__section(f, "VERT", 3 * v, sizeof(double));
-    m->vertex_normals = (const double *)pandis__section(f, "VNRM", 3 * v, sizeof(double));
-    m->faces = (const int32_t *)pandis__section(f, "FACE", 3 * t, sizeof(int32_t));
-    m->neighbours = (const int32_t *)pandis__section(f, "NEIG", 3 * t, sizeof(int32_t));
-    m->nodes = (const pandis__node *)pandis__section(f, "TREE", (uint64_t)m->node_count, sizeof(pandis__node));
-    m->leaves = (const pandis__leaf *)pandis__section(f, "LEAF", (uint64_t)m->leaf_count, sizeof(pandis__leaf));
-    if (!m->faces || !m->neighbours || !m->nodes || !m->leaves) return 0;
-    if (!pandis__finite64(m->vertices, 3 * v) || !pandis__finite64(m->vertex_normals, 3 * v)) return 0;
-    for (uint64_t i = 0; i < 3 * t; i++)
-        if (m->faces[i] < 0 || m->faces[i] >= m->vertex_count || m->neighbours[i] < -1 || m->neighbours[i] >= m->face_count)
-            return 0;
-    for (int32_t i = 0; i < m->leaf_count; i++) {
-        const pandis__leaf *leaf = m->leaves + i;
-        if (leaf->count < 1 || leaf->count > PANDIS__LEAF) return 0;
-        for (int k = 0; k < leaf->count; k++)
-            if (leaf->face[k] < 0 || leaf->face[k] >= m->face_count) return 0;
-    }
-    return pandis__walk(m);
-}
-
 static int pandis__open_shape(pandis_field *f) {
     pandis__shape *s = &f->as.shape;
     s->shape = pandis__whole(f, 0);
@@ -1720,6 +2156,7 @@ static int pandis__open(pandis_field *field, const void *data, size_t size) {
     if (kind == PANDIS_GRID) good = pandis__open_grid(field);
     if (kind == PANDIS_SPLINE) good = pandis__open_spline(field);
     if (kind == PANDIS_MESH) good = pandis__open_mesh(field);
+    if (kind == PANDIS_COMPACT) good = pandis__open_compact(field);
     if (kind == PANDIS_SHAPE) good = pandis__open_shape(field);
     if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;

@@ -6,7 +6,13 @@ from pathlib import Path
 from pandis.run.catalogue import PROXY, parse_field
 
 #: By the first word of an artifact's name: how the file of its job begins.
-_JOBS = {"grid": "bake", "model": "train", "method": "", "choice": "choose"}
+_JOBS = {
+    "grid": "bake",
+    "compact": "bake-compact",
+    "model": "train",
+    "method": "",
+    "choice": "choose",
+}
 
 
 def build_seconds(mesh, fields, folder):

@@ -9,11 +9,12 @@ from pandis.evaluation.front import may_be_used, pareto
 from pandis.forces import penalty_force
 from pandis.report.picture import save
 from pandis.report.render import VIEW, render
-from pandis.run.catalogue import ALGEBRAIC, AUTO, PLANE_FIELDS, PROXY
+from pandis.run.catalogue import ALGEBRAIC, AUTO, COMPACT, PLANE_FIELDS, PROXY
 from pandis.run.records.samples import SamplesRecord
 
 _COLOURS = {
     "exact": "#111111",
+    COMPACT: "#546e7a",
     "nearest": "#c9a227",
     "trilinear": "#2a9d5c",
     "nearest-box": "#e3cf83",

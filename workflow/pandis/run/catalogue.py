@@ -31,6 +31,9 @@ BOX = "-box"
 DENSE_KINDS = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Grid fields that are there to be compared with, or have no graph.
 _UNEXPORTED = {"spline", "kim", "kim-ray", "kim-cell"}
+#: The mesh with its vertices on a lattice of so many bits, and the fewest and the most of them.
+COMPACT = "compact"
+COMPACT_BITS = 10, 20
 #: The paper's [16]: planes alone, with their distance maps, with the maps' slopes too.
 PLANE_FIELDS = ("support-planes-only", "support-planes-distance", "support-planes")
 #: The paper's [22]: a contact point tracked on the exact surface, or on another field's.
@@ -40,7 +43,7 @@ ALGEBRAIC = "kim-algebraic"
 #: The cheapest field that meets a budget, whichever it is.
 AUTO = "auto"
 #: Fields that ``pandis.h`` answers.
-_NATIVE = {"exact", AUTO, "network", *GRID_FIELDS} - {"kim", "kim-ray", "kim-cell"}
+_NATIVE = {"exact", AUTO, "network", COMPACT, *GRID_FIELDS} - {"kim", "kim-ray", "kim-cell"}
 #: Most nodes per axis.
 LARGEST = {"spline": 320}
 LARGEST_DENSE = 512
@@ -54,12 +57,12 @@ class FieldSpec(NamedTuple):
     name : str
         As the user wrote it.
     kind : str
-        ``exact``, a key of GRID_FIELDS, ``network``, or one of the paper's other methods:
+        ``exact``, COMPACT, a key of GRID_FIELDS, ``network``, or one of the paper's other methods:
         PROXY, ALGEBRAIC, one of PLANE_FIELDS; or AUTO: its artifact says.
     artifact : str
         Stem of the artifact that holds it: ``results/{mesh}/{artifact}.zarr.zip``.
     size : int, "auto" or None
-        Nodes per axis of a grid.
+        Nodes per axis of a grid; bits of a compact mesh.
     exports : tuple of str
         Endings of its files under ``results/{mesh}/export/``, except ``.pandis``: see ``native``.
     through : FieldSpec or None
@@ -87,7 +90,8 @@ def is_grid_field(name):
 def is_builtin_field(name):
     """Tell whether ``name`` is taken by a field that is not a recipe."""
     method = name in PLANE_FIELDS or name.startswith((PROXY, ALGEBRAIC))
-    return name in ("exact", AUTO) or is_grid_field(name) or method
+    compact = re.fullmatch(rf"{COMPACT}-\d+", name) is not None
+    return name in ("exact", AUTO) or is_grid_field(name) or compact or method
 
 
 def parse_field(name, recipes):
@@ -129,6 +133,11 @@ def parse_field(name, recipes):
         if not 4 <= int(match[1]) <= LARGEST_DENSE:
             raise ValueError(f"{name}: it has 4 to {LARGEST_DENSE} nodes per axis")
         return FieldSpec(name, ALGEBRAIC, "mesh", int(match[1]), ())
+    if match := re.fullmatch(f"{COMPACT}-([1-9][0-9]*)", name):
+        bits, (fewest, most) = int(match[1]), COMPACT_BITS
+        if not fewest <= bits <= most:
+            raise ValueError(f"{name}: its lattice has {fewest} to {most} bits")
+        return FieldSpec(name, COMPACT, name, bits, ())
     if match := re.fullmatch(f"({'|'.join(GRID_FIELDS)})-([1-9][0-9]*|auto)", name):
         kind = match[1]
         exports = () if kind in _UNEXPORTED else ("onnx",)
@@ -141,5 +150,6 @@ def parse_field(name, recipes):
         return FieldSpec(name, kind, f"grid-{GRID_FIELDS[kind]}-{size}", size, exports)
     if name in recipes:
         return FieldSpec(name, "network", f"model-{name}", None, ("onnx",))
-    known = ["exact", *(f"{kind}-64" for kind in GRID_FIELDS), *PLANE_FIELDS, PROXY, *recipes]
+    sized = [f"{COMPACT}-16", *(f"{kind}-64" for kind in GRID_FIELDS)]
+    known = ["exact", *sized, *PLANE_FIELDS, PROXY, *recipes]
     raise ValueError(f"'{name}' is no field; known are {', '.join(known)}")

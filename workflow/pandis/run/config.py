@@ -52,7 +52,8 @@ class StageOptions(Options):
             "pandis",
             "pandis-exact",
         ],
-        description="what to build and compare: `exact`, "
+        description="what to build and compare: `exact`, `compact-B` (the mesh with its vertices "
+        "on a lattice of B bits, 10 to 20), "
         + ", ".join(f"`{kind}-N`" for kind in GRID_FIELDS)
         + " (N nodes per axis, or `auto`: see `bake.auto`), or any recipe under `train`; "
         "`fields: auto` stands alone and builds the one that `budget` asks for, and no other",

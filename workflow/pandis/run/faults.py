@@ -8,6 +8,7 @@ from pydantic import BaseModel, ValidationError
 from pandis.errors import PandisError
 from pandis.run.catalogue import (
     AUTO,
+    COMPACT,
     GRID_FIELDS,
     MESH_NAME,
     PLANE_FIELDS,
@@ -94,7 +95,7 @@ def near_field(name, recipes):
     """Return the field whose name is most like one that is no field's, or None."""
     kind, dash, size = name.rpartition("-")
     if dash and (size.isdigit() or size == AUTO):
-        near = difflib.get_close_matches(kind, list(GRID_FIELDS), n=1, cutoff=0.7)
+        near = difflib.get_close_matches(kind, [*GRID_FIELDS, COMPACT], n=1, cutoff=0.7)
         return f"{near[0]}-{size}" if near and near[0] != kind else None
     known = ["exact", AUTO, *PLANE_FIELDS, PROXY, *recipes]
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)

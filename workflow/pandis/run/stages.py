@@ -8,12 +8,13 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pandis.run.catalogue import AUTO, GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.run.catalogue import AUTO, COMPACT, GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.run.config import MeshEntry
 from pandis.run.recipes import budgeted
 from pandis.run.sourcing import url_extension
 from pandis.run.tasks import (
     BakeAutoTask,
+    BakeCompactTask,
     BakeSplineTask,
     BakeTask,
     ChooseTask,
@@ -235,6 +236,10 @@ def _bake_auto(job):
     )
 
 
+def _bake_compact(job):
+    return BakeCompactTask(bits=int(job.wildcards["bits"]), seed=job.seed)
+
+
 def _support_planes(job):
     return SupportPlanesTask()
 
@@ -315,6 +320,10 @@ STAGES = {
     ),
     "bake_auto": Stage(
         _holders(_is_searched, lambda s: {"kind": s.kind}), _bake_auto, "grids", in_scenes=True
+    ),
+    "bake_compact": Stage(
+        _holders(lambda s: s.kind == COMPACT, lambda s: {"bits": str(s.size)}), _bake_compact,
+        "grids", in_scenes=True,
     ),
     "bake_spline": Stage(
         _holders(_is_spline, lambda s: {"size": str(s.size)}), _bake_spline, "grids", in_scenes=True

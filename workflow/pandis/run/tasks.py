@@ -87,6 +87,13 @@ class BakeAutoTask(GridTarget, DeviceOptions):
     seed: int
 
 
+class BakeCompactTask(Options):
+    """Pack a mesh on a lattice of so many bits."""
+
+    bits: int
+    seed: int
+
+
 class SupportPlanesTask(Options):
     """Lay support planes around a mesh: nothing is asked."""
 

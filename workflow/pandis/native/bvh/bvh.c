@@ -138,7 +138,7 @@ static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const F
         for (int i = 0; i < leaf->count; i++) {
             if (!(d[i] <= limit)) continue;
             Foot second;
-            pandis__find_foot(m, leaf->face[i], p, &second);
+            pandis__find_mesh_foot(m, leaf->face[i], p, &second);
             if (dot(second.offset, foot->offset) < cosine * second.distance * foot->distance) return 1;
         }
     }
@@ -205,7 +205,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         double limit = sqrt(dot(way, way)) * (1 + 1e-9) + 1e-12 * t->scale;
         last = pandis__nearest(&m, p, limit * limit);
         if (last == INT32_MAX) last = pandis__nearest(&m, p, INFINITY);
-        pandis__find_foot(&m, last, p, &foot);
+        pandis__find_mesh_foot(&m, last, p, &foot);
         for (int k = 0; k < 3; k++) closest[k] = p[k] - foot.offset[k];
         pandis__pseudonormal(&m, last, &foot, n);
         double sign = pandis__sign(&m, p, &foot, n);
@@ -273,7 +273,7 @@ void bvh_scan(const Bvh *t, const double *points, int64_t count, double *distanc
             distance[i] = normal[3 * i] = normal[3 * i + 1] = normal[3 * i + 2] = NAN;
             continue;
         }
-        pandis__find_foot(&m, face, p, &foot);
+        pandis__find_mesh_foot(&m, face, p, &foot);
         pandis__pseudonormal(&m, face, &foot, n);
         double sign = pandis__sign(&m, p, &foot, n);
         distance[i] = sign * foot.distance;

@@ -44,6 +44,8 @@
 #define PANDIS_MOST_DEPTH 16
 #endif
 
+#define PANDIS__LONGEST 1.8       /* of the unit frame: a mesh is scaled so that its longest side is this */
+#define PANDIS__HALF 0.9          /* where it ends */
 #define PANDIS__FAR 1e150         /* farther points overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
@@ -51,6 +53,9 @@
 #define PANDIS__STACK 704
 #define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
+#define PANDIS__MOST_BITS 20
+#define PANDIS__SLACK 16 /* bytes behind the last block, which are read and not used */
+#define PANDIS__BLOCK 64 /* most faces, and most corners, of a block of a packed mesh */
 
 static double pandis__dot(const double *u, const double *v) {
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2];

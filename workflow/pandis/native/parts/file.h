@@ -96,62 +96,6 @@ static int pandis__open_spline(pandis_field *f) {
     return s->far && s->side;
 }
 
-/* Walk the tree: nodes and leaves must come in the order in which they are met, each of them once, so
- * that no query can go round, or take longer than there are leaves; and not deeper than the stack. */
-static int pandis__walk(const pandis__mesh *m) {
-    int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
-    int next[PANDIS__DEEPEST], depth = 0;
-    path[0] = 0, next[0] = 0;
-    while (depth >= 0) {
-        const pandis__node *node = m->nodes + path[depth];
-        int k = next[depth]++;
-        if (k >= PANDIS__WIDTH) {
-            depth--;
-            continue;
-        }
-        if (node->low[0][k] > node->high[0][k]) continue;
-        int32_t child = node->child[k];
-        if (child < 0) {
-            if (~child != leaves || leaves >= m->leaf_count) return 0;
-            leaves++;
-        } else {
-            if (child != nodes || nodes >= m->node_count || depth + 1 >= PANDIS__DEEPEST) return 0;
-            nodes++, depth++;
-            path[depth] = child, next[depth] = 0;
-        }
-    }
-    return nodes == m->node_count && leaves == m->leaf_count;
-}
-
-/* Every index must lead somewhere. */
-static int pandis__open_mesh(pandis_field *f) {
-    pandis__mesh *m = &f->as.mesh;
-    m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
-    m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
-    m->reach = pandis__real(f, 0);
-    if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
-    if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
-    uint64_t v = (uint64_t)m->vertex_count, t = (uint64_t)m->face_count;
-    m->vertices = (const double *)pandis__section(f, "VERT", 3 * v, sizeof(double));
-    m->vertex_normals = (const double *)pandis__section(f, "VNRM", 3 * v, sizeof(double));
-    m->faces = (const int32_t *)pandis__section(f, "FACE", 3 * t, sizeof(int32_t));
-    m->neighbours = (const int32_t *)pandis__section(f, "NEIG", 3 * t, sizeof(int32_t));
-    m->nodes = (const pandis__node *)pandis__section(f, "TREE", (uint64_t)m->node_count, sizeof(pandis__node));
-    m->leaves = (const pandis__leaf *)pandis__section(f, "LEAF", (uint64_t)m->leaf_count, sizeof(pandis__leaf));
-    if (!m->faces || !m->neighbours || !m->nodes || !m->leaves) return 0;
-    if (!pandis__finite64(m->vertices, 3 * v) || !pandis__finite64(m->vertex_normals, 3 * v)) return 0;
-    for (uint64_t i = 0; i < 3 * t; i++)
-        if (m->faces[i] < 0 || m->faces[i] >= m->vertex_count || m->neighbours[i] < -1 || m->neighbours[i] >= m->face_count)
-            return 0;
-    for (int32_t i = 0; i < m->leaf_count; i++) {
-        const pandis__leaf *leaf = m->leaves + i;
-        if (leaf->count < 1 || leaf->count > PANDIS__LEAF) return 0;
-        for (int k = 0; k < leaf->count; k++)
-            if (leaf->face[k] < 0 || leaf->face[k] >= m->face_count) return 0;
-    }
-    return pandis__walk(m);
-}
-
 static int pandis__open_shape(pandis_field *f) {
     pandis__shape *s = &f->as.shape;
     s->shape = pandis__whole(f, 0);
@@ -214,6 +158,7 @@ static int pandis__open(pandis_field *field, const void *data, size_t size) {
     if (kind == PANDIS_GRID) good = pandis__open_grid(field);
     if (kind == PANDIS_SPLINE) good = pandis__open_spline(field);
     if (kind == PANDIS_MESH) good = pandis__open_mesh(field);
+    if (kind == PANDIS_COMPACT) good = pandis__open_compact(field);
     if (kind == PANDIS_SHAPE) good = pandis__open_shape(field);
     if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;

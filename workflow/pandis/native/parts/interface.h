@@ -9,6 +9,7 @@ typedef struct {
         pandis__grid grid;
         pandis__spline spline;
         pandis__mesh mesh;
+        pandis__compact compact;
         pandis__shape shape;
     } as;
 } pandis_field;

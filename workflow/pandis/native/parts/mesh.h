@@ -123,9 +123,7 @@ static void pandis__edge_foot(const double *p, const double *a, const double *b,
 }
 
 /* The closest point of one triangle, with what it lies on. */
-static void pandis__find_foot(const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
-    const double *c[3];
-    for (int k = 0; k < 3; k++) c[k] = pandis__corner(t, face, k);
+static void pandis__find_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
     foot->corner = foot->edge = -1;
@@ -165,6 +163,12 @@ static void pandis__find_foot(const pandis__mesh *t, int32_t face, const double 
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
 }
 
+static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {
+    const double *c[3];
+    for (int k = 0; k < 3; k++) c[k] = pandis__corner(t, face, k);
+    pandis__find_foot(c, p, foot);
+}
+
 /* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
 static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
     if (foot->corner >= 0) {
@@ -199,7 +203,7 @@ PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double
     if (face == INT32_MAX) return PANDIS_INVALID;
     pandis__foot foot;
     double n[3];
-    pandis__find_foot(t, face, u, &foot);
+    pandis__find_mesh_foot(t, face, u, &foot);
     pandis__pseudonormal(t, face, &foot, n);
     double sign = pandis__sign(t, u, &foot, n);
     *distance = sign * foot.distance;

@@ -12,8 +12,6 @@ PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double h
     }
 }
 
-#define PANDIS__LONGEST 1.8 /* of the unit frame: a mesh is scaled so that its longest side is this */
-
 PANDIS_API double pandis_longest_side(const pandis_field *field) {
     return field->kind ? PANDIS__LONGEST / field->scale : 0;
 }
@@ -53,6 +51,7 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], &d, n[0]); break;
+            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], &d, n[0]); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
                 d *= field->scale;

@@ -18,7 +18,7 @@ enum {
     PANDIS_ERROR_LARGE = 11 /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
 };
 
-enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5 };
+enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };
 
 /* An answer. The slope is the length of the vector that was scaled to the normal: 1 for meshes and closed
  * forms; elsewhere about 1, and clearly less near the medial axis, where two walls are about equally near
@@ -93,6 +93,30 @@ typedef struct {
     const pandis__node *nodes;
     const pandis__leaf *leaves;
 } pandis__mesh;
+
+/* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to
+ * origin + (high << shift). */
+typedef struct {
+    int32_t origin[3];
+    uint8_t shift[3], count;
+    uint8_t boxes[6][PANDIS__WIDTH]; /* low x, y, z, then high */
+    int32_t child[PANDIS__WIDTH];    /* a branch if >= 0, else the complement of a block */
+} pandis__branch;
+
+/* Where a block of faces lies, in the section of blocks and in space: 21 bits of each coordinate of its
+ * origin; faces less one and corners less one (6 bits each), bits that its extents need (5 each). */
+typedef struct {
+    uint32_t start, counts;
+    uint64_t origin;
+} pandis__block_record;
+
+typedef struct {
+    int32_t bits, branch_count, block_count;
+    double step, reach; /* of the lattice, and the largest coordinate: unit frame */
+    const pandis__branch *branches;
+    const pandis__block_record *blocks;
+    const unsigned char *packed;
+} pandis__compact;
 
 typedef struct {
     int32_t shape;

@@ -16,7 +16,7 @@ from pandis.native.compiler import load as load_library
 from pandis.native.threads import SMALL, in_threads
 
 #: What a file can hold; numbers of docs/format.md.
-NETWORK, GRID, SPLINE, MESH, SHAPE = 1, 2, 3, 4, 5
+NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6
 #: How a grid is interpolated.
 RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Closed forms, in the order of their numbers.
@@ -120,7 +120,7 @@ class NativeField:
 
     @property
     def kind(self):
-        """NETWORK, GRID, SPLINE, MESH or SHAPE."""
+        """NETWORK, GRID, SPLINE, MESH, SHAPE or COMPACT."""
         return self._library.pandis_kind(self._field)
 
     @property
@@ -219,7 +219,7 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
         By names of four letters.
     provenance : dict
         Kept as JSON in a section of its own.
-    version : {1, 2}
+    version : {1, 2, 3}
         Of the format: the first that knows what the file holds, so that older readers of
         ``pandis.h`` take whatever they can answer.
     """

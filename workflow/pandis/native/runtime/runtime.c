@@ -23,12 +23,12 @@ void runtime_place(pandis_field *placed, const pandis_field *field, const double
 
 /* The bytes that answers are made of: not those that say where to trust a field, or where it is from. */
 size_t runtime_bytes(const pandis_field *field) {
-    static const char *const others[] = {"COVR", "SAFE", "PROV"};
+    static const char *const others[] = {"COVR", "SAFE", "PROV", "BOND"};
     size_t size = 0;
     for (uint32_t i = 0, count = pandis__u32(field->data + 36); i < count; i++) {
         const unsigned char *entry = field->data + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
         int answers = 1;
-        for (int k = 0; k < 3; k++) answers &= memcmp(entry, others[k], 4) != 0;
+        for (int k = 0; k < 4; k++) answers &= memcmp(entry, others[k], 4) != 0;
         if (answers) size += (size_t)pandis__u64(entry + 16);
     }
     return size;

@@ -1,0 +1,12 @@
+"""Pack one mesh on a lattice. Reads mesh.zarr.zip, writes compact-{bits}.zarr.zip."""
+
+from pandis.geometry.body import Body
+from pandis.grids.compact import build_compact
+from pandis.run.stage import stage
+from pandis.run.tasks import BakeCompactTask
+
+with stage(snakemake, BakeCompactTask) as job:
+    mesh = job.read("mesh", "mesh")
+    body, task = Body.open(mesh), job.options
+    arrays, record = build_compact(body, task.bits, task.seed, job.log)
+    job.write("compact", arrays, record.attributes() | body.frame.attributes())

@@ -1,0 +1,106 @@
+"""The mesh on a lattice against the exact one; write docs/figures/compact.csv.
+
+Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/compact.py [POINTS]
+
+Bytes for each face; mean errors of the force on the old sets (k = 1, unit frame), and the surface
+that lacks it on the contact set; the bound of the distance beside the largest error at so many
+points (a million), half of them next to the surface, and how many of these are on the wrong side by
+more than the bound. Times of one query in C, where it takes turns with the exact tree's: medians,
+and the 99.9th percentile.
+"""
+
+import sys
+import time
+
+import numpy as np
+from common import SCANS, load, write
+
+from pandis.export.native import native_bytes
+from pandis.fields.exact import ExactField
+from pandis.forces import penalty_force
+from pandis.geometry.body import Body
+from pandis.geometry.frame import Frame
+from pandis.geometry.measure import contact_errors, draw_contacts
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import probes
+from pandis.geometry.trajectories import trace
+from pandis.grids.compact import build_compact, file_parts
+from pandis.native.runtime import COMPACT, NativeField, pack
+from pandis.run.options import TrajectoryOptions
+from pandis.run.stage import silent_progress
+
+COLUMNS = (
+    *("mesh", "bits", "faces", "bytes", "build_s", "shallow", "deep", "missing"),
+    *("bound", "largest", "wrong", "path_us", "path_p999_us", "box_us"),
+    *("exact_path_us", "exact_path_p999_us", "exact_box_us"),
+)
+BITS = 12, 14, 16
+UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+TURNS, QUERIES = 5, 20_000
+
+
+def forces(field):
+    """Return the function that answers the forces of a native field at k = 1."""
+    return lambda points: penalty_force(*field.distance_and_normal(points))
+
+
+def largest_error(field, body, count, bound, rng):
+    """Return the largest error of the distance, and the wrong sides beyond the bound."""
+    largest, wrong = 0.0, 0
+    for start in range(0, count, 500_000):
+        points = rng.uniform(-1, 1, (min(500_000, count - start), 3))
+        exact, normal = body.distance.distance_and_normal(points, check=False)
+        near = rng.random(len(points)) < 0.5
+        height = np.where(near, exact - rng.uniform(-0.02, 0.02, len(points)), 0.0)
+        points -= height[:, None] * normal
+        exact, _ = body.distance.distance_and_normal(points)
+        distance, _, _ = field.query(points)
+        largest = max(largest, float(np.abs(np.abs(distance) - np.abs(exact)).max()))
+        wrong += int((((distance < 0) != (exact < 0)) & (np.abs(exact) > bound)).sum())
+    return largest, wrong
+
+
+def main(count):
+    """Measure all scans."""
+    rows, scale = [], Scale(0.1, 400.0)
+    for mesh, source in SCANS.items():
+        body = Body(*load(source), UNIT)
+        sets = probes(body.surface, body.distance, 50_000, seed=1)
+        contacts = draw_contacts(
+            body.surface, body.distance, scale, 50_000, np.random.default_rng(1)
+        )
+        options = TrajectoryOptions()
+        path, _ = trace(body.surface, body.distance, options, 1, silent_progress)
+        box = np.random.default_rng(2).uniform(-1, 1, (2000, 3))
+        exact = NativeField(native_bytes(ExactField("exact", body), "exact", {}))
+        for bits in BITS:
+            start = time.perf_counter()
+            arrays, record = build_compact(body, bits, 0, lambda text: None)
+            row = {"mesh": mesh, "bits": bits, "faces": record.faces}
+            row["build_s"] = time.perf_counter() - start
+            row["bytes"] = sum(part.nbytes for part in arrays.values()) / record.faces
+            field = NativeField(pack(COMPACT, UNIT, *file_parts(arrays, record), {}, 3))
+            for name, (points, distance, normal) in sets.items():
+                off = forces(field)(points) - penalty_force(distance, normal)
+                row[name] = float(np.linalg.norm(off, axis=1).mean())
+            row["missing"] = contact_errors(forces(field), contacts)["contact-deep"]["missing"]
+            row["bound"] = record.deviation + record.rounding
+            rng = np.random.default_rng(3)
+            row["largest"], row["wrong"] = largest_error(field, body, count, row["bound"], rng)
+            times = {}
+            for _ in range(TURNS):
+                for where, points in (("path", path["points"]), ("box", box)):
+                    for who, asked in (("", field), ("exact_", exact)):
+                        taken = asked.time(points, QUERIES) * 1e6
+                        times.setdefault(f"{who}{where}", []).append(taken)
+            for name, taken in times.items():
+                row[f"{name}_us"] = float(np.median(taken))
+                if name.endswith("path"):
+                    row[f"{name}_p999_us"] = float(np.quantile(taken, 0.999))
+            rows.append(row)
+            print(row, file=sys.stderr, flush=True)
+    write("compact", COLUMNS, rows)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000)

@@ -1,0 +1,305 @@
+"""The mesh on a lattice: the same mesh read back, exact distances to it, sides, bounds."""
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from pandis.errors import PandisError
+from pandis.geometry.body import Body
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.grids.compact import build_compact, file_parts
+from pandis.grids.lattice import snap, step_of, to_unit
+from pandis.grids.sides import find_sides
+from pandis.grids.unpacking import unpack
+from pandis.native.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_rays, pack_mesh
+from pandis.native.runtime import COMPACT, NativeField, pack
+from pandis.run.catalogue import parse_field
+from pandis.run.faults import near_field
+from support import box_mesh
+
+UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+
+
+def fitted(vertices):
+    """Return vertices in the unit frame."""
+    return Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0)).to_unit(vertices)
+
+
+def hull(count, seed=0, stretch=(1.0, 1.0, 1.0)):
+    """Return a ball of random points: with needles, and corners of many faces."""
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    shell = ConvexHull(points)
+    faces = shell.simplices.astype(np.int32)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    inward = np.einsum("fk,fk->f", np.cross(b - a, c - a), a) < 0
+    faces[inward] = faces[inward][:, [0, 2, 1]]
+    return fitted(points * stretch), faces
+
+
+def fan(count):
+    """Return two cones base to base: corners of so many faces, and faces as long as the body."""
+    turn = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    rim = np.stack([np.cos(turn), np.sin(turn), np.zeros(count)], axis=1)
+    vertices = np.concatenate([rim, [[0, 0, 1.0], [0, 0, -1.0]]])
+    one = np.arange(count)
+    other = np.roll(one, -1)
+    up = np.stack([one, other, np.full(count, count)], axis=1)
+    down = np.stack([other, one, np.full(count, count + 1)], axis=1)
+    return fitted(vertices), np.concatenate([up, down]).astype(np.int32)
+
+
+def crown(count, seed=0):
+    """Return a ball whose corners go in and out: sharp everywhere, saddles among them."""
+    vertices, faces = hull(count, seed)
+    return fitted(
+        vertices * np.random.default_rng(seed).uniform(0.5, 1.0, (len(vertices), 1))
+    ), faces
+
+
+def native(vertices, faces, bits, sides=None):
+    """Return the field of a mesh on the lattice."""
+    packed = pack_mesh(vertices, faces, sides or find_sides(vertices, faces))
+    arrays = {name: getattr(packed, name) for name in ("branches", "blocks", "packed")}
+    record = type("Record", (), {"bits": bits, "reach": 0.91, "deviation": 0, "rounding": 0})
+    return NativeField(pack(COMPACT, UNIT, *file_parts(arrays, record), {}, 3)), arrays
+
+
+MESHES = {
+    "box": (lambda: (fitted(box_mesh()[0]), box_mesh()[1]), 12),
+    "hull": (lambda: hull(3000), 16),
+    "flat": (lambda: hull(2000, 1, (1.0, 1.0, 0.02)), 14),
+    "fan": (lambda: fan(3000), 16),
+    "crown": (lambda: crown(1500), 14),
+    "fine": (lambda: hull(2000, 2), 20),
+    "coarse": (lambda: hull(20_000, 3), 10),
+}
+
+
+@pytest.fixture(params=MESHES)
+def case(request):
+    """Return a mesh on the lattice, its bits, and the exact distance to it."""
+    (vertices, faces), bits = MESHES[request.param][0](), MESHES[request.param][1]
+    snapped = snap(vertices, faces, bits)
+    return snapped, bits, MeshDistance(to_unit(snapped.vertices, bits), snapped.faces)
+
+
+def points_around(engine, count, seed=0):
+    """Return points in the box, as many next to the surface, and some beside its corners."""
+    rng = np.random.default_rng(seed)
+    box = rng.uniform(-1.2, 1.2, (count, 3))
+    distance, normal = engine.distance_and_normal(box, check=False)
+    near = box - (distance - rng.normal(0, 0.01, count))[:, None] * normal
+    corners = engine.vertices[rng.integers(len(engine.vertices), size=count)]
+    return np.concatenate([box, near, corners + rng.normal(0, 0.02, (count, 3))])
+
+
+def test_the_mesh_can_be_read_back(case):
+    snapped, bits, _ = case
+    _, arrays = native(snapped.vertices, snapped.faces, bits)
+    vertices, faces = unpack(arrays)
+
+    def triangles(vertices, faces):
+        turned = [np.roll(faces, k, axis=1) for k in range(3)]
+        rows = np.stack([vertices[one].reshape(len(one), 9) for one in turned], axis=1)
+        return np.unique(np.array([min(map(tuple, three)) for three in rows.tolist()]), axis=0)
+
+    assert np.array_equal(triangles(vertices, faces), triangles(snapped.vertices, snapped.faces))
+    assert len(faces) == len(snapped.faces)
+
+
+def test_distances_are_those_of_all_faces_and_sides_those_of_the_winding_number(case):
+    snapped, bits, engine = case
+    field, _ = native(snapped.vertices, snapped.faces, bits)
+    points = points_around(engine, 4000)
+    distance, normal, _ = field.query(points)
+    exact, _ = engine.scan(points)
+    # as long as no needle is in the way, that is far below a step
+    assert np.abs(np.abs(distance) - np.abs(exact)).max() < max(0.5 * step_of(bits), 2e-6)
+    assert (np.abs(distance) >= np.abs(exact) - 1e-13).all()
+    foot, _ = engine.scan(points - distance[:, None] * normal)
+    assert np.abs(foot).max() < 1e-9
+    wrong = engine.inside(points) != (distance < 0)
+    assert not (wrong & (np.abs(exact) > 2 * step_of(bits))).any()
+    assert wrong.mean() < 1e-3
+
+
+def test_sides_that_faces_alone_tell_are_wrong(case, request):
+    """What `find_sides` adds is needed: without it sharp bodies have points on the wrong side."""
+    snapped, bits, engine = case
+    count = len(snapped.faces)
+    nothing = Sides(
+        np.zeros(len(snapped.vertices), np.uint8),
+        np.zeros((count, 3), np.uint8),
+        np.zeros(count, np.uint8),
+    )
+    points = points_around(engine, 4000)
+    distance, _, _ = native(snapped.vertices, snapped.faces, bits, nothing)[0].query(points)
+    wrong = (engine.inside(points) != (distance < 0)) & (np.abs(distance) > 2 * step_of(bits))
+    if request.node.callspec.params["case"] == "crown":
+        assert wrong.any()
+
+
+def test_random_tetrahedra_have_no_wrong_side():
+    rng = np.random.default_rng(5)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32)
+    for _ in range(300):
+        corners = rng.uniform(-0.9, 0.9, (4, 3))
+        u, v, w = corners[1:] - corners[0]
+        if abs(np.dot(np.cross(u, v), w)) < 0.05:
+            continue
+        turned = faces if np.dot(np.cross(u, v), w) > 0 else faces[:, [0, 2, 1]]
+        snapped = snap(corners, turned, 16)
+        field, _ = native(snapped.vertices, snapped.faces, 16)
+        engine = MeshDistance(to_unit(snapped.vertices, 16), snapped.faces)
+        points = rng.uniform(-1, 1, (300, 3))
+        distance, _, _ = field.query(points)
+        assert np.array_equal(distance < 0, engine.inside(points))
+
+
+def test_a_surface_that_the_lattice_folds_keeps_its_sides():
+    """Needles lower than a step turn over and cross others; far away nothing may come of it."""
+    vertices, faces = hull(60_000, 7)
+    snapped = snap(vertices, faces, 10)
+    sides = find_sides(snapped.vertices, snapped.faces)
+    assert snapped.turned > 0
+    assert (sides.faces == BY_RAY).any()
+    field, _ = native(snapped.vertices, snapped.faces, 10, sides)
+    points = np.random.default_rng(1).uniform(-1, 1, (200_000, 3))
+    distance, _, _ = field.query(points)
+    wrong = (np.linalg.norm(points, axis=1) < 0.9) != (distance < 0)
+    assert np.abs(distance[wrong]).max(initial=0) < 3 * step_of(10)
+
+
+def test_every_directed_edge_occurs_as_often_as_its_reverse(case):
+    snapped, _, _ = case
+    edges = np.concatenate([snapped.faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    count = len(snapped.vertices)
+    one, other = edges @ (count, 1), edges @ (1, count)
+    assert np.array_equal(np.sort(one), np.sort(other))
+    places = snapped.vertices[snapped.faces].astype(np.int64)
+    assert (places != np.roll(places, 1, axis=1)).any(axis=2).all()
+
+
+def test_flat_faces_go_by_turning_an_edge():
+    """Three corners in a row: the face beyond is cut in two, and the surface stays closed."""
+    vertices, faces = box_mesh()
+    vertices = fitted(vertices)
+    edge = faces[0][:2]
+    third, other = (
+        faces[0][2],
+        next(
+            int(v)
+            for face in faces.tolist()
+            if (edge[1], edge[0]) in zip(face, face[1:] + face[:1], strict=True)
+            for v in face
+            if v not in edge
+        ),
+    )
+    place = len(vertices)
+    middle = vertices[edge].mean(axis=0) + [1e-5, 1e-5, 1e-5]
+    split = [f for f in faces.tolist() if not {*edge.tolist()} <= {*f}]
+    a, b = edge.tolist()
+    split += [[a, b, place], [place, b, int(third)], [a, place, int(third)], [b, a, other]]
+    mesh = np.concatenate([vertices, [middle]]), np.array(split, np.int32)
+    snapped = snap(*mesh, 10)
+    edges = np.concatenate([snapped.faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    assert len({*map(tuple, edges.tolist())} ^ {(v, u) for u, v in edges.tolist()}) == 0
+    places = snapped.vertices[snapped.faces].astype(np.int64)
+    areas = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    assert (areas != 0).any(axis=1).all()
+    assert len(snapped.faces) == len(faces) + 2
+
+
+@pytest.mark.parametrize("bits", [10, 13, 16])
+def test_the_bound_holds_and_falls_with_bits(bits):
+    vertices, faces = hull(5000, 4)
+    body = Body(vertices, faces, UNIT)
+    arrays, record = build_compact(body, bits, 0, lambda text: None)
+    field = NativeField(pack(COMPACT, UNIT, *file_parts(arrays, record), {}, 3))
+    points = points_around(body.distance, 20_000)
+    exact, _ = body.distance.distance_and_normal(points)
+    off = np.abs(np.abs(field.query(points).distance) - np.abs(exact)).max()
+    assert off <= record.deviation + record.rounding
+    assert 0.5 * step_of(bits) < record.deviation < step_of(bits)
+
+
+def test_a_sheet_that_closes_up_is_in_the_bound():
+    """Thinner than a step it vanishes: the bound says how far it stood out."""
+    vertices, faces = box_mesh()
+    box = fitted(vertices) * [0.5, 0.5, 0.5]
+    sheet = fitted(vertices) * [0.3, 0.3, 1e-4] + [0.0, 0.0, 0.7]
+    both = np.concatenate([box, sheet]), np.concatenate([faces, faces + len(vertices)])
+    snapped = snap(*both, 10)
+    assert len(snapped.faces) == len(faces)
+    apart = 0.7 - 0.45
+    assert apart < snapped.deviation < 3 * apart
+    assert snap(*both, 16).deviation < step_of(16)
+    with pytest.raises(PandisError, match=r"nothing is left of the mesh.*take more bits"):
+        snap(sheet, faces, 10)
+
+
+def test_wrong_sides_are_refused_with_their_number(monkeypatch):
+    """Break what tells the sides, and the bake must see it."""
+    vertices, faces = crown(1500)
+
+    def nothing(vertices, faces):
+        count = len(faces)
+        zeros = (len(vertices),), (count, 3), (count,)
+        return Sides(*(np.zeros(shape, np.uint8) for shape in zeros))
+
+    monkeypatch.setattr("pandis.grids.compact.find_sides", nothing)
+    with pytest.raises(PandisError, match=r"of 1,000,000 points are on the wrong side.*more bits"):
+        build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
+
+
+def test_blocks_are_full_and_bytes_few():
+    vertices, faces = hull(20_000, 6)
+    arrays, record = build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
+    assert sum(part.nbytes for part in arrays.values()) < 8 * record.faces
+    assert record.faces == len(faces)
+    again, _ = build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
+    assert all(arrays[name].tobytes() == again[name].tobytes() for name in arrays)
+
+
+def test_rays_are_beside_what_they_are_of():
+    snapped = snap(*crown(500), 14)
+    points, owners = find_rays(snapped.vertices, snapped.faces)
+    engine = MeshDistance(snapped.vertices.astype(float), snapped.faces)
+    count = len(snapped.vertices)
+    ends = snapped.faces.ravel(), np.roll(snapped.faces, -1, axis=1).ravel()
+    middles = (snapped.vertices[ends[0]] + snapped.vertices[ends[1]]) / 2
+    at = np.concatenate([snapped.vertices, middles])[owners]
+    exact, _ = engine.distance_and_normal(points, check=False)
+    assert np.abs(exact) == pytest.approx(np.linalg.norm(points - at, axis=1), rel=1e-3)
+    assert owners.max() < count + 3 * len(snapped.faces)
+    sides = find_sides(snapped.vertices, snapped.faces)
+    assert {BY_FACE, INSIDE, OUTSIDE} <= {*sides.corners.tolist()}
+
+
+def test_what_cannot_be_packed_is_told_in_words():
+    sides = find_sides(np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]]), box_faces())
+    vertices, faces = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]]), box_faces()
+    for bad, what in (
+        ((vertices - 1, faces), "whole numbers from 0"),
+        ((vertices + (1 << 20), faces), "whole numbers from 0"),
+        ((vertices, faces + 1), "faces must name vertices"),
+        ((vertices, np.array([[0, 1, 1]])), "two equal corners"),
+    ):
+        with pytest.raises(ValueError, match=what):
+            pack_mesh(*bad, sides)
+
+
+def box_faces():
+    """Return the faces of a tetrahedron, outward for three corners along the axes."""
+    return np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32)
+
+
+def test_names_say_how_many_bits():
+    spec = parse_field("compact-16", ())
+    assert (spec.kind, spec.artifact, spec.size, spec.native) == ("compact", "compact-16", 16, True)
+    for name in ("compact-9", "compact-21"):
+        with pytest.raises(ValueError, match="its lattice has 10 to 20 bits"):
+            parse_field(name, ())
+    assert near_field("compct-16", ()) == "compact-16"

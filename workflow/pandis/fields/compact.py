@@ -1,0 +1,32 @@
+"""The `compact` field: exact distances to the mesh with its vertices on a lattice."""
+
+from pandis.fields.base import Field
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.grids.lattice import to_unit
+from pandis.grids.unpacking import unpack
+from pandis.run.records.compact import CompactRecord
+
+
+class CompactField(Field):
+    """A mesh on a lattice, answered through a tree over its faces in double precision.
+
+    ``pandis.h`` answers it from its packed bytes; this is what the file is compared with.
+
+    Parameters
+    ----------
+    name : str
+    artifact : pandis.run.artifact.Artifact
+        Of kind ``compact``.
+    """
+
+    def __init__(self, name, artifact):
+        self.record, self.arrays = CompactRecord.of(artifact), dict(artifact.arrays)
+        vertices, faces = unpack(self.arrays)
+        self.engine = MeshDistance(to_unit(vertices, self.record.bits), faces)
+        size = sum(part.nbytes for part in self.arrays.values())
+        super().__init__(name, Frame.of(artifact), size)
+
+    def answer(self, points):
+        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        return self.engine.distance_and_normal(points, check=False)

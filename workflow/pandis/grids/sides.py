@@ -1,0 +1,92 @@
+"""What tells on which side of a mesh on a lattice a point is.
+
+Usually the normal of the nearest face does. At corners and edges whose faces are not nearly in
+one plane it does not; there all points with this closest point are on one side, and one of them,
+beside it, tells which. And rounding can fold a surface over itself, by less than a step: a face
+that looks the wrong way then lies on top, and would turn the side of all that is nearest to it. So
+every face is looked at from both sides, and so are edges folded like a knife's; around what
+is wrong a ray has to count.
+"""
+
+import numpy as np
+
+from pandis.native.bvh import Bvh
+from pandis.native.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_rays
+
+#: How far from a face it is looked at (steps): less than any fold is high.
+_BESIDE = 1e-3
+#: Where: in the middle, and near the corners (barycentric).
+_PLACES = np.array([[1 / 3, 1 / 3, 1 / 3], [0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9]])
+#: Cosine between the normals of faces of which one is folded back onto the other, and how low the
+#: lower one of them is (steps): rounding does not fold what is higher.
+_FOLD, _LOW = -0.7, 4.0
+#: How many rings of faces around one that looks the wrong way may cross each other.
+_RINGS = 2
+
+
+def find_sides(vertices, faces):
+    """Return what tells the sides of a closed mesh on a lattice.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), int32
+    faces : ndarray, shape (F, 3), int32
+
+    Returns
+    -------
+    pandis.native.packing.Sides
+    """
+    tree = Bvh(vertices.astype(np.float64), faces)
+    points, owners = find_rays(vertices, faces)
+    known = _agreed(owners, tree.inside(points), len(vertices) + 3 * len(faces))
+    wrong = _look_wrong(tree, vertices, faces) | _folded(vertices, faces)
+    for _ in range(_RINGS):
+        touched = np.zeros(len(vertices), bool)
+        touched[faces[wrong]] = True
+        wrong = touched[faces].any(axis=1)
+    corners, edges = known[: len(vertices)], known[len(vertices) :].reshape(-1, 3)
+    corners[faces[wrong]] = BY_RAY
+    edges[touched[faces] & touched[np.roll(faces, -1, axis=1)]] = BY_RAY
+    return Sides(corners, edges, np.where(wrong, BY_RAY, BY_FACE).astype(np.uint8))
+
+
+def _look_wrong(tree, vertices, faces):
+    """Tell which faces have the outside below them, or the inside above, at one of some places."""
+    places = vertices[faces].astype(np.float64)
+    normal = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    off = _BESIDE * normal / np.where(length > 0, length, 1)
+    wrong = np.zeros(len(faces), bool)
+    for weights in _PLACES:
+        at = np.tensordot(places, weights, axes=(1, 0))
+        wrong |= tree.inside(at + off) | ~tree.inside(at - off)
+    return wrong
+
+
+def _folded(vertices, faces):
+    """Tell which low faces have a neighbour that is folded back onto them, and those."""
+    places = vertices[faces].astype(np.float64)
+    normal = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    length = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    longest = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
+    low_face, normal = length[:, 0] < _LOW * longest, normal / length
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    low, high = np.minimum(start, end).astype(np.int64), np.maximum(start, end)
+    order = np.argsort(low * len(vertices) + high, kind="stable")
+    one, other = order[:-1], order[1:]
+    same = (low[one] == low[other]) & (high[one] == high[other])
+    one, other = one[same] // 3, other[same] // 3
+    back = np.einsum("nk,nk->n", normal[one], normal[other]) < _FOLD
+    back &= low_face[one] | low_face[other]
+    folded = np.zeros(len(faces), bool)
+    folded[one[back]] = folded[other[back]] = True
+    return folded
+
+
+def _agreed(owners, inside, count):
+    """Return the side (count,) of those that have points on one side; a ray's if on both."""
+    within = np.bincount(owners, inside, count) > 0
+    without = np.bincount(owners, ~inside, count) > 0
+    return np.select(
+        [within & without, within, without], [BY_RAY, INSIDE, OUTSIDE], BY_FACE
+    ).astype(np.uint8)

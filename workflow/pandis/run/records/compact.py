@@ -1,0 +1,21 @@
+"""The attributes of ``compact-….zarr.zip``."""
+
+from pandis.run.records.record import Record
+
+
+class CompactRecord(Record):
+    """A compact mesh: bits of a coordinate; what is left of faces and vertices; how far the two
+    surfaces lie apart at most, and by how much rounding can make a distance too large; faces that
+    look to the other side than before; its largest coordinate, and its box (unit frame).
+    """
+
+    bits: int
+    faces: int
+    vertices: int
+    deviation: float
+    rounding: float
+    turned: int
+    reach: float
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    unit: str = "unit frame"
