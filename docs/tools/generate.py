@@ -133,6 +133,7 @@ def generated():
             bunny=tables.bunny_table(),
             distances=tables.distance_table(),
             fields=tables.field_table(),
+            compact=tables.compact_table(),
             order=tables.order_table(),
             full=tables.full_table(),
             native=tables.native_table(),

@@ -186,6 +186,29 @@ def field_table():
     return _noted(table, notes)
 
 
+def compact_table():
+    """Return the table of meshes on a lattice beside the exact one."""
+    notes, rows = _figures("compact")
+    table = [
+        "| mesh, faces | field | bytes a face | shallow / deep | missing | bound, largest error "
+        "| wrong sides | on the path, 99.9 % (µs) | in the box (µs) | of `exact`, path and box |",
+        "|---" * 2 + "|--:" * 8 + "|",
+    ]
+    for row in rows:
+        times = {key: float(value) for key, value in row.items() if key.endswith("_us")}
+        cells = [f"{row['mesh']}, {int(row['faces']):,}", f"`compact-{row['bits']}`"]
+        cells += [f"{float(row['bytes']):.2f}"]
+        cells += [f"{1e3 * float(row['shallow']):.4f} / {1e3 * float(row['deep']):.4f}"]
+        cells += [f"{100 * float(row['missing']):.3g} %"]
+        cells += [f"{1e3 * float(row['bound']):.3f}, {1e3 * float(row['largest']):.3f}"]
+        cells += [row["wrong"], f"{times['path_us']:.2f}, {times['path_p999_us']:.1f}"]
+        cells += [f"{times['box_us']:.1f}"]
+        ratios = [times[f"{where}_us"] / times[f"exact_{where}_us"] for where in ("path", "box")]
+        cells += [" and ".join(f"{ratio:.2f}" for ratio in ratios)]
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
 def distance_table():
     """Return the table of speed and memory."""
     notes, rows = _figures("distances")

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from pandis.errors import PandisError
+from pandis.fields.base import CUT
 from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance
 from pandis.geometry.frame import Frame
@@ -12,7 +13,16 @@ from pandis.grids.compact import build_compact, file_parts
 from pandis.grids.lattice import snap, step_of, to_unit
 from pandis.grids.sides import find_sides
 from pandis.grids.unpacking import unpack
-from pandis.native.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_rays, pack_mesh
+from pandis.native.packing import (
+    BY_FACE,
+    BY_RAY,
+    INSIDE,
+    OUTSIDE,
+    Sides,
+    distances,
+    find_rays,
+    pack_mesh,
+)
 from pandis.native.runtime import COMPACT, NativeField, pack
 from pandis.run.catalogue import parse_field
 from pandis.run.faults import near_field
@@ -261,6 +271,44 @@ def test_blocks_are_full_and_bytes_few():
     assert record.faces == len(faces)
     again, _ = build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
     assert all(arrays[name].tobytes() == again[name].tobytes() for name in arrays)
+
+
+def test_a_query_that_has_too_much_to_look_at_is_cut_and_says_so():
+    """In the middle of a ball all faces are equally near: the answer is flagged, and bounded."""
+    vertices, faces = hull(60_000, 8)
+    snapped = snap(vertices, faces, 16)
+    field, arrays = native(snapped.vertices, snapped.faces, 16)
+    engine = MeshDistance(to_unit(snapped.vertices, 16), snapped.faces)
+    points = np.random.default_rng(2).normal(0, 2e-3, (500, 3))
+    distance, _, flag = field.query(points)
+    cut, exact = flag == CUT, np.abs(engine.distance_and_normal(points, check=False)[0])
+    assert cut.mean() > 0.9
+    assert (distance < 0).all()
+    assert (-distance >= exact - 1e-12).all()
+    assert (-distance - exact).max() < 2e-3
+    clear = field.clear(points)
+    assert (clear <= exact + 1e-6).all()
+    assert (clear[cut] > 0.9 * exact[cut]).all()
+    assert distances(arrays, 16, points) == pytest.approx(-exact, abs=1e-6)
+    # next to the surface nothing is cut, and what is clear is the distance
+    near = 0.99 * engine.vertices[:2000]
+    distance, _, flag = field.query(near)
+    assert not flag.any()
+    assert np.array_equal(field.clear(near), np.abs(distance))
+
+
+def test_of_a_cut_answer_the_first_face_on_the_way_tells_the_side():
+    """A thin shell around the middle of a ball, next to faces that are all as far: both sides."""
+    vertices, faces = hull(30_000, 9)
+    count = len(vertices)
+    inner = vertices * 0.98
+    both = np.concatenate([vertices, inner]), np.concatenate([faces, faces[:, ::-1] + count])
+    snapped = snap(*both, 16)
+    field, _ = native(snapped.vertices, snapped.faces, 16)
+    points = np.random.default_rng(3).normal(0, 1e-3, (300, 3))
+    distance, _, flag = field.query(points)
+    assert (flag == CUT).mean() > 0.9
+    assert (distance > 0).all()  # the middle is a cavity
 
 
 def test_rays_are_beside_what_they_are_of():

@@ -10,8 +10,9 @@ from pandis.geometry.frame import Frame
 
 #: Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field
 #: covers; the distance is at least as large as `Field.bound` says, and no more is known. INVALID:
-#: no answer, because the point is not finite.
-OK, BOUND, INVALID = 0, 1, 2
+#: no answer, because the point is not finite. CUT: not all faces were looked at; the distance may
+#: be a little too large.
+OK, BOUND, INVALID, CUT = 0, 1, 2, 3
 
 
 class Answer(NamedTuple):
@@ -22,7 +23,7 @@ class Answer(NamedTuple):
     distance : ndarray, shape (n,)
     normal : ndarray, shape (n, 3)
     flag : ndarray, shape (n,), uint8
-        OK, BOUND or INVALID.
+        OK, BOUND, INVALID or CUT.
     """
 
     distance: np.ndarray

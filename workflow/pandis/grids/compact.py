@@ -9,6 +9,9 @@ from pandis.grids.sides import find_sides
 from pandis.native.packing import BLOCK_BYTES, BRANCH_BYTES, distances, pack_mesh
 from pandis.run.records.compact import CompactRecord
 
+#: Groups of eight faces, and blocks, that one query looks at: more than scans need anywhere, and
+#: what a tick has time for.
+MOST = 704
 #: Points at which sides are compared with the body's: half in the box, half near the surface.
 SIDES = 1_000_000
 #: Heights of the latter above and below the surface (unit frame), spread by logarithm.
@@ -70,6 +73,7 @@ def file_parts(arrays, record):
         len(arrays["branches"]) // BRANCH_BYTES,
         len(arrays["blocks"]) // BLOCK_BYTES,
         len(arrays["packed"]),
+        MOST,
     ]
     sections = {"BRCH": arrays["branches"], "BLCK": arrays["blocks"], "PACK": arrays["packed"]}
     sections["BOND"] = np.array([record.deviation, record.rounding])

@@ -86,8 +86,10 @@ extern "C" {
 
 /* Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field covers;
  * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
- * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. */
-enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2 };
+ * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
+ * about equally near (in the middle of a finely tessellated ball) that not all were looked at; the side is right,
+ * the distance may be a little too large. */
+enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3 };
 
 /* Why a field cannot be opened. */
 enum {
@@ -111,6 +113,7 @@ enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, 
  * and the normal is about to turn; 0 for grids of forces, which have none. */
 typedef struct {
     double distance, normal[3], slope;
+    double clear; /* no surface is nearer than this, where the answer is cut; elsewhere |distance| */
     int flag;
 } pandis_answer;
 
@@ -198,6 +201,7 @@ typedef struct {
 
 typedef struct {
     int32_t bits, branch_count, block_count;
+    int32_t most; /* groups of faces and blocks that a query looks at */
     double step, reach; /* of the lattice, and the largest coordinate: unit frame */
     const pandis__branch *branches;
     const pandis__block_record *blocks;
@@ -909,10 +913,11 @@ static void pandis__group_distances(const pandis__packed *b, int group, const fl
     }
 }
 
-/* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it. */
+/* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it; how
+ * many groups and blocks may still be looked at; and the key of the nearest that was not. */
 typedef struct {
     float squared;
-    int32_t key, face;
+    int32_t key, face, left, unseen;
 } pandis__near;
 
 static void pandis__search_block(const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
@@ -923,8 +928,13 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     pandis__unpack(t, block, &b);
     for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - b.origin[k]), shift[k] = pandis__coarse(b.bits[k]);
     pandis__byte_bounds(b.boxes, b.groups, shift, q, keys);
+    best->left--;
     while ((key = pandis__least(keys)) <= best->key) {
         int group = key & 7, i = 0;
+        if (--best->left < 0) {
+            best->unseen = key;
+            return;
+        }
         keys[group] = INT32_MAX;
         pandis__group_distances(&b, group, q, d);
         memcpy(nearest, d, sizeof nearest);
@@ -936,33 +946,107 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     }
 }
 
-/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. */
-PANDIS__APART static int32_t pandis__search(const pandis__compact *t, const double *p) {
+static void pandis__branch_keys(const pandis__branch *branch, const double *p, int32_t *keys) {
+    float q[3];
+    int shift[3];
+    for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
+    pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, keys);
+}
+
+#define PANDIS__SOON 192 /* groups and blocks that are looked at before one asks which to look at next */
+
+/* Look for the nearest face, in the nearest branch first and there to the end; for most points that is soon. */
+PANDIS__APART static void pandis__search_depth(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
         const pandis__branch *branch;
     } path[PANDIS__DEEPEST], *at = path;
-    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX};
     at->branch = t->branches;
-    for (int fresh = 1;;) {
-        const pandis__branch *branch = at->branch;
-        if (fresh) {
-            float q[3];
-            int shift[3];
-            for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
-            pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, at->keys);
-        }
-        int32_t key = pandis__least(at->keys), child = branch->child[key & 7];
-        if ((fresh = key <= best.key && child >= 0)) {
+    pandis__branch_keys(at->branch, p, at->keys);
+    for (;;) {
+        int32_t key = pandis__least(at->keys), child = at->branch->child[key & 7];
+        if (best->left < 0) { /* no more: what is left over is at least so far away */
+            best->unseen = key < best->unseen ? key : best->unseen;
+            if (at-- == path) return;
+        } else if (key > best->key) {
+            if (at-- == path) return;
+        } else {
             at->keys[key & 7] = INT32_MAX;
-            (++at)->branch = t->branches + child;
-        } else if (key <= best.key) {
-            at->keys[key & 7] = INT32_MAX;
-            pandis__search_block(t, ~child, p, &best);
-        } else if (at-- == path) {
-            return best.face;
+            if (child < 0) {
+                pandis__search_block(t, ~child, p, best);
+            } else {
+                (++at)->branch = t->branches + child;
+                pandis__branch_keys(at->branch, p, at->keys);
+            }
         }
     }
+}
+
+typedef struct {
+    int32_t key, child;
+} pandis__waiting;
+
+static void pandis__wait(pandis__waiting *heap, int at, pandis__waiting one) {
+    for (; at > 0 && heap[(at - 1) / 2].key > one.key; at = (at - 1) / 2) heap[at] = heap[(at - 1) / 2];
+    heap[at] = one;
+}
+
+static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
+    pandis__waiting first = heap[0], last = heap[count - 1];
+    int at = 0, below = 1;
+    for (; below < count - 1; at = below, below = 2 * at + 1) {
+        if (below + 1 < count - 1 && heap[below + 1].key < heap[below].key) below++;
+        if (heap[below].key >= last.key) break;
+        heap[at] = heap[below];
+    }
+    heap[at] = last;
+    return first;
+}
+
+/* Look for it in whatever is nearest of all that is left: so what has been seen when the time is up is nearly the nearest. */
+PANDIS__APART static void pandis__search_best(const pandis__compact *t, const double *p, pandis__near *best) {
+    pandis__waiting heap[PANDIS__STACK];
+    int count = 1;
+    heap[0].key = heap[0].child = 0;
+    best->unseen = INT32_MAX;
+    while (count) {
+        pandis__waiting e = pandis__next(heap, count--);
+        if (e.key > best->key) return;
+        if (best->left < 0) {
+            best->unseen = e.key < best->unseen ? e.key : best->unseen;
+            return;
+        }
+        if (e.child < 0) {
+            pandis__search_block(t, ~e.child, p, best);
+            continue;
+        }
+        const pandis__branch *branch = t->branches + e.child;
+        int32_t keys[PANDIS__WIDTH];
+        pandis__branch_keys(branch, p, keys);
+        for (int i = 0; i < branch->count; i++) {
+            pandis__waiting one = {keys[i], branch->child[i]};
+            if (keys[i] > best->key) continue;
+            if (count < PANDIS__STACK)
+                pandis__wait(heap, count++, one);
+            else if (keys[i] < best->unseen)
+                best->unseen = keys[i];
+        }
+    }
+}
+
+/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. If there
+ * were too many to look at, `clear` is how far all others are at least, squared; else infinite. */
+static int32_t pandis__search(const pandis__compact *t, const double *p, float *clear) {
+    int soon = t->most < PANDIS__SOON ? t->most : PANDIS__SOON;
+    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, t->most == INT32_MAX ? t->most : soon, INT32_MAX};
+    pandis__search_depth(t, p, &best);
+    if (best.unseen <= best.key && soon < t->most) {
+        best.left = t->most - soon;
+        pandis__search_best(t, p, &best);
+    }
+    *clear = (float)INFINITY;
+    if (best.unseen <= best.key) best.unseen &= ~7, memcpy(clear, &best.unseen, sizeof *clear);
+    return best.face;
 }
 
 /* One corner of a block, in steps of the lattice. */
@@ -1052,6 +1136,65 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
     return turns;
 }
 
+/* Which of eight boxes a segment from a point meets, from some share of it on: a bit each. */
+static int pandis__boxes_between(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
+                                 const double *p, const double *way, double from) {
+    int met = 0;
+    for (int i = 0; i < count; i++) {
+        double enter = from, leave = 1;
+        for (int k = 0; k < 3; k++) {
+            double low = (double)(origin[k] + (boxes[PANDIS__WIDTH * k + i] << shift[k])) - p[k] - 1e-6;
+            double high = (double)(origin[k] + (boxes[PANDIS__WIDTH * (3 + k) + i] << shift[k])) - p[k] + 1e-6;
+            double a = low / way[k], b = high / way[k], first = a < b ? a : b, last = a < b ? b : a;
+            if (way[k] == 0) first = low <= 0 && high >= 0 ? from : 2, last = 1;
+            enter = first > enter ? first : enter, leave = last < leave ? last : leave;
+        }
+        met |= (enter <= leave) << i;
+    }
+    return met;
+}
+
+/* The side of a point, by the first face that the way to another one meets, of which so much is clear; that one
+ * itself tells if too many are to be looked at. */
+PANDIS__APART static int pandis__first_side(const pandis__compact *t, const double *p, const double *target,
+                                            const double *n, double from) {
+    int32_t stack[PANDIS__STACK], left = t->most;
+    double way[3], nearest = 1;
+    int top = 1, shift[3];
+    for (int k = 0; k < 3; k++) way[k] = target[k] - p[k];
+    int own = pandis__dot(n, way) > 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE, side = own;
+    stack[0] = 0;
+    while (top) {
+        int32_t child = stack[--top];
+        if (child >= 0) {
+            const pandis__branch *branch = t->branches + child;
+            for (int k = 0; k < 3; k++) shift[k] = branch->shift[k];
+            int met = pandis__boxes_between(branch->boxes[0], branch->count, branch->origin, shift, p, way, from);
+            for (int i = 0; i < branch->count; i++)
+                if (met >> i & 1) stack[top++] = branch->child[i];
+            continue;
+        }
+        pandis__packed b;
+        pandis__unpack(t, ~child, &b);
+        for (int k = 0; k < 3; k++) shift[k] = pandis__coarse(b.bits[k]);
+        int met = pandis__boxes_between(b.boxes, b.groups, b.origin, shift, p, way, from);
+        for (int place = 0; place < b.face_count; place++) {
+            double c[3][3], u[3], v[3], x[3], across[3], turned[3];
+            int corners[3];
+            if (!(met >> place / PANDIS__WIDTH & 1)) continue;
+            if (place % PANDIS__WIDTH == 0 && --left < 0) return own;
+            pandis__face_corners(&b, place, corners, c);
+            for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+            pandis__cross(way, v, across), pandis__cross(x, u, turned);
+            double det = pandis__dot(u, across), r = pandis__dot(x, across) / det, s = pandis__dot(way, turned) / det;
+            double at = pandis__dot(v, turned) / det;
+            if (!(r >= 0 && s >= 0 && r + s <= 1 && at >= 0 && at < nearest)) continue; /* not if det is 0 */
+            nearest = at, side = det < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
+        }
+    }
+    return side;
+}
+
 /* What tells the side of a point with this closest point. */
 static int pandis__tells(const pandis__packed *b, int place, const int *corners, const pandis__foot *foot) {
     int tells = PANDIS__BY_FACE;
@@ -1064,20 +1207,32 @@ static int pandis__tells(const pandis__packed *b, int place, const int *corners,
     return tells == PANDIS__BY_FACE ? pandis__two_bits(faces, place) : tells;
 }
 
+/* The side of a point next to whose nearest face others may be nearer: of the way there, so much is clear. */
+static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
+                            const pandis__foot *foot, const double *n, double clear) {
+    double target[3]; /* next to the foot, within the face */
+    for (int k = 0; k < 3; k++) {
+        double middle = (corner[0][k] + corner[1][k] + corner[2][k]) / 3, at = p[k] - foot->offset[k];
+        target[k] = at + 1e-3 * (middle - at);
+    }
+    return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
+}
+
 PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double *distance,
-                                                double *normal) {
+                                                double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};
+    float unseen;
     for (int k = 0; k < 3; k++) most = fabs(u[k]) > most ? fabs(u[k]) : most;
     /* from very far away the nearest face is that of a point in the same direction */
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
-    int32_t face = pandis__search(t, p);
+    int32_t face = pandis__search(t, p, &unseen);
     if (face == INT32_MAX) return PANDIS_INVALID;
     pandis__packed b;
     pandis__foot foot;
     pandis__unpack(t, face / PANDIS__BLOCK, &b);
-    int place = face % PANDIS__BLOCK, corners[3];
+    int place = face % PANDIS__BLOCK, corners[3], cut = unseen < FLT_MAX;
     pandis__face_corners(&b, place, corners, corner);
     if (nearer < 1) { /* in the unit frame, where squares do not overflow */
         size = 1;
@@ -1089,12 +1244,16 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
     pandis__cross(side[0], side[1], n);
     if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
     int tells = most > t->reach ? PANDIS__OUTSIDE : pandis__tells(&b, place, corners, &foot);
+    if (cut && most <= t->reach)
+        tells = pandis__cut_side(t, p, (const double(*)[3])corner, &foot, n, sqrt((double)unseen));
     if (tells == PANDIS__BY_RAY) tells = pandis__winding(t, p) > 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
     if (tells == PANDIS__BY_FACE) tells = pandis__dot(foot.offset, n) < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
     double sign = tells == PANDIS__INSIDE ? -1 : 1;
     *distance = sign * foot.distance * size;
+    *clear = !cut ? foot.distance * size : nearer < 1 ? 0 : sqrt((double)unseen) * t->step;
+    if (*clear > foot.distance * size) *clear = foot.distance * size;
     for (int k = 0; k < 3; k++) normal[k] = foot.distance * size > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
-    return most <= 1 ? PANDIS_OK : PANDIS_BOUND;
+    return most > 1 ? PANDIS_BOUND : cut ? PANDIS_CUT : PANDIS_OK;
 }
 
 /* ---------------------------------------------------------------- networks */
@@ -1591,23 +1750,25 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
 }
 
 /* Make an answer in mesh units of distance, direction and flag in the unit frame. */
-static void pandis__tell(const pandis_field *field, double d, double *n, int flag, pandis_answer *answer) {
+static void pandis__tell(const pandis_field *field, double d, double *n, double clear, int flag,
+                         pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
     if (flag == PANDIS_INVALID) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
-        answer->slope = (double)NAN;
+        answer->slope = answer->clear = (double)NAN;
     } else {
         int forces = field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR;
         answer->slope = forces ? 0 : field->kind == PANDIS_SHAPE ? 1 : sqrt(pandis__dot(n, n));
         if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
         answer->distance = d / field->scale;
+        answer->clear = flag == PANDIS_CUT ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
     answer->flag = flag;
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    double u[1][3], d = 0, n[1][3] = {{0}};
+    double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
     int flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
         switch (field->kind) {
@@ -1615,7 +1776,7 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], &d, n[0]); break;
-            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], &d, n[0]); break;
+            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], &d, n[0], &clear); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
                 d *= field->scale;
@@ -1624,7 +1785,7 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             default: break;
         }
     }
-    pandis__tell(field, d, n[0], flag, answer);
+    pandis__tell(field, d, n[0], clear, flag, answer);
 }
 
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
@@ -1646,7 +1807,7 @@ static void pandis__query_four(const pandis_field *field, const double *points, 
         for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
     }
     pandis__answer_network(&field->as.network, 4, u, d, n, flag);
-    for (int p = 0; p < 4; p++) pandis__tell(field, d[p], n[p], finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
+    for (int p = 0; p < 4; p++) pandis__tell(field, d[p], n[p], 0, finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
 }
 
 PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
@@ -1736,6 +1897,12 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
     return sqrt(pandis__dot(off, off)) - f->margin[0];
 }
 
+/* The worse of two flags: no answer, an estimate, one that may be a little off. */
+static int pandis__worse(int one, int other) {
+    static const int rank[] = {0, 2, 3, 1}; /* by flag */
+    return rank[one] > rank[other] ? one : other;
+}
+
 /* Ask an object unless it cannot be touched at a point, and keep how far that is so. */
 static int pandis__visit(pandis_scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
@@ -1754,7 +1921,7 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
         pandis__add_force(o, p, &answer, force);
         scene->asked++;
         flag = answer.flag;
-        if (inside && flag != PANDIS_INVALID) clear = answer.distance * f->scale - f->margin[flag == PANDIS_BOUND];
+        if (inside && flag != PANDIS_INVALID) clear = (flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance) * f->scale - f->margin[flag == PANDIS_BOUND];
     }
     /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
     pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
@@ -1799,7 +1966,7 @@ PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], do
             double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
             if (x * x + y * y + z * z < own[3 * PANDIS_SCENE_BLOCK]) continue;
             int flag = pandis__visit(scene, i, point, force);
-            worst = flag > worst ? flag : worst;
+            worst = pandis__worse(flag, worst);
         }
     }
     return worst;
@@ -1979,6 +2146,9 @@ static int pandis__open_compact(pandis_field *f) {
     t->reach = pandis__real(f, 0);
     if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1) return 0;
     if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1e30)) return 0;
+    int32_t most = pandis__whole(f, 4);
+    if (most < 0) return 0;
+    t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);
     t->branches = (const pandis__branch *)pandis__section(f, "BRCH", (uint64_t)t->branch_count, sizeof(pandis__branch));

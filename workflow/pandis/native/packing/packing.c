@@ -352,13 +352,13 @@ const void *packing_part(const Packing *m, int32_t which, int64_t *bytes) {
     }
 }
 
-/* Distances at points of the unit frame, as pandis.h answers them. */
+/* Distances at points of the unit frame, as pandis.h answers them that looks at all faces. */
 void packing_distances(const void *branches, const void *blocks, const void *packed, int32_t bits, const double *points,
                        int64_t count, double *distance) {
-    pandis__compact t = {.bits = bits, .step = 2 * PANDIS__HALF / ((1 << bits) - 1), .reach = 1,
+    pandis__compact t = {.bits = bits, .step = 2 * PANDIS__HALF / ((1 << bits) - 1), .reach = 1, .most = INT32_MAX,
                          .branches = branches, .blocks = blocks, .packed = packed};
     for (int64_t i = 0; i < count; i++) {
-        double normal[3];
-        pandis__answer_compact(&t, points + 3 * i, distance + i, normal);
+        double normal[3], clear;
+        pandis__answer_compact(&t, points + 3 * i, distance + i, normal, &clear);
     }
 }

@@ -155,10 +155,11 @@ static void pandis__group_distances(const pandis__packed *b, int group, const fl
     }
 }
 
-/* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it. */
+/* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it; how
+ * many groups and blocks may still be looked at; and the key of the nearest that was not. */
 typedef struct {
     float squared;
-    int32_t key, face;
+    int32_t key, face, left, unseen;
 } pandis__near;
 
 static void pandis__search_block(const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
@@ -169,8 +170,13 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     pandis__unpack(t, block, &b);
     for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - b.origin[k]), shift[k] = pandis__coarse(b.bits[k]);
     pandis__byte_bounds(b.boxes, b.groups, shift, q, keys);
+    best->left--;
     while ((key = pandis__least(keys)) <= best->key) {
         int group = key & 7, i = 0;
+        if (--best->left < 0) {
+            best->unseen = key;
+            return;
+        }
         keys[group] = INT32_MAX;
         pandis__group_distances(&b, group, q, d);
         memcpy(nearest, d, sizeof nearest);
@@ -182,33 +188,107 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     }
 }
 
-/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. */
-PANDIS__APART static int32_t pandis__search(const pandis__compact *t, const double *p) {
+static void pandis__branch_keys(const pandis__branch *branch, const double *p, int32_t *keys) {
+    float q[3];
+    int shift[3];
+    for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
+    pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, keys);
+}
+
+#define PANDIS__SOON 192 /* groups and blocks that are looked at before one asks which to look at next */
+
+/* Look for the nearest face, in the nearest branch first and there to the end; for most points that is soon. */
+PANDIS__APART static void pandis__search_depth(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
         const pandis__branch *branch;
     } path[PANDIS__DEEPEST], *at = path;
-    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX};
     at->branch = t->branches;
-    for (int fresh = 1;;) {
-        const pandis__branch *branch = at->branch;
-        if (fresh) {
-            float q[3];
-            int shift[3];
-            for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
-            pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, at->keys);
-        }
-        int32_t key = pandis__least(at->keys), child = branch->child[key & 7];
-        if ((fresh = key <= best.key && child >= 0)) {
+    pandis__branch_keys(at->branch, p, at->keys);
+    for (;;) {
+        int32_t key = pandis__least(at->keys), child = at->branch->child[key & 7];
+        if (best->left < 0) { /* no more: what is left over is at least so far away */
+            best->unseen = key < best->unseen ? key : best->unseen;
+            if (at-- == path) return;
+        } else if (key > best->key) {
+            if (at-- == path) return;
+        } else {
             at->keys[key & 7] = INT32_MAX;
-            (++at)->branch = t->branches + child;
-        } else if (key <= best.key) {
-            at->keys[key & 7] = INT32_MAX;
-            pandis__search_block(t, ~child, p, &best);
-        } else if (at-- == path) {
-            return best.face;
+            if (child < 0) {
+                pandis__search_block(t, ~child, p, best);
+            } else {
+                (++at)->branch = t->branches + child;
+                pandis__branch_keys(at->branch, p, at->keys);
+            }
         }
     }
+}
+
+typedef struct {
+    int32_t key, child;
+} pandis__waiting;
+
+static void pandis__wait(pandis__waiting *heap, int at, pandis__waiting one) {
+    for (; at > 0 && heap[(at - 1) / 2].key > one.key; at = (at - 1) / 2) heap[at] = heap[(at - 1) / 2];
+    heap[at] = one;
+}
+
+static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
+    pandis__waiting first = heap[0], last = heap[count - 1];
+    int at = 0, below = 1;
+    for (; below < count - 1; at = below, below = 2 * at + 1) {
+        if (below + 1 < count - 1 && heap[below + 1].key < heap[below].key) below++;
+        if (heap[below].key >= last.key) break;
+        heap[at] = heap[below];
+    }
+    heap[at] = last;
+    return first;
+}
+
+/* Look for it in whatever is nearest of all that is left: so what has been seen when the time is up is nearly the nearest. */
+PANDIS__APART static void pandis__search_best(const pandis__compact *t, const double *p, pandis__near *best) {
+    pandis__waiting heap[PANDIS__STACK];
+    int count = 1;
+    heap[0].key = heap[0].child = 0;
+    best->unseen = INT32_MAX;
+    while (count) {
+        pandis__waiting e = pandis__next(heap, count--);
+        if (e.key > best->key) return;
+        if (best->left < 0) {
+            best->unseen = e.key < best->unseen ? e.key : best->unseen;
+            return;
+        }
+        if (e.child < 0) {
+            pandis__search_block(t, ~e.child, p, best);
+            continue;
+        }
+        const pandis__branch *branch = t->branches + e.child;
+        int32_t keys[PANDIS__WIDTH];
+        pandis__branch_keys(branch, p, keys);
+        for (int i = 0; i < branch->count; i++) {
+            pandis__waiting one = {keys[i], branch->child[i]};
+            if (keys[i] > best->key) continue;
+            if (count < PANDIS__STACK)
+                pandis__wait(heap, count++, one);
+            else if (keys[i] < best->unseen)
+                best->unseen = keys[i];
+        }
+    }
+}
+
+/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. If there
+ * were too many to look at, `clear` is how far all others are at least, squared; else infinite. */
+static int32_t pandis__search(const pandis__compact *t, const double *p, float *clear) {
+    int soon = t->most < PANDIS__SOON ? t->most : PANDIS__SOON;
+    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, t->most == INT32_MAX ? t->most : soon, INT32_MAX};
+    pandis__search_depth(t, p, &best);
+    if (best.unseen <= best.key && soon < t->most) {
+        best.left = t->most - soon;
+        pandis__search_best(t, p, &best);
+    }
+    *clear = (float)INFINITY;
+    if (best.unseen <= best.key) best.unseen &= ~7, memcpy(clear, &best.unseen, sizeof *clear);
+    return best.face;
 }
 
 /* One corner of a block, in steps of the lattice. */
@@ -298,6 +378,65 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
     return turns;
 }
 
+/* Which of eight boxes a segment from a point meets, from some share of it on: a bit each. */
+static int pandis__boxes_between(const unsigned char *boxes, int count, const int32_t *origin, const int *shift,
+                                 const double *p, const double *way, double from) {
+    int met = 0;
+    for (int i = 0; i < count; i++) {
+        double enter = from, leave = 1;
+        for (int k = 0; k < 3; k++) {
+            double low = (double)(origin[k] + (boxes[PANDIS__WIDTH * k + i] << shift[k])) - p[k] - 1e-6;
+            double high = (double)(origin[k] + (boxes[PANDIS__WIDTH * (3 + k) + i] << shift[k])) - p[k] + 1e-6;
+            double a = low / way[k], b = high / way[k], first = a < b ? a : b, last = a < b ? b : a;
+            if (way[k] == 0) first = low <= 0 && high >= 0 ? from : 2, last = 1;
+            enter = first > enter ? first : enter, leave = last < leave ? last : leave;
+        }
+        met |= (enter <= leave) << i;
+    }
+    return met;
+}
+
+/* The side of a point, by the first face that the way to another one meets, of which so much is clear; that one
+ * itself tells if too many are to be looked at. */
+PANDIS__APART static int pandis__first_side(const pandis__compact *t, const double *p, const double *target,
+                                            const double *n, double from) {
+    int32_t stack[PANDIS__STACK], left = t->most;
+    double way[3], nearest = 1;
+    int top = 1, shift[3];
+    for (int k = 0; k < 3; k++) way[k] = target[k] - p[k];
+    int own = pandis__dot(n, way) > 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE, side = own;
+    stack[0] = 0;
+    while (top) {
+        int32_t child = stack[--top];
+        if (child >= 0) {
+            const pandis__branch *branch = t->branches + child;
+            for (int k = 0; k < 3; k++) shift[k] = branch->shift[k];
+            int met = pandis__boxes_between(branch->boxes[0], branch->count, branch->origin, shift, p, way, from);
+            for (int i = 0; i < branch->count; i++)
+                if (met >> i & 1) stack[top++] = branch->child[i];
+            continue;
+        }
+        pandis__packed b;
+        pandis__unpack(t, ~child, &b);
+        for (int k = 0; k < 3; k++) shift[k] = pandis__coarse(b.bits[k]);
+        int met = pandis__boxes_between(b.boxes, b.groups, b.origin, shift, p, way, from);
+        for (int place = 0; place < b.face_count; place++) {
+            double c[3][3], u[3], v[3], x[3], across[3], turned[3];
+            int corners[3];
+            if (!(met >> place / PANDIS__WIDTH & 1)) continue;
+            if (place % PANDIS__WIDTH == 0 && --left < 0) return own;
+            pandis__face_corners(&b, place, corners, c);
+            for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+            pandis__cross(way, v, across), pandis__cross(x, u, turned);
+            double det = pandis__dot(u, across), r = pandis__dot(x, across) / det, s = pandis__dot(way, turned) / det;
+            double at = pandis__dot(v, turned) / det;
+            if (!(r >= 0 && s >= 0 && r + s <= 1 && at >= 0 && at < nearest)) continue; /* not if det is 0 */
+            nearest = at, side = det < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
+        }
+    }
+    return side;
+}
+
 /* What tells the side of a point with this closest point. */
 static int pandis__tells(const pandis__packed *b, int place, const int *corners, const pandis__foot *foot) {
     int tells = PANDIS__BY_FACE;
@@ -310,20 +449,32 @@ static int pandis__tells(const pandis__packed *b, int place, const int *corners,
     return tells == PANDIS__BY_FACE ? pandis__two_bits(faces, place) : tells;
 }
 
+/* The side of a point next to whose nearest face others may be nearer: of the way there, so much is clear. */
+static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
+                            const pandis__foot *foot, const double *n, double clear) {
+    double target[3]; /* next to the foot, within the face */
+    for (int k = 0; k < 3; k++) {
+        double middle = (corner[0][k] + corner[1][k] + corner[2][k]) / 3, at = p[k] - foot->offset[k];
+        target[k] = at + 1e-3 * (middle - at);
+    }
+    return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
+}
+
 PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double *distance,
-                                                double *normal) {
+                                                double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};
+    float unseen;
     for (int k = 0; k < 3; k++) most = fabs(u[k]) > most ? fabs(u[k]) : most;
     /* from very far away the nearest face is that of a point in the same direction */
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
-    int32_t face = pandis__search(t, p);
+    int32_t face = pandis__search(t, p, &unseen);
     if (face == INT32_MAX) return PANDIS_INVALID;
     pandis__packed b;
     pandis__foot foot;
     pandis__unpack(t, face / PANDIS__BLOCK, &b);
-    int place = face % PANDIS__BLOCK, corners[3];
+    int place = face % PANDIS__BLOCK, corners[3], cut = unseen < FLT_MAX;
     pandis__face_corners(&b, place, corners, corner);
     if (nearer < 1) { /* in the unit frame, where squares do not overflow */
         size = 1;
@@ -335,11 +486,15 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
     pandis__cross(side[0], side[1], n);
     if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
     int tells = most > t->reach ? PANDIS__OUTSIDE : pandis__tells(&b, place, corners, &foot);
+    if (cut && most <= t->reach)
+        tells = pandis__cut_side(t, p, (const double(*)[3])corner, &foot, n, sqrt((double)unseen));
     if (tells == PANDIS__BY_RAY) tells = pandis__winding(t, p) > 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
     if (tells == PANDIS__BY_FACE) tells = pandis__dot(foot.offset, n) < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
     double sign = tells == PANDIS__INSIDE ? -1 : 1;
     *distance = sign * foot.distance * size;
+    *clear = !cut ? foot.distance * size : nearer < 1 ? 0 : sqrt((double)unseen) * t->step;
+    if (*clear > foot.distance * size) *clear = foot.distance * size;
     for (int k = 0; k < 3; k++) normal[k] = foot.distance * size > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
-    return most <= 1 ? PANDIS_OK : PANDIS_BOUND;
+    return most > 1 ? PANDIS_BOUND : cut ? PANDIS_CUT : PANDIS_OK;
 }
 

@@ -27,23 +27,25 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
 }
 
 /* Make an answer in mesh units of distance, direction and flag in the unit frame. */
-static void pandis__tell(const pandis_field *field, double d, double *n, int flag, pandis_answer *answer) {
+static void pandis__tell(const pandis_field *field, double d, double *n, double clear, int flag,
+                         pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
     if (flag == PANDIS_INVALID) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
-        answer->slope = (double)NAN;
+        answer->slope = answer->clear = (double)NAN;
     } else {
         int forces = field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR;
         answer->slope = forces ? 0 : field->kind == PANDIS_SHAPE ? 1 : sqrt(pandis__dot(n, n));
         if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
         answer->distance = d / field->scale;
+        answer->clear = flag == PANDIS_CUT ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
     answer->flag = flag;
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    double u[1][3], d = 0, n[1][3] = {{0}};
+    double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
     int flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
         switch (field->kind) {
@@ -51,7 +53,7 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], &d, n[0]); break;
-            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], &d, n[0]); break;
+            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], &d, n[0], &clear); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
                 d *= field->scale;
@@ -60,7 +62,7 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             default: break;
         }
     }
-    pandis__tell(field, d, n[0], flag, answer);
+    pandis__tell(field, d, n[0], clear, flag, answer);
 }
 
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
@@ -82,7 +84,7 @@ static void pandis__query_four(const pandis_field *field, const double *points, 
         for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
     }
     pandis__answer_network(&field->as.network, 4, u, d, n, flag);
-    for (int p = 0; p < 4; p++) pandis__tell(field, d[p], n[p], finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
+    for (int p = 0; p < 4; p++) pandis__tell(field, d[p], n[p], 0, finite[p] ? flag[p] : PANDIS_INVALID, answers + p);
 }
 
 PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,

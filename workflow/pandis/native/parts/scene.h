@@ -68,6 +68,12 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
     return sqrt(pandis__dot(off, off)) - f->margin[0];
 }
 
+/* The worse of two flags: no answer, an estimate, one that may be a little off. */
+static int pandis__worse(int one, int other) {
+    static const int rank[] = {0, 2, 3, 1}; /* by flag */
+    return rank[one] > rank[other] ? one : other;
+}
+
 /* Ask an object unless it cannot be touched at a point, and keep how far that is so. */
 static int pandis__visit(pandis_scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
@@ -86,7 +92,7 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
         pandis__add_force(o, p, &answer, force);
         scene->asked++;
         flag = answer.flag;
-        if (inside && flag != PANDIS_INVALID) clear = answer.distance * f->scale - f->margin[flag == PANDIS_BOUND];
+        if (inside && flag != PANDIS_INVALID) clear = (flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance) * f->scale - f->margin[flag == PANDIS_BOUND];
     }
     /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
     pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
@@ -131,7 +137,7 @@ PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], do
             double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
             if (x * x + y * y + z * z < own[3 * PANDIS_SCENE_BLOCK]) continue;
             int flag = pandis__visit(scene, i, point, force);
-            worst = flag > worst ? flag : worst;
+            worst = pandis__worse(flag, worst);
         }
     }
     return worst;

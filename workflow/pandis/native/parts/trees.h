@@ -95,6 +95,9 @@ static int pandis__open_compact(pandis_field *f) {
     t->reach = pandis__real(f, 0);
     if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1) return 0;
     if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1e30)) return 0;
+    int32_t most = pandis__whole(f, 4);
+    if (most < 0) return 0;
+    t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);
     t->branches = (const pandis__branch *)pandis__section(f, "BRCH", (uint64_t)t->branch_count, sizeof(pandis__branch));

@@ -53,6 +53,7 @@ def library():
     lib.runtime_place.argtypes = [pointer, pointer, pointer]
     lib.runtime_bytes.restype, lib.runtime_bytes.argtypes = size, [pointer]
     lib.runtime_forces.argtypes = [pointer, pointer, size, f64, pointer, pointer]
+    lib.runtime_clear.argtypes = [pointer, pointer, size, pointer]
     lib.runtime_frame.argtypes = [pointer, pointer]
     lib.runtime_time.argtypes = [pointer, pointer, size, size, pointer, pointer, size]
     return lib
@@ -144,6 +145,17 @@ class NativeField:
     def query_slopes(self, points):
         """Answer as `query`, and how long (n,) each normal was before it was made a unit vector."""
         return self._query(points, slopes=True)
+
+    def clear(self, points):
+        """Return how far (n,) from points (n, 3) no surface is, mesh units.
+
+        Where an answer is cut, that is proved; elsewhere it is the distance without its sign.
+        """
+        points = _rows(points)
+        clear = np.empty(len(points))
+        where = points.ctypes.data, len(points), clear.ctypes.data
+        self._library.runtime_clear(self._field, *where)
+        return clear
 
     def _query(self, points, slopes=False):
         points = _rows(points)

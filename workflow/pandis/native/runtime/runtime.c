@@ -49,6 +49,15 @@ void runtime_query(const pandis_field *field, const double *points, size_t count
     }
 }
 
+/* How far from points certainly no surface is, as `pandis_answer` says it. */
+void runtime_clear(const pandis_field *field, const double *points, size_t count, double *clear) {
+    pandis_answer answer;
+    for (size_t i = 0; i < count; i++) {
+        pandis_query(field, points + 3 * i, &answer);
+        clear[i] = answer.clear;
+    }
+}
+
 static double seconds(void) {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
