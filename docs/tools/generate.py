@@ -35,8 +35,8 @@ NATIVE = ROOT / "workflow" / "pandis" / "native"
 HEADER = NATIVE / "pandis.h"
 #: What pandis.h is joined from, in this order: `native/parts`.
 PARTS = (
-    *("opening", "types", "interface", "basis", "sines", "bsplines", "mesh", "compact", "network"),
-    *("grid", "spline", "shape", "query", "scene", "sections", "trees", "file"),
+    *("opening", "types", "interface", "basis", "sines", "bsplines", "mesh", "packed", "compact"),
+    *("network", "grid", "spline", "shape", "query", "scene", "sections", "trees", "file"),
 )
 END = "<!-- end of generated -->"
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pandis.errors import PandisError
+from pandis.fields.base import CUT
 from pandis.forces import penalty_force
 from pandis.geometry.frame import Frame
 
@@ -82,8 +83,9 @@ def check_nearest(field, engine, rounding):
     Returns
     -------
     dict
-        Largest differences of the distance, and of the side beyond that of rounding; how far the
-        points that answers lead to are from the surface; difference of the normal's length from 1.
+        Largest differences of the distance, of the side beyond that of rounding, and of the bounds
+        of what is cut; how far the points that answers lead to are from the surface; difference of
+        the normal's length from 1.
 
     Raises
     ------
@@ -91,17 +93,20 @@ def check_nearest(field, engine, rounding):
         They are larger than rounding allows, or something is not finite.
     """
     points = check_points(_UNIT)
-    distance, normal = field.answer(points)
+    distance, normal, flag = field.query(points)
     exact, _ = engine.distance_and_normal(points, check=False)
+    clear, cut = field.clear(points), flag == CUT
     foot, _ = engine.distance_and_normal(points - distance[:, None] * normal, check=False)
     far = np.abs(exact) > rounding
     differences = {
-        "distance": float(np.abs(np.abs(distance) - np.abs(exact)).max()),
-        "side": float(np.abs(distance - exact)[far].max()),
+        "distance": float(np.abs(np.abs(distance) - np.abs(exact))[~cut].max()),
+        "side": float(np.abs(np.sign(distance) - np.sign(exact))[far].max()),
+        # of what is cut the answer is not below the distance, and what is clear not above
+        "cut": float(np.maximum(clear - np.abs(exact), np.abs(exact) - np.abs(distance)).max()),
         "foot": float(np.abs(foot).max()),
         "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),
     }
-    bounds = {"distance": rounding, "side": rounding, "foot": 1e-9, "length": 1e-9}
+    bounds = {"distance": rounding, "side": 0.0, "cut": rounding, "foot": 1e-9, "length": 1e-9}
     return _within(differences, bounds)
 
 

@@ -44,6 +44,10 @@ class ExportedField(Field):
         distance, normal, flag = self._file.query(home.to_mesh(points))
         return Answer(distance * home.scale, normal, flag)
 
+    def clear(self, points):
+        """Return how far (n,) from points (n, 3) no surface is: see `NativeField.clear`."""
+        return self._unit.clear(points)
+
     def direction(self, points):
         """Answer distance (n,) and the direction (n, 3) before it is made a unit vector."""
         (distance, normal, _), length = self._unit.query_slopes(points)

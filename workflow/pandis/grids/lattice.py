@@ -95,32 +95,57 @@ def _areas(vertices, faces):
 
 
 def _mend(vertices, faces):
-    """Remove faces that have no inside; return the others and the sheets (n, 3) that have gone."""
-    lost = []
+    """Remove faces that have no inside.
+
+    Returns
+    -------
+    faces : ndarray, shape (F, 3)
+    lost : ndarray, shape (n, 3)
+        Sheets, lines and points that have gone with them, and lie on no face that is left.
+    """
+    sheets, lines = [], []
     for _ in range(_ROUNDS):
-        equal = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-        faces = faces[~equal]
-        kept = _without_pairs(faces)
-        lost.append(faces[~kept])
-        faces = faces[kept]
+        faces = _cleaned(faces, sheets, lines)
         flat = np.flatnonzero((_areas(vertices, faces) == 0).all(axis=1))
         if not len(flat) or not _turn_edges(vertices, faces, flat):
             break
-    return faces, np.concatenate(lost)
+    else:
+        faces = _cleaned(faces, sheets, lines)
+    lines = np.concatenate(lines)
+    count = len(vertices)
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if len(faces) else faces
+    known = edges[:, :2] @ (count, 1)
+    # of equal corners and another one a line is left: from the one to the other
+    ends = lines.min(axis=1), lines.max(axis=1)
+    on_edge = np.isin(ends[0] * count + ends[1], known) | np.isin(ends[1] * count + ends[0], known)
+    on_edge |= (ends[0] == ends[1]) & np.isin(ends[0], faces)
+    return faces, np.concatenate([*sheets, lines[~on_edge]])
+
+
+def _cleaned(faces, sheets, lines):
+    """Return the faces without those of equal corners (lines) and those back to back (sheets)."""
+    equal = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    lines.append(faces[equal])
+    faces = faces[~equal]
+    kept = _without_pairs(faces)
+    sheets.append(faces[~kept])
+    return faces[kept]
 
 
 def _without_pairs(faces):
     """Tell which faces stay when those that lie back to back cancel each other."""
     order = np.argsort(faces, axis=1)
     even = (np.diff(order, axis=1) % 3 == 1).all(axis=1)
-    key = np.sort(faces, axis=1)
-    _, which, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    _, which = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
     which = which.reshape(-1)
+    count = int(which.max(initial=-1)) + 1
+    ups, downs = (np.bincount(which[even == side], minlength=count) for side in (True, False))
+    gone = np.minimum(ups, downs)
+    group = 2 * which + even
+    sorted_by = np.argsort(group, kind="stable")
+    first = np.searchsorted(group[sorted_by], group[sorted_by])
     kept = np.ones(len(faces), bool)
-    for place in np.flatnonzero(count > 1):
-        ups, downs = (np.flatnonzero((which == place) & (even == side)) for side in (True, False))
-        gone = min(len(ups), len(downs))
-        kept[ups[:gone]] = kept[downs[:gone]] = False
+    kept[sorted_by] = np.arange(len(faces)) - first >= gone[which[sorted_by]]
     return kept
 
 
@@ -141,6 +166,8 @@ def _turn_edges(vertices, faces, flat):
             continue
         other = others[0]
         far = next(int(v) for v in faces[other] if v not in (start, end))
+        if far == middle:
+            continue
         touched |= {index, other}
         faces[index], faces[other] = (end, middle, far), (middle, start, far)
         done = True

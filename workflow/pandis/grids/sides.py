@@ -3,9 +3,9 @@
 Usually the normal of the nearest face does. At corners and edges whose faces are not nearly in
 one plane it does not; there all points with this closest point are on one side, and one of them,
 beside it, tells which. And rounding can fold a surface over itself, by less than a step: a face
-that looks the wrong way then lies on top, and would turn the side of all that is nearest to it. So
-every face is looked at from both sides, and so are edges folded like a knife's; around what
-is wrong a ray has to count.
+that looks the wrong way then lies on top, and would give the wrong side to every point that is
+nearest to it. So every face is looked at from both sides, and so are edges folded like a knife's;
+around what is wrong a ray has to count.
 """
 
 import numpy as np

@@ -87,8 +87,8 @@ extern "C" {
 /* Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field covers;
  * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
  * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
- * about equally near (in the middle of a finely tessellated ball) that not all were looked at; the side is right,
- * the distance may be a little too large. */
+ * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
+ * may be too large, by some thousandths of the object there: see `clear`. */
 enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3 };
 
 /* Why a field cannot be opened. */
@@ -113,7 +113,7 @@ enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, 
  * and the normal is about to turn; 0 for grids of forces, which have none. */
 typedef struct {
     double distance, normal[3], slope;
-    double clear; /* no surface is nearer than this, where the answer is cut; elsewhere |distance| */
+    double clear; /* of a mesh on a lattice: no surface is nearer than this, but for rounding; else |distance| */
     int flag;
 } pandis_answer;
 
@@ -666,8 +666,8 @@ static void pandis__edge_foot(const double *p, const double *a, const double *b,
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* The closest point of one triangle, with what it lies on. */
-static void pandis__find_foot(const double *const *c, const double *p, pandis__foot *foot) {
+/* The closest point of a triangle, with what it lies on, if that is on its edges. Returns its squared distance. */
+static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
     foot->corner = foot->edge = -1;
@@ -681,29 +681,36 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
         foot->corner = s == 0 ? k : s == 1 ? (k + 1) % 3 : -1;
         foot->edge = foot->corner < 0 ? k : -1;
     }
+    return best;
+}
+
+/* The same inside of it, if it is there and no farther than `best` (squared); returns whether it is. */
+static int pandis__inner_foot(const double *const *c, const double *p, double best, pandis__foot *foot) {
     double u[3], v[3], x[3], n[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
     pandis__cross(u, v, n);
     double det = pandis__dot(n, n);
-    if (det > 0) {
-        double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
-        memcpy(rest, x, sizeof rest);
-        for (int round = 0; round < 2; round++) { /* the second round mends needles */
-            double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
-            s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
-            for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
-        }
-        if (s > 0 && r > 0 && s + r < 1) {
-            /* a point of the plane: its offset is along the normal, and exact as such */
-            double height = pandis__dot(n, x) / det, offset[3];
-            for (int k = 0; k < 3; k++) offset[k] = height * n[k];
-            if (pandis__dot(offset, offset) <= best) {
-                memcpy(foot->offset, offset, sizeof offset);
-                foot->weights[0] = 1 - s - r, foot->weights[1] = s, foot->weights[2] = r;
-                foot->corner = foot->edge = -1;
-            }
-        }
+    if (!(det > 0)) return 0;
+    double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
+    memcpy(rest, x, sizeof rest);
+    for (int round = 0; round < 2; round++) { /* the second round mends needles */
+        double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
+        s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
+        for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
     }
+    if (!(s > 0 && r > 0 && s + r < 1)) return 0;
+    /* a point of the plane: its offset is along the normal, and exact as such */
+    double height = pandis__dot(n, x) / det, offset[3];
+    for (int k = 0; k < 3; k++) offset[k] = height * n[k];
+    if (!(pandis__dot(offset, offset) <= best)) return 0;
+    memcpy(foot->offset, offset, sizeof offset);
+    foot->weights[0] = 1 - s - r, foot->weights[1] = s, foot->weights[2] = r;
+    foot->corner = foot->edge = -1;
+    return 1;
+}
+
+static void pandis__find_foot(const double *const *c, const double *p, pandis__foot *foot) {
+    pandis__inner_foot(c, p, pandis__rim_foot(c, p, foot), foot);
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
 }
 
@@ -763,8 +770,8 @@ PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double
  * leads to the blocks. The nearest face is found in single precision, relative to the block; its closest
  * point and the answer are then computed in double.
  *
- * Which side a point is on whose closest point lies on an edge or a corner: of all such points the
- * side is the same, for they form a convex cone that the surface does not enter. So two bits say it,
+ * Which side a point is on whose closest point lies on an edge or a corner: all points with that closest
+ * point are on the same side, because they form a convex cone that the surface does not enter. So two bits say it,
  * and no neighbour is needed. Where faces around are nearly in one plane, and inside of faces, the face
  * itself tells. Where the lattice has folded the surface over itself no face does: there a ray counts. */
 
@@ -913,6 +920,8 @@ static void pandis__group_distances(const pandis__packed *b, int group, const fl
     }
 }
 
+/* ---------------------------------------------------------------- answers of a packed mesh */
+
 /* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it; how
  * many groups and blocks may still be looked at; and the key of the nearest that was not. */
 typedef struct {
@@ -932,7 +941,7 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     while ((key = pandis__least(keys)) <= best->key) {
         int group = key & 7, i = 0;
         if (--best->left < 0) {
-            best->unseen = key;
+            best->unseen = key < best->unseen ? key : best->unseen;
             return;
         }
         keys[group] = INT32_MAX;
@@ -1003,7 +1012,7 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Look for it in whatever is nearest of all that is left: so what has been seen when the time is up is nearly the nearest. */
+/* Look for it in whatever seems nearest of all that is left, so that little is missed when the time is up. */
 PANDIS__APART static void pandis__search_best(const pandis__compact *t, const double *p, pandis__near *best) {
     pandis__waiting heap[PANDIS__STACK];
     int count = 1;
@@ -1022,14 +1031,20 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
         }
         const pandis__branch *branch = t->branches + e.child;
         int32_t keys[PANDIS__WIDTH];
+        best->left--;
         pandis__branch_keys(branch, p, keys);
         for (int i = 0; i < branch->count; i++) {
             pandis__waiting one = {keys[i], branch->child[i]};
             if (keys[i] > best->key) continue;
-            if (count < PANDIS__STACK)
+            if (count < PANDIS__STACK) {
                 pandis__wait(heap, count++, one);
-            else if (keys[i] < best->unseen)
-                best->unseen = keys[i];
+                continue;
+            }
+            /* there is no more room: the farther one of it and the last is left out */
+            pandis__waiting last = heap[count - 1];
+            int32_t out = one.key < last.key ? last.key : one.key;
+            if (one.key < last.key) pandis__wait(heap, count - 1, one);
+            best->unseen = out < best->unseen ? out : best->unseen;
         }
     }
 }
@@ -1211,6 +1226,7 @@ static int pandis__tells(const pandis__packed *b, int place, const int *corners,
 static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
                             const pandis__foot *foot, const double *n, double clear) {
     double target[3]; /* next to the foot, within the face */
+    if (!(foot->distance > 0)) return PANDIS__OUTSIDE;
     for (int k = 0; k < 3; k++) {
         double middle = (corner[0][k] + corner[1][k] + corner[2][k]) / 3, at = p[k] - foot->offset[k];
         target[k] = at + 1e-3 * (middle - at);
@@ -1239,7 +1255,8 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
         for (int k = 0; k < 3; k++) p[k] = u[k];
         for (int k = 0; k < 9; k++) corner[k / 3][k % 3] = corner[k / 3][k % 3] * t->step - PANDIS__HALF;
     }
-    pandis__find_foot(c, p, &foot);
+    if (!pandis__inner_foot(c, p, (double)INFINITY, &foot)) pandis__rim_foot(c, p, &foot);
+    foot.distance = sqrt(pandis__dot(foot.offset, foot.offset));
     for (int k = 0; k < 3; k++) side[0][k] = corner[1][k] - corner[0][k], side[1][k] = corner[2][k] - corner[0][k];
     pandis__cross(side[0], side[1], n);
     if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
@@ -1761,7 +1778,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
         answer->slope = forces ? 0 : field->kind == PANDIS_SHAPE ? 1 : sqrt(pandis__dot(n, n));
         if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
         answer->distance = d / field->scale;
-        answer->clear = flag == PANDIS_CUT ? clear / field->scale : fabs(answer->distance);
+        answer->clear = field->kind == PANDIS_COMPACT ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
     answer->flag = flag;
@@ -1921,7 +1938,8 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
         pandis__add_force(o, p, &answer, force);
         scene->asked++;
         flag = answer.flag;
-        if (inside && flag != PANDIS_INVALID) clear = (flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance) * f->scale - f->margin[flag == PANDIS_BOUND];
+        double away = flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance;
+        if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
     }
     /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
     pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
@@ -2126,12 +2144,17 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
     pandis__packed b;
     const pandis__block_record *record = t->blocks + block;
     if (record->start > size || record->counts >> 28 || record->origin >> 63) return 0;
-    pandis__unpack(t, block, &b);
-    for (int k = 0; k < 3; k++)
-        if (b.bits[k] > PANDIS__MOST_BITS + 1 || b.origin[k] >> PANDIS__MOST_BITS) return 0;
-    uint64_t bytes = (uint64_t)(6 * PANDIS__WIDTH + PANDIS__GROUP_BYTES * b.groups + b.stride * b.corner_count);
-    if (b.sides) bytes += (uint64_t)((b.corner_count + 3) / 4 + 8 * b.groups);
+    uint64_t faces = (record->counts & 63) + 1, corners = (record->counts >> 6 & 63) + 1, bits = 0;
+    uint64_t groups = (faces + PANDIS__WIDTH - 1) / PANDIS__WIDTH;
+    for (int k = 0; k < 3; k++) {
+        uint32_t own = record->counts >> (12 + 5 * k) & 31;
+        if (own > PANDIS__MOST_BITS + 1 || record->origin >> (21 * k + PANDIS__MOST_BITS) & 1) return 0;
+        bits += own;
+    }
+    uint64_t bytes = 6 * PANDIS__WIDTH + PANDIS__GROUP_BYTES * groups + (bits / 8 + 1) * corners;
+    if (record->counts >> 27) bytes += (corners + 3) / 4 + 8 * groups;
     if (bytes + PANDIS__SLACK > size - record->start) return 0;
+    pandis__unpack(t, block, &b);
     for (int i = 0; i < 3 * b.groups; i++) {
         uint64_t codes = pandis__six_bits(b.faces + 6 * i);
         for (int k = 0; k < PANDIS__WIDTH; k++)
@@ -2145,9 +2168,9 @@ static int pandis__open_compact(pandis_field *f) {
     t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1), t->block_count = pandis__whole(f, 2);
     t->reach = pandis__real(f, 0);
     if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1) return 0;
-    if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1e30)) return 0;
+    if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1)) return 0;
     int32_t most = pandis__whole(f, 4);
-    if (most < 0) return 0;
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* a block and all of its groups, at least */
     t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);

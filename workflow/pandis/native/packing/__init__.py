@@ -10,8 +10,8 @@ from pandis.errors import PandisError
 from pandis.native.compiler import load
 from pandis.native.threads import in_threads
 
-#: Bits of a coordinate of the lattice, at least and at most.
-FEWEST_BITS, MOST_BITS = 4, 20
+#: Bits of a coordinate of the lattice, at most.
+MOST_BITS = 20
 #: Bytes of a branch and of a block's record.
 BRANCH_BYTES, BLOCK_BYTES = 96, 16
 #: What tells on which side a point is: the face that it is nearest to; it is known; a ray.
@@ -121,7 +121,7 @@ def pack_mesh(vertices, faces, sides):
     return Packed(*parts[:-1], parts[-1].view(np.int32))
 
 
-def distances(arrays, bits, points):
+def distances(arrays, bits, points, most=0):
     """Return the distances (n,) at points (n, 3) as ``pandis.h`` answers them (unit frame).
 
     Parameters
@@ -130,6 +130,8 @@ def distances(arrays, bits, points):
         ``branches``, ``blocks`` and ``packed``, as `pack_mesh` makes them: nothing is checked.
     bits : int
     points : ndarray, shape (n, 3)
+    most : int
+        Groups of faces and blocks that a query may look at; 0: all.
     """
     points = np.ascontiguousarray(points, np.float64)
     parts = [np.ascontiguousarray(arrays[name]) for name in Packed._fields[:3]]
@@ -138,7 +140,7 @@ def distances(arrays, bits, points):
     def part(low, high):
         start, out = points[low:].ctypes.data, distance[low:].ctypes.data
         where = [array.ctypes.data for array in parts]
-        library.packing_distances(*where, bits, start, high - low, out)
+        library.packing_distances(*where, bits, most, start, high - low, out)
 
     library = _library()
     in_threads(part, len(points))
@@ -163,7 +165,7 @@ def _library():
     lib.packing_build.restype = pointer
     lib.packing_build.argtypes = [pointer, i32, pointer, i32, pointer, pointer, pointer]
     lib.packing_part.restype, lib.packing_part.argtypes = pointer, [pointer, i32, pointer]
-    lib.packing_distances.argtypes = [pointer] * 3 + [i32, pointer, ctypes.c_int64, pointer]
+    lib.packing_distances.argtypes = [pointer] * 3 + [i32, i32, pointer, ctypes.c_int64, pointer]
     lib.packing_free.argtypes = lib.packing_free_rays.argtypes = [pointer]
     lib.packing_rays.restype, lib.packing_rays.argtypes = pointer, [pointer, i32, pointer, i32]
     lib.packing_ray_count.restype = ctypes.c_int64

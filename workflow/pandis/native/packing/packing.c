@@ -1,4 +1,4 @@
-/* Packs a mesh on a lattice into blocks and a tree: what parts/compact.h asks.
+/* Packs a mesh on a lattice into blocks and a tree: what parts/packed.h and compact.h ask.
  *
  * Faces come in the order of the tree. Blocks are full wherever they can be, since a corner is
  * stored once in every block that it belongs to: a split goes where the surface area heuristic wants it among the
@@ -12,6 +12,7 @@
 #include "../parts/types.h"
 #include "../parts/basis.h"
 #include "../parts/mesh.h"
+#include "../parts/packed.h"
 #include "../parts/compact.h"
 
 #define dot pandis__dot
@@ -319,7 +320,7 @@ void packing_free(Packing *m) {
 }
 
 /* Pack; NULL if memory is short. Vertices (V, 3) are whole numbers from 0 on, below 2^20; no face has two equal
- * corners. What tells the sides comes with them, as in parts/compact.h: of vertices, half-edges and faces. All
+ * corners. What tells the sides comes with them, as in parts/packed.h: of vertices, half-edges and faces. All
  * is read until the end. */
 Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count,
                        const uint8_t *corner_side, const uint8_t *edge_side, const uint8_t *face_side) {
@@ -352,10 +353,10 @@ const void *packing_part(const Packing *m, int32_t which, int64_t *bytes) {
     }
 }
 
-/* Distances at points of the unit frame, as pandis.h answers them that looks at all faces. */
-void packing_distances(const void *branches, const void *blocks, const void *packed, int32_t bits, const double *points,
-                       int64_t count, double *distance) {
-    pandis__compact t = {.bits = bits, .step = 2 * PANDIS__HALF / ((1 << bits) - 1), .reach = 1, .most = INT32_MAX,
+/* Distances at points of the unit frame, as pandis.h answers them when it may look at so much. */
+void packing_distances(const void *branches, const void *blocks, const void *packed, int32_t bits, int32_t most,
+                       const double *points, int64_t count, double *distance) {
+    pandis__compact t = {.bits = bits, .step = 2 * PANDIS__HALF / ((1 << bits) - 1), .reach = 1, .most = most ? most : INT32_MAX,
                          .branches = branches, .blocks = blocks, .packed = packed};
     for (int64_t i = 0; i < count; i++) {
         double normal[3], clear;

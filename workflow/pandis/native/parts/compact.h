@@ -1,159 +1,4 @@
-/* ---------------------------------------------------------------- closest points of a packed mesh
- *
- * The mesh's vertices lie on a lattice. Its faces come in blocks of up to 64, each with corners of its
- * own in as few bits as it needs, and eight boxes around eight faces each; a tree of eight-wide branches
- * leads to the blocks. The nearest face is found in single precision, relative to the block; its closest
- * point and the answer are then computed in double.
- *
- * Which side a point is on whose closest point lies on an edge or a corner: of all such points the
- * side is the same, for they form a convex cone that the surface does not enter. So two bits say it,
- * and no neighbour is needed. Where faces around are nearly in one plane, and inside of faces, the face
- * itself tells. Where the lattice has folded the surface over itself no face does: there a ray counts. */
-
-enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
-
-typedef struct {
-    const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face tells its own */
-    int32_t origin[3];
-    int face_count, groups, corner_count, bits[3], stride; /* stride: bytes of a corner's word */
-} pandis__packed;
-
-#define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
-
-static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
-    const pandis__block_record *record = t->blocks + block;
-    b->face_count = (int)(record->counts & 63) + 1, b->corner_count = (int)(record->counts >> 6 & 63) + 1;
-    b->groups = (b->face_count + PANDIS__WIDTH - 1) / PANDIS__WIDTH;
-    for (int k = 0; k < 3; k++) {
-        b->bits[k] = (int)(record->counts >> (12 + 5 * k) & 31);
-        b->origin[k] = (int32_t)(record->origin >> (21 * k) & 0x1fffff);
-    }
-    b->stride = (b->bits[0] + b->bits[1] + b->bits[2]) / 8 + 1;
-    b->boxes = t->packed + record->start;
-    b->faces = b->boxes + 6 * PANDIS__WIDTH;
-    b->words = b->faces + PANDIS__GROUP_BYTES * b->groups;
-    b->sides = record->counts >> 27 & 1 ? b->words + b->stride * b->corner_count : NULL;
-}
-
-/* How far the low byte of a box's place is shifted, where extents need so many bits. */
-static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
-
-/* The corners of eight faces, as numbers of the block's: six bits each, for one of the three corners. */
-static uint64_t pandis__six_bits(const unsigned char *bytes) {
-    uint32_t low;
-    uint16_t high;
-    memcpy(&low, bytes, sizeof low), memcpy(&high, bytes + 4, sizeof high);
-    return (uint64_t)high << 32 | low;
-}
-
-/* A corner's word: its coordinates one after the other, x from the lowest bit on. */
-static uint64_t pandis__word(const pandis__packed *b, int corner) {
-    uint64_t word;
-    memcpy(&word, b->words + b->stride * corner, sizeof word);
-    return word;
-}
-
-/* Where the corners of eight faces lie, relative to the block's origin: (3 corners, 3 axes, 8). */
-static void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
-    const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * group;
-    uint32_t xy[PANDIS__WIDTH], z[PANDIS__WIDTH], mask[3];
-    int second = b->bits[0], third = second + b->bits[1];
-    for (int k = 0; k < 3; k++) mask[k] = (1u << b->bits[k]) - 1;
-    for (int c = 0; c < 3; c++) {
-        uint64_t codes = pandis__six_bits(faces + 6 * c);
-        for (int i = 0; i < PANDIS__WIDTH; i++) {
-            uint64_t word = pandis__word(b, (int)(codes >> 6 * i & 63));
-            xy[i] = (uint32_t)word, z[i] = (uint32_t)(word >> third);
-        }
-        for (int i = 0; i < PANDIS__WIDTH; i++) {
-            out[c][0][i] = (float)(int32_t)(xy[i] & mask[0]);
-            out[c][1][i] = (float)(int32_t)(xy[i] >> second & mask[1]);
-            out[c][2][i] = (float)(int32_t)(z[i] & mask[2]);
-        }
-        if (third > 32)
-            for (int i = 0; i < PANDIS__WIDTH; i++)
-                out[c][1][i] = (float)(int32_t)(pandis__word(b, (int)(codes >> 6 * i & 63)) >> second & mask[1]);
-    }
-}
-
-/* Eight numbers that sort as the lower bounds of the squared distances at which faces in as many boxes can
- * be found: a float that is not negative sorts as a whole number, and its last three bits say which box it is of. */
-static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
-                                const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
-    float out[PANDIS__WIDTH];
-    float place[6 * PANDIS__WIDTH], scale[3], low[3], high[3];
-    for (int i = 0; i < 6 * PANDIS__WIDTH; i++) place[i] = (float)(int32_t)(uint32_t)boxes[i]; /* so that gcc uses vectors */
-    for (int k = 0; k < 3; k++) {
-        scale[k] = (float)(1 << shift[k]);
-        float slack = 1e-6f * (fabsf(q[k]) + 256 * scale[k]);
-        low[k] = q[k] + slack, high[k] = q[k] - slack;
-    }
-    for (int i = 0; i < PANDIS__WIDTH; i++) {
-        float below = place[0 * PANDIS__WIDTH + i] * scale[0] - low[0], above = high[0] - place[3 * PANDIS__WIDTH + i] * scale[0];
-        float x = below > above ? below : above;
-        below = place[1 * PANDIS__WIDTH + i] * scale[1] - low[1], above = high[1] - place[4 * PANDIS__WIDTH + i] * scale[1];
-        float y = below > above ? below : above;
-        below = place[2 * PANDIS__WIDTH + i] * scale[2] - low[2], above = high[2] - place[5 * PANDIS__WIDTH + i] * scale[2];
-        float z = below > above ? below : above;
-        x = x > 0 ? x : 0, y = y > 0 ? y : 0, z = z > 0 ? z : 0;
-        out[i] = (x * x + y * y + z * z) * 0.99999f;
-    }
-    memcpy(keys, out, sizeof out);
-    for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = i < count ? (keys[i] & ~7) | i : INT32_MAX;
-}
-
-static int32_t pandis__least(const int32_t *keys) {
-    int32_t least = keys[0];
-    for (int i = 1; i < PANDIS__WIDTH; i++) least = keys[i] < least ? keys[i] : least;
-    return least;
-}
-
-/* A squared distance as such a number: boxes with larger ones are farther. */
-static int32_t pandis__key(float squared) {
-    int32_t key;
-    memcpy(&key, &squared, sizeof key);
-    return key | 7;
-}
-
-static float pandis__clamp01f(float t) {
-    t = t > 0 ? t : 0;
-    return t < 1 ? t : 1;
-}
-
-/* Squared distances to eight triangles: each is that of some point of the triangle, and so never too
- * small. Their normals are exact as long as sides are shorter than 2^12 steps; the closest point inside a triangle
- * is off by rounding over the sine of its narrowest corner. */
-static void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
-                                    float *PANDIS__RESTRICT out) {
-    float v[3][3][PANDIS__WIDTH];
-    pandis__group_corners(b, group, v);
-    for (int i = 0; i < PANDIS__WIDTH; i++) {
-        float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
-        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
-        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
-        float wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        float s = pandis__clamp01f((ux * x + uy * y + uz * z) / (ux * ux + uy * uy + uz * uz));
-        float rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
-        float best = rx * rx + ry * ry + rz * rz;
-        float t = pandis__clamp01f((vx * x + vy * y + vz * z) / (vx * vx + vy * vy + vz * vz));
-        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
-        float d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        float bx = x - ux, by = y - uy, bz = z - uz;
-        float r = pandis__clamp01f((wx * bx + wy * by + wz * bz) / (wx * wx + wy * wy + wz * wz));
-        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
-        d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
-        float per = 1 / (nx * nx + ny * ny + nz * nz);
-        s = ((y * vz - z * vy) * nx + (z * vx - x * vz) * ny + (x * vy - y * vx) * nz) * per;
-        t = ((uy * z - uz * y) * nx + (uz * x - ux * z) * ny + (ux * y - uy * x) * nz) * per;
-        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
-        d = rx * rx + ry * ry + rz * rz;
-        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
-        out[i] = inside && d < best ? d : best;
-    }
-}
+/* ---------------------------------------------------------------- answers of a packed mesh */
 
 /* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it; how
  * many groups and blocks may still be looked at; and the key of the nearest that was not. */
@@ -174,7 +19,7 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     while ((key = pandis__least(keys)) <= best->key) {
         int group = key & 7, i = 0;
         if (--best->left < 0) {
-            best->unseen = key;
+            best->unseen = key < best->unseen ? key : best->unseen;
             return;
         }
         keys[group] = INT32_MAX;
@@ -245,7 +90,7 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Look for it in whatever is nearest of all that is left: so what has been seen when the time is up is nearly the nearest. */
+/* Look for it in whatever seems nearest of all that is left, so that little is missed when the time is up. */
 PANDIS__APART static void pandis__search_best(const pandis__compact *t, const double *p, pandis__near *best) {
     pandis__waiting heap[PANDIS__STACK];
     int count = 1;
@@ -264,14 +109,20 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
         }
         const pandis__branch *branch = t->branches + e.child;
         int32_t keys[PANDIS__WIDTH];
+        best->left--;
         pandis__branch_keys(branch, p, keys);
         for (int i = 0; i < branch->count; i++) {
             pandis__waiting one = {keys[i], branch->child[i]};
             if (keys[i] > best->key) continue;
-            if (count < PANDIS__STACK)
+            if (count < PANDIS__STACK) {
                 pandis__wait(heap, count++, one);
-            else if (keys[i] < best->unseen)
-                best->unseen = keys[i];
+                continue;
+            }
+            /* there is no more room: the farther one of it and the last is left out */
+            pandis__waiting last = heap[count - 1];
+            int32_t out = one.key < last.key ? last.key : one.key;
+            if (one.key < last.key) pandis__wait(heap, count - 1, one);
+            best->unseen = out < best->unseen ? out : best->unseen;
         }
     }
 }
@@ -453,6 +304,7 @@ static int pandis__tells(const pandis__packed *b, int place, const int *corners,
 static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
                             const pandis__foot *foot, const double *n, double clear) {
     double target[3]; /* next to the foot, within the face */
+    if (!(foot->distance > 0)) return PANDIS__OUTSIDE;
     for (int k = 0; k < 3; k++) {
         double middle = (corner[0][k] + corner[1][k] + corner[2][k]) / 3, at = p[k] - foot->offset[k];
         target[k] = at + 1e-3 * (middle - at);
@@ -481,7 +333,8 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
         for (int k = 0; k < 3; k++) p[k] = u[k];
         for (int k = 0; k < 9; k++) corner[k / 3][k % 3] = corner[k / 3][k % 3] * t->step - PANDIS__HALF;
     }
-    pandis__find_foot(c, p, &foot);
+    if (!pandis__inner_foot(c, p, (double)INFINITY, &foot)) pandis__rim_foot(c, p, &foot);
+    foot.distance = sqrt(pandis__dot(foot.offset, foot.offset));
     for (int k = 0; k < 3; k++) side[0][k] = corner[1][k] - corner[0][k], side[1][k] = corner[2][k] - corner[0][k];
     pandis__cross(side[0], side[1], n);
     if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;

@@ -122,8 +122,8 @@ static void pandis__edge_foot(const double *p, const double *a, const double *b,
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* The closest point of one triangle, with what it lies on. */
-static void pandis__find_foot(const double *const *c, const double *p, pandis__foot *foot) {
+/* The closest point of a triangle, with what it lies on, if that is on its edges. Returns its squared distance. */
+static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
     foot->corner = foot->edge = -1;
@@ -137,29 +137,36 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
         foot->corner = s == 0 ? k : s == 1 ? (k + 1) % 3 : -1;
         foot->edge = foot->corner < 0 ? k : -1;
     }
+    return best;
+}
+
+/* The same inside of it, if it is there and no farther than `best` (squared); returns whether it is. */
+static int pandis__inner_foot(const double *const *c, const double *p, double best, pandis__foot *foot) {
     double u[3], v[3], x[3], n[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
     pandis__cross(u, v, n);
     double det = pandis__dot(n, n);
-    if (det > 0) {
-        double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
-        memcpy(rest, x, sizeof rest);
-        for (int round = 0; round < 2; round++) { /* the second round mends needles */
-            double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
-            s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
-            for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
-        }
-        if (s > 0 && r > 0 && s + r < 1) {
-            /* a point of the plane: its offset is along the normal, and exact as such */
-            double height = pandis__dot(n, x) / det, offset[3];
-            for (int k = 0; k < 3; k++) offset[k] = height * n[k];
-            if (pandis__dot(offset, offset) <= best) {
-                memcpy(foot->offset, offset, sizeof offset);
-                foot->weights[0] = 1 - s - r, foot->weights[1] = s, foot->weights[2] = r;
-                foot->corner = foot->edge = -1;
-            }
-        }
+    if (!(det > 0)) return 0;
+    double uu = pandis__dot(u, u), uv = pandis__dot(u, v), vv = pandis__dot(v, v), s = 0, r = 0, rest[3];
+    memcpy(rest, x, sizeof rest);
+    for (int round = 0; round < 2; round++) { /* the second round mends needles */
+        double du = pandis__dot(u, rest), dv = pandis__dot(v, rest);
+        s += (vv * du - uv * dv) / det, r += (uu * dv - uv * du) / det;
+        for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
     }
+    if (!(s > 0 && r > 0 && s + r < 1)) return 0;
+    /* a point of the plane: its offset is along the normal, and exact as such */
+    double height = pandis__dot(n, x) / det, offset[3];
+    for (int k = 0; k < 3; k++) offset[k] = height * n[k];
+    if (!(pandis__dot(offset, offset) <= best)) return 0;
+    memcpy(foot->offset, offset, sizeof offset);
+    foot->weights[0] = 1 - s - r, foot->weights[1] = s, foot->weights[2] = r;
+    foot->corner = foot->edge = -1;
+    return 1;
+}
+
+static void pandis__find_foot(const double *const *c, const double *p, pandis__foot *foot) {
+    pandis__inner_foot(c, p, pandis__rim_foot(c, p, foot), foot);
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
 }
 

@@ -38,7 +38,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
         answer->slope = forces ? 0 : field->kind == PANDIS_SHAPE ? 1 : sqrt(pandis__dot(n, n));
         if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
         answer->distance = d / field->scale;
-        answer->clear = flag == PANDIS_CUT ? clear / field->scale : fabs(answer->distance);
+        answer->clear = field->kind == PANDIS_COMPACT ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
     answer->flag = flag;

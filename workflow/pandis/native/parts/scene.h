@@ -92,7 +92,8 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
         pandis__add_force(o, p, &answer, force);
         scene->asked++;
         flag = answer.flag;
-        if (inside && flag != PANDIS_INVALID) clear = (flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance) * f->scale - f->margin[flag == PANDIS_BOUND];
+        double away = flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance;
+        if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
     }
     /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
     pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);

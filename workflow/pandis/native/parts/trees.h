@@ -75,12 +75,17 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
     pandis__packed b;
     const pandis__block_record *record = t->blocks + block;
     if (record->start > size || record->counts >> 28 || record->origin >> 63) return 0;
-    pandis__unpack(t, block, &b);
-    for (int k = 0; k < 3; k++)
-        if (b.bits[k] > PANDIS__MOST_BITS + 1 || b.origin[k] >> PANDIS__MOST_BITS) return 0;
-    uint64_t bytes = (uint64_t)(6 * PANDIS__WIDTH + PANDIS__GROUP_BYTES * b.groups + b.stride * b.corner_count);
-    if (b.sides) bytes += (uint64_t)((b.corner_count + 3) / 4 + 8 * b.groups);
+    uint64_t faces = (record->counts & 63) + 1, corners = (record->counts >> 6 & 63) + 1, bits = 0;
+    uint64_t groups = (faces + PANDIS__WIDTH - 1) / PANDIS__WIDTH;
+    for (int k = 0; k < 3; k++) {
+        uint32_t own = record->counts >> (12 + 5 * k) & 31;
+        if (own > PANDIS__MOST_BITS + 1 || record->origin >> (21 * k + PANDIS__MOST_BITS) & 1) return 0;
+        bits += own;
+    }
+    uint64_t bytes = 6 * PANDIS__WIDTH + PANDIS__GROUP_BYTES * groups + (bits / 8 + 1) * corners;
+    if (record->counts >> 27) bytes += (corners + 3) / 4 + 8 * groups;
     if (bytes + PANDIS__SLACK > size - record->start) return 0;
+    pandis__unpack(t, block, &b);
     for (int i = 0; i < 3 * b.groups; i++) {
         uint64_t codes = pandis__six_bits(b.faces + 6 * i);
         for (int k = 0; k < PANDIS__WIDTH; k++)
@@ -94,9 +99,9 @@ static int pandis__open_compact(pandis_field *f) {
     t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1), t->block_count = pandis__whole(f, 2);
     t->reach = pandis__real(f, 0);
     if (t->bits < 4 || t->bits > PANDIS__MOST_BITS || t->branch_count < 1 || t->block_count < 1) return 0;
-    if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1e30)) return 0;
+    if (t->block_count > INT32_MAX / PANDIS__BLOCK - 1 || !(t->reach >= 0 && t->reach <= 1)) return 0;
     int32_t most = pandis__whole(f, 4);
-    if (most < 0) return 0;
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* a block and all of its groups, at least */
     t->most = most ? most : INT32_MAX;
     t->step = 2 * PANDIS__HALF / ((1 << t->bits) - 1);
     uint64_t size = (uint64_t)(uint32_t)pandis__whole(f, 3);

@@ -1,8 +1,8 @@
 /* Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field covers;
  * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
  * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
- * about equally near (in the middle of a finely tessellated ball) that not all were looked at; the side is right,
- * the distance may be a little too large. */
+ * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
+ * may be too large, by some thousandths of the object there: see `clear`. */
 enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3 };
 
 /* Why a field cannot be opened. */
@@ -27,7 +27,7 @@ enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, 
  * and the normal is about to turn; 0 for grids of forces, which have none. */
 typedef struct {
     double distance, normal[3], slope;
-    double clear; /* no surface is nearer than this, where the answer is cut; elsewhere |distance| */
+    double clear; /* of a mesh on a lattice: no surface is nearer than this, but for rounding; else |distance| */
     int flag;
 } pandis_answer;
 
