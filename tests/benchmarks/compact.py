@@ -4,9 +4,9 @@ Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/compact.py [POINTS
 
 Bytes for each face; mean errors of the force on the old sets (k = 1, unit frame), and the surface
 that lacks it on the contact set; the bound of the distance beside the largest error at so many
-points (a million), half of them next to the surface, and how many of these are on the wrong side by
-more than the bound. Times of one query in C, where it takes turns with the exact tree's: medians,
-and the 99.9th percentile.
+points (a million), half of them next to the surface, how many of these are on the wrong side by
+more than the bound, and how many queries are cut. Times of one query in C, where it takes turns
+with the exact tree's: medians, and the 99.9th percentile.
 """
 
 import sys
@@ -16,6 +16,7 @@ import numpy as np
 from common import SCANS, load, write
 
 from pandis.export.native import native_bytes
+from pandis.fields.base import CUT
 from pandis.fields.exact import ExactField
 from pandis.forces import penalty_force
 from pandis.geometry.body import Body
@@ -31,7 +32,7 @@ from pandis.run.stage import silent_progress
 
 COLUMNS = (
     *("mesh", "bits", "faces", "bytes", "build_s", "shallow", "deep", "missing"),
-    *("bound", "largest", "wrong", "path_us", "path_p999_us", "box_us"),
+    *("bound", "largest", "wrong", "cut", "path_us", "path_p999_us", "box_us"),
     *("exact_path_us", "exact_path_p999_us", "exact_box_us"),
 )
 BITS = 12, 14, 16
@@ -45,8 +46,8 @@ def forces(field):
 
 
 def largest_error(field, body, count, bound, rng):
-    """Return the largest error of the distance, and the wrong sides beyond the bound."""
-    largest, wrong = 0.0, 0
+    """Return the largest error of the distance, the wrong sides beyond the bound, what is cut."""
+    largest, wrong, cut = 0.0, 0, 0
     for start in range(0, count, 500_000):
         points = rng.uniform(-1, 1, (min(500_000, count - start), 3))
         exact, normal = body.distance.distance_and_normal(points, check=False)
@@ -54,10 +55,11 @@ def largest_error(field, body, count, bound, rng):
         height = np.where(near, exact - rng.uniform(-0.02, 0.02, len(points)), 0.0)
         points -= height[:, None] * normal
         exact, _ = body.distance.distance_and_normal(points)
-        distance, _, _ = field.query(points)
+        distance, _, flag = field.query(points)
+        cut += int((flag == CUT).sum())
         largest = max(largest, float(np.abs(np.abs(distance) - np.abs(exact)).max()))
         wrong += int((((distance < 0) != (exact < 0)) & (np.abs(exact) > bound)).sum())
-    return largest, wrong
+    return largest, wrong, cut
 
 
 def main(count):
@@ -86,7 +88,8 @@ def main(count):
             row["missing"] = contact_errors(forces(field), contacts)["contact-deep"]["missing"]
             row["bound"] = record.deviation + record.rounding
             rng = np.random.default_rng(3)
-            row["largest"], row["wrong"] = largest_error(field, body, count, row["bound"], rng)
+            measured = largest_error(field, body, count, row["bound"], rng)
+            row["largest"], row["wrong"], row["cut"] = measured
             times = {}
             for _ in range(TURNS):
                 for where, points in (("path", path["points"]), ("box", box)):

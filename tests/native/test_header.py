@@ -69,7 +69,10 @@ def test_it_answers_as_the_library_does(name, fields, files):
     off = np.linalg.norm(force - penalty_force(wanted.distance, wanted.normal), axis=1)
     sure = field.direction(field.frame.to_unit(points))[1] if network else None
     sure = np.linalg.norm(sure, axis=1) > 0.1 if network else np.ones(len(points), bool)
-    if name == "compact":  # of faces that are equally near but for rounding any may answer
+    if name == "compact":  # of faces that are equally near but for rounding any may answer,
+        unit = field.frame.to_unit(points)  # with a point of the surface
+        foot = field.answer(unit - (found.distance * scale)[:, None] * found.normal)[0]
+        assert np.abs(foot).max() < 1e-9
         sure = off < 1e-13
         assert sure.mean() > 0.99
     assert off[sure].max() < (1e-5 if network else 1e-13)

@@ -199,14 +199,14 @@ def export_native(field, kind, provenance, weight_bits, body, log):
         wanted = _rounded(field)
         whole = NativeField(native_bytes(field, kind, provenance))
         log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
+    file = ExportedField(field.name, data)
     if isinstance(field, CompactField):
-        file = ExportedField(field.name, data)
         differences = check_nearest(file, field.engine, field.record.rounding)
     else:
         differences = check(native.distance_and_normal, _reference(wanted), field.frame)
     told = ", ".join(f"{key} {value:.1g}" for key, value in differences.items())
     log(f"answers as the library does: the largest differences (unit frame) are {told}")
-    safe = _clearance(field, data, body)
+    safe = _clearance(field, file, body)
     log(
         "a scene trusts its distances in free space to within {:.2g} of the unit frame, and where "
         "they are flagged as bounds to within {:.2g}".format(*safe[6:])
@@ -214,11 +214,10 @@ def export_native(field, kind, provenance, weight_bits, body, log):
     return native_bytes(field, kind, provenance, weight_bits, safe)
 
 
-def _clearance(field, data, body):
-    """Return where contacts can be, and the margins of a field's distances (8,)."""
+def _clearance(field, file, body):
+    """Return where contacts can be, and the margins of a field's distances: see `clearance`."""
     if isinstance(field, CompactField):
         return np.array([*field.record.low, *field.record.high, *[field.record.rounding] * 2])
-    file = ExportedField(field.name, data)
     return clearance(lambda points: file.query(points)[::2], body.distance)
 
 

@@ -4,13 +4,14 @@ import numpy as np
 
 from pandis.errors import PandisError
 from pandis.geometry.distance import MeshDistance
+from pandis.geometry.sampling import Surface
 from pandis.grids.lattice import snap, step_of, to_unit
 from pandis.grids.sides import find_sides
 from pandis.native.packing import BLOCK_BYTES, BRANCH_BYTES, distances, pack_mesh
 from pandis.run.records.compact import CompactRecord
 
 #: Groups of eight faces, and blocks, that one query looks at: what takes about a tenth of a tick.
-#: Of scans of a hundred thousand faces hardly a query in a million is cut.
+#: How many queries of scans are cut by it: tests/benchmarks/compact.py.
 MOST = 704
 #: Points at which sides are compared with the body's: half in the box, half near the surface.
 SIDES = 1_000_000
@@ -56,7 +57,7 @@ def build_compact(body, bits, seed, log):
         low=tuple(places.min(axis=0)),
         high=tuple(places.max(axis=0)),
     )
-    arrays = {name: getattr(packed, name) for name in ("branches", "blocks", "packed")}
+    arrays = packed._asdict()
     log(
         f"{bits} bits: {record.faces:,} of {len(body.faces):,} faces in "
         f"{sum(part.nbytes for part in arrays.values()):,} bytes; distances are within "
@@ -115,14 +116,13 @@ def _compare_sides(body, arrays, record, seed):
     rng = np.random.default_rng(seed)
     half = SIDES // 2
     box = rng.uniform(-1, 1, (half, 3))
-    at = rng.integers(len(body.faces), size=half)
-    weights = rng.dirichlet((1, 1, 1), half)
+    engine = MeshDistance(body.corners, body.faces) if body.shape else body.distance
+    feet = Surface(engine.vertices, engine.faces).draw(half, rng)[0]
     height = np.exp(rng.uniform(*np.log(_HEIGHTS), half)) * rng.choice((-1, 1), half)
     away = rng.normal(size=(half, 3))
     away *= (height / np.linalg.norm(away, axis=1))[:, None]
-    near = np.einsum("nk,nkj->nj", weights, body.corners[body.faces[at]]) + away
-    points = np.concatenate([box, near])
-    exact, _ = MeshDistance(body.corners, body.faces).distance_and_normal(points)
+    points = np.concatenate([box, feet + away])
+    exact, _ = engine.distance_and_normal(points)
     distance = distances(arrays, record.bits, points, MOST)
     wrong = (exact < 0) != (distance < 0)
     wrong &= np.abs(exact) > record.deviation + record.rounding

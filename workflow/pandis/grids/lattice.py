@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.errors import PandisError
+from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.bvh import Bvh
 
 #: Where the lattice ends (unit frame): the longest side of a mesh reaches from end to end.
-HALF = 0.9
+HALF = UNIT_SIDE / 2
 #: A face without an area is removed by turning an edge, which may leave another: so often at most.
 _ROUNDS = 50
 

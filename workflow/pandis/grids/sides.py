@@ -39,7 +39,12 @@ def find_sides(vertices, faces):
     tree = Bvh(vertices.astype(np.float64), faces)
     points, owners = find_rays(vertices, faces)
     known = _agreed(owners, tree.inside(points), len(vertices) + 3 * len(faces))
-    wrong = _look_wrong(tree, vertices, faces) | _folded(vertices, faces)
+    places = vertices[faces].astype(np.float64)
+    normal = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    normal /= np.where(length > 0, length, 1)[:, None]
+    longest = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
+    wrong = _look_wrong(tree, places, normal) | _folded(faces, normal, length < _LOW * longest)
     for _ in range(_RINGS):
         touched = np.zeros(len(vertices), bool)
         touched[faces[wrong]] = True
@@ -50,34 +55,25 @@ def find_sides(vertices, faces):
     return Sides(corners, edges, np.where(wrong, BY_RAY, BY_FACE).astype(np.uint8))
 
 
-def _look_wrong(tree, vertices, faces):
+def _look_wrong(tree, places, normal):
     """Tell which faces have the outside below them, or the inside above, at one of some places."""
-    places = vertices[faces].astype(np.float64)
-    normal = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    off = _BESIDE * normal / np.where(length > 0, length, 1)
-    wrong = np.zeros(len(faces), bool)
+    off = _BESIDE * normal
+    wrong = np.zeros(len(places), bool)
     for weights in _PLACES:
         at = np.tensordot(places, weights, axes=(1, 0))
         wrong |= tree.inside(at + off) | ~tree.inside(at - off)
     return wrong
 
 
-def _folded(vertices, faces):
+def _folded(faces, normal, low):
     """Tell which low faces have a neighbour that is folded back onto them, and those."""
-    places = vertices[faces].astype(np.float64)
-    normal = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
-    length = np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    longest = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
-    low_face, normal = length[:, 0] < _LOW * longest, normal / length
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    low, high = np.minimum(start, end).astype(np.int64), np.maximum(start, end)
-    order = np.argsort(low * len(vertices) + high, kind="stable")
-    one, other = order[:-1], order[1:]
-    same = (low[one] == low[other]) & (high[one] == high[other])
-    one, other = one[same] // 3, other[same] // 3
+    edge = np.minimum(start, end).astype(np.int64) << 32 | np.maximum(start, end)
+    order = np.argsort(edge, kind="stable")
+    same = edge[order[:-1]] == edge[order[1:]]
+    one, other = order[:-1][same] // 3, order[1:][same] // 3
     back = np.einsum("nk,nk->n", normal[one], normal[other]) < _FOLD
-    back &= low_face[one] | low_face[other]
+    back &= low[one] | low[other]
     folded = np.zeros(len(faces), bool)
     folded[one[back]] = folded[other[back]] = True
     return folded

@@ -25,14 +25,11 @@ class Packed(NamedTuple):
     ----------
     branches, blocks, packed : ndarray, uint8
         As the sections ``BRCH``, ``BLCK`` and ``PACK`` of docs/format.md hold them.
-    order : ndarray, shape (F,), int32
-        Which face lies at each place.
     """
 
     branches: np.ndarray
     blocks: np.ndarray
     packed: np.ndarray
-    order: np.ndarray
 
 
 class Sides(NamedTuple):
@@ -118,7 +115,7 @@ def pack_mesh(vertices, faces, sides):
         start = library.packing_part(packing, index, ctypes.byref(size))
         parts.append(np.frombuffer(ctypes.string_at(start, size.value), np.uint8))
     library.packing_free(packing)
-    return Packed(*parts[:-1], parts[-1].view(np.int32))
+    return Packed(*parts)
 
 
 def distances(arrays, bits, points, most=0):
@@ -134,7 +131,7 @@ def distances(arrays, bits, points, most=0):
         Groups of faces and blocks that a query may look at; 0: all.
     """
     points = np.ascontiguousarray(points, np.float64)
-    parts = [np.ascontiguousarray(arrays[name]) for name in Packed._fields[:3]]
+    parts = [np.ascontiguousarray(arrays[name]) for name in Packed._fields]
     distance = np.empty(len(points))
 
     def part(low, high):

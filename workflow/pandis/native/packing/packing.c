@@ -140,6 +140,12 @@ static int bit_length(int32_t value) {
     return bits;
 }
 
+/* Bits for places in a box of this extent: a far side, rounded up to what a byte can say, must fit the byte. */
+static int bits_for(int32_t extent) {
+    int bits = bit_length(extent), shift = pandis__coarse(bits);
+    return bits + ((extent + (1 << shift) - 1) >> shift > 255);
+}
+
 /* The corners of a range's faces, each once; -1 if they are too many. `local` tells a face's. */
 static int collect(const Packing *m, const Range *r, int32_t *corners, uint8_t *local) {
     int count = 0;
@@ -229,10 +235,7 @@ static int32_t add_block(Packing *m, Range whole) {
     record->start = (uint32_t)m->size, record->origin = 0;
     record->counts = (uint32_t)(whole.count - 1) | (uint32_t)(count - 1) << 6;
     for (int k = 0; k < 3; k++) {
-        /* the place of a box's far side, rounded up, must fit a byte */
-        int32_t extent = whole.high[k] - whole.low[k];
-        bits[k] = bit_length(extent);
-        if (bits[k] > 8 && (extent + (1 << (bits[k] - 8)) - 1) >> (bits[k] - 8) > 255) bits[k]++;
+        bits[k] = bits_for(whole.high[k] - whole.low[k]);
         shift[k] = pandis__coarse(bits[k]);
         record->counts |= (uint32_t)bits[k] << (12 + 5 * k);
         record->origin |= (uint64_t)(uint32_t)whole.low[k] << (21 * k);
@@ -300,10 +303,8 @@ static int32_t add_branch(Packing *m, Range whole, int depth) {
     branch.count = (uint8_t)count;
     int shift[3];
     for (int k = 0; k < 3; k++) {
-        int32_t extent = whole.high[k] - whole.low[k];
-        int bits = bit_length(extent);
-        if (bits > 8 && (extent + (1 << (bits - 8)) - 1) >> (bits - 8) > 255) bits++;
-        branch.origin[k] = whole.low[k], shift[k] = pandis__coarse(bits), branch.shift[k] = (uint8_t)shift[k];
+        branch.origin[k] = whole.low[k], shift[k] = pandis__coarse(bits_for(whole.high[k] - whole.low[k]));
+        branch.shift[k] = (uint8_t)shift[k];
     }
     write_boxes(branch.boxes[0], part, count, whole.low, shift);
     for (int i = 0; i < count && !m->failed; i++)
@@ -342,13 +343,12 @@ Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int3
     return m;
 }
 
-/* Where a part lies, and its bytes: branches, blocks, what is packed, and the faces in their order. */
+/* Where a part lies, and its bytes: branches, blocks, what is packed. */
 const void *packing_part(const Packing *m, int32_t which, int64_t *bytes) {
     switch (which) {
         case 0: return *bytes = (int64_t)sizeof *m->branches * m->branch_count, m->branches;
         case 1: return *bytes = (int64_t)sizeof *m->blocks * m->block_count, m->blocks;
         case 2: return *bytes = m->size, m->packed;
-        case 3: return *bytes = (int64_t)sizeof *m->order * m->face_count, m->order;
         default: return *bytes = 0, NULL;
     }
 }

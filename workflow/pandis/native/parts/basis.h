@@ -45,7 +45,7 @@
 #endif
 
 #define PANDIS__LONGEST 1.8       /* of the unit frame: a mesh is scaled so that its longest side is this */
-#define PANDIS__HALF 0.9          /* where it ends */
+#define PANDIS__HALF (PANDIS__LONGEST / 2)
 #define PANDIS__FAR 1e150         /* farther points overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */

@@ -11,10 +11,9 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     pandis__packed b;
     float q[3], d[PANDIS__WIDTH];
     int32_t keys[PANDIS__WIDTH], key, nearest[PANDIS__WIDTH];
-    int shift[3];
     pandis__unpack(t, block, &b);
-    for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - b.origin[k]), shift[k] = pandis__coarse(b.bits[k]);
-    pandis__byte_bounds(b.boxes, b.groups, shift, q, keys);
+    for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - b.origin[k]);
+    pandis__byte_bounds(b.boxes, b.groups, b.shift, q, keys);
     best->left--;
     while ((key = pandis__least(keys)) <= best->key) {
         int group = key & 7, i = 0;
@@ -130,8 +129,8 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
 /* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. If there
  * were too many to look at, `clear` is how far all others are at least, squared; else infinite. */
 static int32_t pandis__search(const pandis__compact *t, const double *p, float *clear) {
-    int soon = t->most < PANDIS__SOON ? t->most : PANDIS__SOON;
-    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, t->most == INT32_MAX ? t->most : soon, INT32_MAX};
+    int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
+    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
     pandis__search_depth(t, p, &best);
     if (best.unseen <= best.key && soon < t->most) {
         best.left = t->most - soon;
@@ -216,8 +215,7 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
         }
         pandis__packed b;
         pandis__unpack(t, ~child, &b);
-        for (int k = 0; k < 3; k++) shift[k] = pandis__coarse(b.bits[k]);
-        int met = pandis__boxes_ahead(b.boxes, b.groups, b.origin, shift, p);
+        int met = pandis__boxes_ahead(b.boxes, b.groups, b.origin, b.shift, p);
         for (int place = 0; place < b.face_count; place++) {
             double c[3][3];
             int corners[3];
@@ -269,8 +267,7 @@ PANDIS__APART static int pandis__first_side(const pandis__compact *t, const doub
         }
         pandis__packed b;
         pandis__unpack(t, ~child, &b);
-        for (int k = 0; k < 3; k++) shift[k] = pandis__coarse(b.bits[k]);
-        int met = pandis__boxes_between(b.boxes, b.groups, b.origin, shift, p, way, from);
+        int met = pandis__boxes_between(b.boxes, b.groups, b.origin, b.shift, p, way, from);
         for (int place = 0; place < b.face_count; place++) {
             double c[3][3], u[3], v[3], x[3], across[3], turned[3];
             int corners[3];

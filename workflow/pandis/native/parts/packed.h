@@ -16,9 +16,13 @@ typedef struct {
     const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face tells its own */
     int32_t origin[3];
     int face_count, groups, corner_count, bits[3], stride; /* stride: bytes of a corner's word */
+    int shift[3]; /* of its boxes */
 } pandis__packed;
 
 #define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
+
+/* How far the low byte of a box's place is shifted, where extents need so many bits. */
+static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
     const pandis__block_record *record = t->blocks + block;
@@ -27,6 +31,7 @@ static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__pack
     for (int k = 0; k < 3; k++) {
         b->bits[k] = (int)(record->counts >> (12 + 5 * k) & 31);
         b->origin[k] = (int32_t)(record->origin >> (21 * k) & 0x1fffff);
+        b->shift[k] = pandis__coarse(b->bits[k]);
     }
     b->stride = (b->bits[0] + b->bits[1] + b->bits[2]) / 8 + 1;
     b->boxes = t->packed + record->start;
@@ -34,9 +39,6 @@ static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__pack
     b->words = b->faces + PANDIS__GROUP_BYTES * b->groups;
     b->sides = record->counts >> 27 & 1 ? b->words + b->stride * b->corner_count : NULL;
 }
-
-/* How far the low byte of a box's place is shifted, where extents need so many bits. */
-static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 /* The corners of eight faces, as numbers of the block's: six bits each, for one of the three corners. */
 static uint64_t pandis__six_bits(const unsigned char *bytes) {
