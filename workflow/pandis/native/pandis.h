@@ -41,7 +41,7 @@
  * field a few points once so that its pages and the caches are filled, and give the thread a real-time
  * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
  * depends on the place, except for meshes: at the worst place (the middle of a finely tessellated ball) a
- * query takes a thousand times as long as usual.
+ * query takes a thousand times as long as usual; of a mesh on a lattice a hundred times, and is cut then.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. It needs nothing else of it.
@@ -366,7 +366,7 @@ PANDIS_API const char *pandis_error(int error);
 #endif
 
 #define PANDIS__LONGEST 1.8       /* of the unit frame: a mesh is scaled so that its longest side is this */
-#define PANDIS__HALF 0.9          /* where it ends */
+#define PANDIS__HALF (PANDIS__LONGEST / 2)
 #define PANDIS__FAR 1e150         /* farther points overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
@@ -781,9 +781,13 @@ typedef struct {
     const unsigned char *boxes, *faces, *words, *sides; /* sides: NULL if every face tells its own */
     int32_t origin[3];
     int face_count, groups, corner_count, bits[3], stride; /* stride: bytes of a corner's word */
+    int shift[3]; /* of its boxes */
 } pandis__packed;
 
 #define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
+
+/* How far the low byte of a box's place is shifted, where extents need so many bits. */
+static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
     const pandis__block_record *record = t->blocks + block;
@@ -792,6 +796,7 @@ static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__pack
     for (int k = 0; k < 3; k++) {
         b->bits[k] = (int)(record->counts >> (12 + 5 * k) & 31);
         b->origin[k] = (int32_t)(record->origin >> (21 * k) & 0x1fffff);
+        b->shift[k] = pandis__coarse(b->bits[k]);
     }
     b->stride = (b->bits[0] + b->bits[1] + b->bits[2]) / 8 + 1;
     b->boxes = t->packed + record->start;
@@ -799,9 +804,6 @@ static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__pack
     b->words = b->faces + PANDIS__GROUP_BYTES * b->groups;
     b->sides = record->counts >> 27 & 1 ? b->words + b->stride * b->corner_count : NULL;
 }
-
-/* How far the low byte of a box's place is shifted, where extents need so many bits. */
-static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 /* The corners of eight faces, as numbers of the block's: six bits each, for one of the three corners. */
 static uint64_t pandis__six_bits(const unsigned char *bytes) {
@@ -933,10 +935,9 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     pandis__packed b;
     float q[3], d[PANDIS__WIDTH];
     int32_t keys[PANDIS__WIDTH], key, nearest[PANDIS__WIDTH];
-    int shift[3];
     pandis__unpack(t, block, &b);
-    for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - b.origin[k]), shift[k] = pandis__coarse(b.bits[k]);
-    pandis__byte_bounds(b.boxes, b.groups, shift, q, keys);
+    for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - b.origin[k]);
+    pandis__byte_bounds(b.boxes, b.groups, b.shift, q, keys);
     best->left--;
     while ((key = pandis__least(keys)) <= best->key) {
         int group = key & 7, i = 0;
@@ -1052,8 +1053,8 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
 /* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. If there
  * were too many to look at, `clear` is how far all others are at least, squared; else infinite. */
 static int32_t pandis__search(const pandis__compact *t, const double *p, float *clear) {
-    int soon = t->most < PANDIS__SOON ? t->most : PANDIS__SOON;
-    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, t->most == INT32_MAX ? t->most : soon, INT32_MAX};
+    int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
+    pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
     pandis__search_depth(t, p, &best);
     if (best.unseen <= best.key && soon < t->most) {
         best.left = t->most - soon;
@@ -1138,8 +1139,7 @@ PANDIS__APART static int pandis__winding(const pandis__compact *t, const double 
         }
         pandis__packed b;
         pandis__unpack(t, ~child, &b);
-        for (int k = 0; k < 3; k++) shift[k] = pandis__coarse(b.bits[k]);
-        int met = pandis__boxes_ahead(b.boxes, b.groups, b.origin, shift, p);
+        int met = pandis__boxes_ahead(b.boxes, b.groups, b.origin, b.shift, p);
         for (int place = 0; place < b.face_count; place++) {
             double c[3][3];
             int corners[3];
@@ -1191,8 +1191,7 @@ PANDIS__APART static int pandis__first_side(const pandis__compact *t, const doub
         }
         pandis__packed b;
         pandis__unpack(t, ~child, &b);
-        for (int k = 0; k < 3; k++) shift[k] = pandis__coarse(b.bits[k]);
-        int met = pandis__boxes_between(b.boxes, b.groups, b.origin, shift, p, way, from);
+        int met = pandis__boxes_between(b.boxes, b.groups, b.origin, b.shift, p, way, from);
         for (int place = 0; place < b.face_count; place++) {
             double c[3][3], u[3], v[3], x[3], across[3], turned[3];
             int corners[3];
