@@ -92,3 +92,27 @@ rule bake_compact:
         "{wildcards.mesh}: pack the mesh on a lattice of {wildcards.bits} bits"
     script:
         "../scripts/bake_compact.py"
+
+
+rule bake_compact_auto:
+    input:
+        mesh="<results>/{mesh}/mesh.zarr.zip",
+    output:
+        "<results>/{mesh}/compact-auto.zarr.zip",
+    log:
+        "<results>/logs/{mesh}/bake-compact-auto.log",
+    benchmark:
+        "<results>/benchmarks/{mesh}/bake-compact-auto.jsonl"
+    conda:
+        "../workflow/envs/grids.yaml"
+    threads: 2
+    resources:
+        mem_mb=8000,
+        runtime=120,
+    params:
+        options=plan.options("bake_compact_auto"),
+        code=plan.code("bake_compact_auto"),
+    message:
+        "{wildcards.mesh}: find bits and faces of compact-auto"
+    script:
+        "../scripts/bake_compact_auto.py"

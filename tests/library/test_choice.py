@@ -94,6 +94,27 @@ def untrained(monkeypatch):
     monkeypatch.setattr(choice, "narrowest", trained)
 
 
+@pytest.fixture
+def without_compact(monkeypatch):
+    """What comes after the compact mesh is looked at alone."""
+    monkeypatch.setattr(Chooser, "_compact", lambda self: None)
+
+
+@pytest.mark.usefixtures("untrained")
+def test_a_mesh_too_large_for_its_budget_is_packed(tmp_path):
+    exact = TORUS.engine.tree_bytes
+    held = choose(TORUS, tmp_path, force_error="1 %", bytes=exact // 20)
+    made, limits = held.attributes["choice"], held.attributes["limits"]
+    assert made["field"] == "compact-auto"
+    assert [one["field"] for one in held.attributes["considered"]] == ["exact"]
+    (field,) = open_fields(["auto"], TORUS.mesh, [held])
+    assert made["bytes"] == field.bytes <= exact // 20
+    fresh = figures_of(held, TORUS)
+    assert fresh["mean"] <= limits["mean"]
+    assert fresh["p99"] <= limits["tail"]
+    assert fresh["missing"] == 0
+
+
 @pytest.mark.usefixtures("untrained")
 def test_a_sphere_needs_nothing(tmp_path):
     found = shape("sphere")
@@ -113,7 +134,7 @@ def test_without_other_limits_the_mesh_itself_is_the_field_and_that_is_said(tmp_
     assert any(said in line for line in lines)
 
 
-@pytest.mark.usefixtures("untrained")
+@pytest.mark.usefixtures("untrained", "without_compact")
 @pytest.mark.parametrize("wanted", ["40 mN", "4 %"])
 def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
     held = choose(TORUS, tmp_path, force_error=wanted, bytes=2_000_000)
@@ -132,7 +153,7 @@ def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
     assert again.measured(kind, coarser)[0].why
 
 
-@pytest.mark.usefixtures("untrained")
+@pytest.mark.usefixtures("untrained", "without_compact")
 def test_time_counts(tmp_path):
     table = tmp_path / "times.csv"
     rows = ["kind,size,microseconds", "exact,1000,20", "exact,100000,40", "spline,800000,60"]
@@ -153,6 +174,7 @@ def test_time_counts(tmp_path):
         times.seconds("kim", 3)
 
 
+@pytest.mark.usefixtures("without_compact")
 def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
     monkeypatch.setattr(choice, "DENSE_KINDS", ("nearest",))
     monkeypatch.setattr(choice, "SIZES", (16,))
@@ -177,7 +199,7 @@ def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
     assert said < next(k for k, line in enumerate(lines) if line.startswith("network of"))
 
 
-@pytest.mark.usefixtures("untrained")
+@pytest.mark.usefixtures("untrained", "without_compact")
 def test_it_names_the_nearest_where_nothing_will_do(tmp_path, monkeypatch):
     monkeypatch.setattr(choice, "SIZES", (16, 24))
     monkeypatch.setattr(choice.Chooser, "_network", lambda self: None)
@@ -189,7 +211,7 @@ def test_it_names_the_nearest_where_nothing_will_do(tmp_path, monkeypatch):
         choose(TORUS, tmp_path, force_error=1e-3, bytes=500)
 
 
-@pytest.mark.usefixtures("untrained")
+@pytest.mark.usefixtures("untrained", "without_compact")
 def test_what_fails_the_stress_suite_or_its_export_is_not_chosen(tmp_path, monkeypatch):
     first = choose(TORUS, tmp_path, force_error="40 mN", bytes=2_000_000).attributes["choice"]
     proved, seen = Chooser._proved, []
@@ -206,7 +228,7 @@ def test_what_fails_the_stress_suite_or_its_export_is_not_chosen(tmp_path, monke
     assert second["field"] != first["field"]
 
 
-@pytest.mark.usefixtures("untrained")
+@pytest.mark.usefixtures("untrained", "without_compact")
 def test_the_file_is_what_must_keep_to_the_budget(tmp_path, monkeypatch):
     """A field whose file answers something else is not chosen, however good the field is."""
     written = []
@@ -257,7 +279,7 @@ def test_a_damaged_table_is_an_error(tmp_path, text):
 
 def test_the_table_that_comes_along_knows_every_kind():
     times = QueryTimes(TABLE)
-    for kind in ("exact", "spline", "network", *DENSE_KINDS):
+    for kind in ("exact", "compact", "spline", "network", *DENSE_KINDS):
         assert 1e-8 < times.seconds(kind, 64) < 1e-3
 
 

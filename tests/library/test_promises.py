@@ -15,6 +15,7 @@ from pandis.errors import PandisError
 from pandis.evaluation import choice
 from pandis.evaluation.choice import Chooser
 from pandis.evaluation.points import Points
+from pandis.fields.compact import CompactField
 from pandis.fields.controls import controls
 from pandis.fields.siren import SirenField
 from pandis.fields.sizing import Grids, grid_bytes
@@ -92,6 +93,7 @@ def workshop(monkeypatch):
     monkeypatch.setattr(choice, "controls", tried_once)
     monkeypatch.setattr(Grids, "make", made_once)
     monkeypatch.setattr(Chooser, "_proved", proved_once)
+    monkeypatch.setattr(Chooser, "_compact", lambda self: None)
     monkeypatch.setattr(Chooser, "_network", lambda self: None)
     monkeypatch.setattr(choice, "SIZES", SIZES)
     monkeypatch.setattr(choice, "SPLINE_BYTES", SPLINES)
@@ -191,12 +193,29 @@ def test_thin_parts_get_the_exact_field_or_a_refusal_that_says_why(name, tmp_pat
         assert found <= 0.005
 
 
+@pytest.mark.parametrize("name", [*SMOOTH[:2], *THIN[:2]])
+def test_promises_of_compact_meshes_are_kept(name, tmp_path):
+    """Half of the exact field's bytes, and a twentieth: what is chosen keeps every limit."""
+    exact = shape(name).engine.tree_bytes
+    for share, error in ((0.5, "1 %"), (0.05, "20 %")):
+        budget = {"force_error": error, "bytes": int(share * exact)}
+        made = chooser(shape(name), tmp_path, points=points_of(name), **budget)
+        arrays, attributes, _ = made.choose()
+        chosen = attributes["choice"]
+        assert chosen["field"] == "compact-auto"
+        assert chosen["bytes"] <= budget["bytes"]
+        frame = Frame.of(shape(name).mesh).attributes()
+        field = CompactField("auto", artifact("choice", arrays, attributes | frame))
+        found, limits = figures(field, name), made.limits
+        assert kept(found, {"mean": limits.mean, "tail": limits.tail}, limits.missed), found
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("name", SMOOTH)
 def test_promises_of_networks_are_kept(name, tmp_path, monkeypatch):
     """With nothing but networks to choose from: what is chosen keeps every limit elsewhere, too."""
-    monkeypatch.setattr(Chooser, "_dense", lambda self: None)
-    monkeypatch.setattr(Chooser, "_spline", lambda self: None)
+    for other in ("_compact", "_dense", "_spline"):
+        monkeypatch.setattr(Chooser, other, lambda self: None)
     chosen, said = 0, []
     for error in ("3 %", "6 %", "12 %"):
         log = said.append

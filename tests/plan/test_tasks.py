@@ -17,7 +17,7 @@ from support import ROOT
 
 #: Two meshes whose fields need every stage that a mesh without a download can have.
 FIELDS = ["exact", "trilinear-24", "spline-48", "spline-auto", "pandis", "pandis-exact"]
-FIELDS += ["compact-16", "support-planes", "salisbury"]
+FIELDS += ["compact-16", "compact-auto", "support-planes", "salisbury"]
 MESHES = {
     "a": {"source": "analytic:sphere", "fields": FIELDS, "bake": {"vti": True}},
     "b": {"source": "analytic:torus", "fields": "auto", "budget": {"force_error": 1e-3}},

@@ -378,10 +378,14 @@ def test_every_kind_of_grid(workspace):
     kinds = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic", "spline")
     grids = [*(f"{kind}-32" for kind in kinds), "trilinear-auto", "spline-auto"]
     config = {
-        "fields": ["exact", "compact-14", *grids],
+        "fields": ["exact", "compact-14", "compact-auto", *grids],
         "bake": {
             "vti": True,
-            "auto": {"trilinear": {"bytes": 400_000}, "spline": {"bytes": 40_000}},
+            "auto": {
+                "trilinear": {"bytes": 400_000},
+                "spline": {"bytes": 40_000},
+                "compact": {"bytes": 20_000},
+            },
         },
         "evaluation": {"probes": 2000},
         "stress": {"ticks": 5000, "loops": 2},
@@ -407,6 +411,9 @@ def test_every_kind_of_grid(workspace):
         compact = read_artifact(home / "compact-14.zarr.zip", "compact").attributes
         assert errors["compact-14"] < errors["trilinear-32"]
         assert compact["deviation"] < 1.8 / (2**14 - 1)
+        packed = read_artifact(home / "compact-auto.zarr.zip", "compact").attributes
+        assert evaluation["bytes"]["compact-auto"] <= 20_000
+        assert (packed["faces"] < packed["faces_before"]) == (mesh == "torus")
         for field in grids:
             assert (home / f"export/{field}.vti").stat().st_size > 1000
             assert (home / f"export/{field}.onnx").is_file() != field.startswith("spline")
@@ -414,8 +421,8 @@ def test_every_kind_of_grid(workspace):
         assert set(timing) == set(config["fields"])
     rows = (workspace / "results/summary.csv").read_text().splitlines()[1:]
     named = [row.split(",")[:3] for row in rows]
-    assert [row[0] for row in named] == ["torus"] * 10 + ["box"] * 10
-    assert named[0][2] == named[10][2] == "0"  # closed forms hold nothing
+    assert [row[0] for row in named] == ["torus"] * 11 + ["box"] * 11
+    assert named[0][2] == named[11][2] == "0"  # closed forms hold nothing
     again = snakemake(workspace, "-j2", "all", "--configfile", "config/grids.yaml")
     assert "Nothing to be done" in again.stdout
     check = snakemake(workspace, "verify", "--configfile", "config/grids.yaml", "-j1")

@@ -38,10 +38,10 @@ def test_a_force_in_a_program_of_ones_own(workspace):
     # a millimetre below the surface, whichever wall the middle of the box is led to
     force = np.array(said.split()[:3], float)
     assert np.linalg.norm(force) == pytest.approx(1 * 0.4, abs=0.02)
-    (workspace / "results/my/part/export/spline-auto.pandis").rename(workspace / "away.pandis")
+    (workspace / "results/my/part/export/compact-auto.pandis").rename(workspace / "away.pandis")
     lost = subprocess.run([run], cwd=workspace, capture_output=True, text=True, check=False)
     assert (lost.returncode, lost.stdout) == (1, "the file cannot be read\n")
-    (workspace / "away.pandis").rename(workspace / "results/my/part/export/spline-auto.pandis")
+    (workspace / "away.pandis").rename(workspace / "results/my/part/export/compact-auto.pandis")
 
     program = block("python") + "print(*force[0])\n"
     done = subprocess.run(

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from pandis.export.native import native_bytes
+from pandis.fields.compact import CompactField
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
 from pandis.fields.siren import SirenField
@@ -16,11 +17,12 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import SHAPES
 from pandis.grids.base import fit_base
+from pandis.grids.compact import pack_body
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
 from pandis.native.runtime import NativeField
 from pandis.run.artifact import Artifact
-from pandis.run.catalogue import DENSE_KINDS, GRID_FIELDS, parse_field
+from pandis.run.catalogue import COMPACT, DENSE_KINDS, GRID_FIELDS, parse_field
 from pandis.run.machine import describe
 from pandis.run.stage import silent_progress
 from pandis.training.network import Siren, named_arrays
@@ -32,7 +34,7 @@ TORI, NODES, BYTES, WIDTHS = (
     (50_000, 800_000),
     (16, 64, 128, 256, 512),
 )
-BAND, BASE, DEPTH = (0.045, 0.02), 16, 4
+BAND, BASE, DEPTH, BITS = (0.045, 0.02), 16, 4, 16
 #: Queries of each.
 QUERIES = 2000
 FRAME = Frame((0.0, 0.0, 0.0), 1.0)
@@ -56,7 +58,13 @@ def calibrate(progress):
     engine = MeshDistance(frame.to_unit(vertices), faces)
     surface = Surface(engine.vertices, engine.faces)
     points = surface.draw(QUERIES, np.random.default_rng(0))[0] * 0.99
-    cases = [*_exact(), *_grids(engine), *_splines(engine, surface), *_networks(engine)]
+    cases = [
+        *_exact(),
+        *_compact(),
+        *_grids(engine),
+        *_splines(engine, surface),
+        *_networks(engine),
+    ]
     report, rows = progress("fields", len(cases), "fields"), []
     for index, (kind, size, make) in enumerate(cases):
         field = make()
@@ -81,6 +89,22 @@ def _exact():
         frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
         body = Body(frame.to_unit(vertices), faces, FRAME, None if cuts else "torus")
         yield "exact", body.size, lambda b=body: _native(ExactField("exact", b), "exact")
+
+
+def _compact():
+    for cuts in TORI:
+        vertices, faces = SHAPES["torus"].tessellation(*cuts)
+        frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
+        body = Body(frame.to_unit(vertices), faces, FRAME)
+        yield COMPACT, body.size, lambda b=body: _packed(b)
+
+
+def _packed(body):
+    arrays, record = pack_body(body, BITS)
+    attributes = record.attributes() | FRAME.attributes()
+    return _native(
+        CompactField(COMPACT, Artifact(None, COMPACT, arrays, attributes, {}, "")), COMPACT
+    )
 
 
 def _grids(engine):

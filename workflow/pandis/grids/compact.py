@@ -4,9 +4,11 @@ import numpy as np
 
 from pandis.errors import PandisError
 from pandis.geometry.distance import MeshDistance
+from pandis.geometry.hausdorff import farthest
 from pandis.geometry.sampling import Surface
 from pandis.grids.lattice import snap, step_of, to_unit
 from pandis.grids.sides import find_sides
+from pandis.grids.unpacking import unpack
 from pandis.native.packing import BLOCK_BYTES, BRANCH_BYTES, distances, pack_mesh
 from pandis.run.records.compact import CompactRecord
 
@@ -20,7 +22,7 @@ _HEIGHTS = 1e-5, 0.1
 
 
 def build_compact(body, bits, seed, log):
-    """Return the arrays and the record of a body's compact mesh.
+    """Return the arrays and the record of a body's compact mesh, all of whose sides are right.
 
     Parameters
     ----------
@@ -42,13 +44,42 @@ def build_compact(body, bits, seed, log):
     PandisError
         Points farther from the surface than it can have moved are on the wrong side.
     """
-    snapped = snap(body.corners, body.faces, bits)
+    arrays, record = pack_body(body, bits)
+    log(told(arrays, record))
+    compare_sides(body, arrays, record, seed)
+    return arrays, record
+
+
+def pack_body(body, bits, surface=None):
+    """Pack a body's mesh, or a simpler one in its place, on a lattice; sides are not compared.
+
+    Parameters
+    ----------
+    body : pandis.geometry.body.Body
+    bits : int
+    surface : tuple of ndarray, optional
+        Vertices (V, 3) in the unit frame and faces (F, 3) of a closed surface near the body's; how
+        far that one is from the body's is not in the record's deviation: see `bound_deviation`.
+
+    Returns
+    -------
+    arrays, record
+        As of `build_compact`.
+
+    Raises
+    ------
+    PandisError
+        Nothing is left on a lattice of so few bits.
+    """
+    vertices, faces = surface or (body.corners, body.faces)
+    snapped = snap(vertices, faces, bits)
     sides = find_sides(snapped.vertices, snapped.faces)
     packed = pack_mesh(snapped.vertices, snapped.faces, sides)
     places = to_unit(snapped.vertices, bits)
     record = CompactRecord(
         bits=bits,
         faces=len(snapped.faces),
+        faces_before=len(body.faces),
         vertices=len(snapped.vertices),
         deviation=snapped.deviation,
         rounding=_rounding(packed, snapped, bits),
@@ -57,14 +88,37 @@ def build_compact(body, bits, seed, log):
         low=tuple(places.min(axis=0)),
         high=tuple(places.max(axis=0)),
     )
-    arrays = packed._asdict()
-    log(
-        f"{bits} bits: {record.faces:,} of {len(body.faces):,} faces in "
-        f"{sum(part.nbytes for part in arrays.values()):,} bytes; distances are within "
-        f"{record.deviation:.2g} of the mesh's (unit frame)"
+    return packed._asdict(), record
+
+
+def bound_deviation(body, arrays, record):
+    """Return the record of a compact mesh with the deviation from a body's own mesh."""
+    if record.faces == record.faces_before:
+        return record
+    vertices, faces = unpack(arrays)
+    mesh, vertices = _mesh_distance(body), to_unit(vertices, record.bits)
+    there = farthest(vertices, faces, mesh)
+    back = farthest(mesh.vertices, mesh.faces, MeshDistance(vertices, faces))
+    return record.model_copy(update={"deviation": max(there, back)})
+
+
+def _mesh_distance(body):
+    """Return the exact distance to a body's mesh; of a closed form, to its tessellation."""
+    return MeshDistance(body.corners, body.faces) if body.shape else body.distance
+
+
+def size_of(arrays):
+    """Return the bytes that ``pandis.h`` answers a compact mesh from."""
+    return sum(part.nbytes for part in arrays.values())
+
+
+def told(arrays, record):
+    """Return what a compact mesh has come to, in words."""
+    return (
+        f"{record.bits} bits: {record.faces:,} of {record.faces_before:,} faces in "
+        f"{size_of(arrays):,} bytes; distances are within {record.deviation:.2g} of the mesh's "
+        "(unit frame)"
     )
-    _compare_sides(body, arrays, record, seed)
-    return arrays, record
 
 
 def file_parts(arrays, record):
@@ -105,8 +159,16 @@ def _rounding(packed, snapped, bits):
     return float(far + inside.max() * step_of(bits))
 
 
-def _compare_sides(body, arrays, record, seed):
+def compare_sides(body, arrays, record, seed):
     """Compare sides with those of the body at many points.
+
+    Parameters
+    ----------
+    body : pandis.geometry.body.Body
+    arrays, record
+        As of `build_compact`.
+    seed : int
+        Of the points.
 
     Raises
     ------
@@ -116,7 +178,7 @@ def _compare_sides(body, arrays, record, seed):
     rng = np.random.default_rng(seed)
     half = SIDES // 2
     box = rng.uniform(-1, 1, (half, 3))
-    engine = MeshDistance(body.corners, body.faces) if body.shape else body.distance
+    engine = _mesh_distance(body)
     feet = Surface(engine.vertices, engine.faces).draw(half, rng)[0]
     height = np.exp(rng.uniform(*np.log(_HEIGHTS), half)) * rng.choice((-1, 1), half)
     away = rng.normal(size=(half, 3))

@@ -243,6 +243,19 @@ def wrap(vertices, faces, alpha, offset):
     return mesh.vertex_matrix(), mesh.face_matrix()
 
 
+def simplify(vertices, faces, count):
+    """Leave so many faces, by quadrics (Garland & Heckbert 1997), through PyMeshLab."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshes.meshing_decimation_quadric_edge_collapse(
+        targetfacenum=count, preservetopology=True, preservenormal=True, optimalplacement=True
+    )
+    mesh = meshes.current_mesh()
+    return mesh.vertex_matrix(), mesh.face_matrix()
+
+
 OPERATIONS = {
     f.__name__: f
     for f in (
@@ -258,6 +271,7 @@ OPERATIONS = {
         meshfix,
         remesh,
         wrap,
+        simplify,
     )
 }
 

@@ -90,7 +90,7 @@ def is_grid_field(name):
 def is_builtin_field(name):
     """Tell whether ``name`` is taken by a field that is not a recipe."""
     method = name in PLANE_FIELDS or name.startswith((PROXY, ALGEBRAIC))
-    compact = re.fullmatch(rf"{COMPACT}-\d+", name) is not None
+    compact = re.fullmatch(rf"{COMPACT}-(\d+|auto)", name) is not None
     return name in ("exact", AUTO) or is_grid_field(name) or compact or method
 
 
@@ -133,7 +133,9 @@ def parse_field(name, recipes):
         if not 4 <= int(match[1]) <= LARGEST_DENSE:
             raise ValueError(f"{name}: it has 4 to {LARGEST_DENSE} nodes per axis")
         return FieldSpec(name, ALGEBRAIC, "mesh", int(match[1]), ())
-    if match := re.fullmatch(f"{COMPACT}-([1-9][0-9]*)", name):
+    if match := re.fullmatch(f"{COMPACT}-([1-9][0-9]*|auto)", name):
+        if match[1] == AUTO:
+            return FieldSpec(name, COMPACT, name, AUTO, ())
         bits, (fewest, most) = int(match[1]), COMPACT_BITS
         if not fewest <= bits <= most:
             raise ValueError(f"{name}: its lattice has {fewest} to {most} bits")
@@ -141,8 +143,8 @@ def parse_field(name, recipes):
     if match := re.fullmatch(f"({'|'.join(GRID_FIELDS)})-([1-9][0-9]*|auto)", name):
         kind = match[1]
         exports = () if kind in _UNEXPORTED else ("onnx",)
-        if match[2] == "auto":
-            return FieldSpec(name, kind, f"grid-{kind}-auto", "auto", exports)
+        if match[2] == AUTO:
+            return FieldSpec(name, kind, f"grid-{kind}-auto", AUTO, exports)
         size, smallest = int(match[2]), 32 if kind == "spline" else 4
         largest = LARGEST.get(kind, LARGEST_DENSE)
         if not smallest <= size <= largest:

@@ -42,6 +42,7 @@ class StageOptions(Options):
     fields: FieldNames = Field(
         [
             "exact",
+            "compact-auto",
             "nearest-32",
             "nearest-64",
             "trilinear-32",
@@ -53,7 +54,7 @@ class StageOptions(Options):
             "pandis-exact",
         ],
         description="what to build and compare: `exact`, `compact-B` (the mesh with its vertices "
-        "on a lattice of B bits, 10 to 20), "
+        "on a lattice of B bits, 10 to 20, or `compact-auto`: see `bake.auto`), "
         + ", ".join(f"`{kind}-N`" for kind in GRID_FIELDS)
         + " (N nodes per axis, or `auto`: see `bake.auto`), or any recipe under `train`; "
         "`fields: auto` stands alone and builds the one that `budget` asks for, and no other",

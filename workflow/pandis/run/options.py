@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from pandis.run.catalogue import GRID_FIELDS
+from pandis.run.catalogue import COMPACT, GRID_FIELDS
 from pandis.run.values import Count, Force, Missed, Options, Positive
 
 #: Metres that an object may have in a device's workspace.
@@ -118,7 +118,7 @@ class SampleOptions(Options):
 
 
 class GridTarget(Options):
-    """What a grid named `…-auto` should achieve."""
+    """What a field named `…-auto` should achieve."""
 
     force_error: Force | None = Field(
         None, description="mean force error on the contact set: written as in `budget`"
@@ -139,7 +139,7 @@ class GridTarget(Options):
 
 
 #: Targets that hold where the user names none.
-TARGETS = {"spline": {"bytes": 800_000}}
+TARGETS = {"spline": {"bytes": 800_000}, COMPACT: {"bytes": 500_000}}
 
 
 class BudgetOptions(Options):
@@ -176,11 +176,12 @@ class BakeOptions(Options):
     )
     outside: Positive = Field(0.02, le=1, description="height above it up to which they are")
     chunk: Annotated[int, Field(ge=4)] = Field(32, description="nodes per axis of a stored chunk")
-    auto: dict[Literal[tuple(GRID_FIELDS)], GridTarget] = Field(
+    auto: dict[Literal[(*GRID_FIELDS, COMPACT)], GridTarget] = Field(
         default_factory=dict,
-        description="what `nearest-auto`, `trilinear-auto`, … should achieve, by kind: "
-        "`force_error` (the coarsest grid that meets it, `tail` and `missed`) or `bytes` (the "
-        "finest that fits); by default `spline-auto` gets 800,000 bytes",
+        description="what `nearest-auto`, `trilinear-auto`, `compact-auto`, … should achieve, by "
+        "kind: `force_error` (the smallest field that meets it, `tail` and `missed`) or `bytes` "
+        "(the best that fits); by default `spline-auto` gets 800,000 bytes, and `compact-auto` "
+        "500,000",
     )
     vti: bool = Field(
         False, description="also write every grid field as `.vti`, for ParaView and 3D Slicer"

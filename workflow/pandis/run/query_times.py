@@ -17,8 +17,8 @@ class QueryTimes:
     ----------
     path : path-like
         CSV with the columns ``kind``, ``size``, ``microseconds``; lines with # are notes. Sizes
-        are faces (exact), nodes per axis (grids), bytes (spline), units per layer (network, of
-        four layers).
+        are faces (exact, compact), nodes per axis (grids), bytes (spline), units per layer
+        (network, of four layers).
 
     Raises
     ------

@@ -14,6 +14,7 @@ from pandis.run.recipes import budgeted
 from pandis.run.sourcing import url_extension
 from pandis.run.tasks import (
     BakeAutoTask,
+    BakeCompactAutoTask,
     BakeCompactTask,
     BakeSplineTask,
     BakeTask,
@@ -168,6 +169,10 @@ def _is_searched(spec):
     return spec.kind in GRID_FIELDS and spec.size == AUTO
 
 
+def _is_compact(spec):
+    return spec.kind == COMPACT and spec.size != AUTO
+
+
 def _grids(entry):
     return [spec for spec in field_specs(entry) if spec.kind in GRID_FIELDS]
 
@@ -238,6 +243,11 @@ def _bake_auto(job):
 
 def _bake_compact(job):
     return BakeCompactTask(bits=int(job.wildcards["bits"]), seed=job.seed)
+
+
+def _bake_compact_auto(job):
+    target = job.entry.bake.auto[COMPACT]
+    return BakeCompactAutoTask(**dict(target), **_scale(job, target), seed=job.seed)
 
 
 def _support_planes(job):
@@ -322,8 +332,12 @@ STAGES = {
         _holders(_is_searched, lambda s: {"kind": s.kind}), _bake_auto, "grids", in_scenes=True
     ),
     "bake_compact": Stage(
-        _holders(lambda s: s.kind == COMPACT, lambda s: {"bits": str(s.size)}), _bake_compact,
-        "grids", in_scenes=True,
+        _holders(_is_compact, lambda s: {"bits": str(s.size)}), _bake_compact, "grids",
+        in_scenes=True,
+    ),
+    "bake_compact_auto": Stage(
+        _holders(lambda s: s.kind == COMPACT and s.size == AUTO), _bake_compact_auto, "grids",
+        in_scenes=True,
     ),
     "bake_spline": Stage(
         _holders(_is_spline, lambda s: {"size": str(s.size)}), _bake_spline, "grids", in_scenes=True

@@ -94,6 +94,12 @@ class BakeCompactTask(Options):
     seed: int
 
 
+class BakeCompactAutoTask(GridTarget, DeviceOptions):
+    """Search bits and faces of a compact mesh, and pack it."""
+
+    seed: int
+
+
 class SupportPlanesTask(Options):
     """Lay support planes around a mesh: nothing is asked."""
 

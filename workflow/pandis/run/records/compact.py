@@ -4,13 +4,15 @@ from pandis.run.records.record import Record
 
 
 class CompactRecord(Record):
-    """A compact mesh: bits of a coordinate; what is left of faces and vertices; how far the two
-    surfaces lie apart at most, and by how much rounding can make a distance too large; faces that
-    look to the other side than before; its largest coordinate, and its box (unit frame).
+    """A compact mesh: bits of a coordinate; how many faces and vertices it has, and how many faces
+    the mesh had; how far the two surfaces lie apart at most, and by how much rounding can make a
+    distance too large; faces that look to the other side than before; its largest coordinate, and
+    its box (unit frame).
     """
 
     bits: int
     faces: int
+    faces_before: int
     vertices: int
     deviation: float
     rounding: float

@@ -1,0 +1,178 @@
+"""`compact-auto`: bits and faces for the bytes or the error that are asked for; its bound."""
+
+import numpy as np
+import pytest
+
+from pandis.errors import PandisError
+from pandis.evaluation.points import Points
+from pandis.fields.compact_sizing import ENOUGH_BITS, CompactSizing, Packer
+from pandis.fields.sizing import Candidate
+from pandis.geometry.body import Body
+from pandis.geometry.distance import MeshDistance
+from pandis.geometry.frame import Frame
+from pandis.geometry.hausdorff import distance_to_triangles, farthest
+from pandis.geometry.physical import Scale
+from pandis.geometry.sampling import Surface
+from pandis.geometry.shapes import SHAPES
+from pandis.grids.compact import size_of
+from pandis.run.catalogue import parse_field
+from pandis.run.tasks import BakeCompactAutoTask
+from support import box_mesh
+from test_compact import UNIT, crown, fitted, hull
+
+
+def silent(text):
+    """Take a line of a log, and say nothing."""
+
+
+def wavy(count=4000):
+    """Return a ball with waves on it: what is left out of it is missed."""
+    vertices, faces = hull(count, 3)
+    turn = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+    waves = 1 + 0.05 * np.prod(np.sin(9 * turn + 0.3), axis=1)
+    return fitted(vertices * waves[:, None]), faces
+
+
+def body_and_points(mesh):
+    """Return a body, and the points that its fields are chosen by."""
+    body = Body(*mesh, UNIT)
+    return body, Points(body.surface, body.distance, Scale(0.1, 400.0), 1)
+
+
+@pytest.fixture(autouse=True)
+def _fewer_sides(monkeypatch):
+    """Sides at a million points take longer than all else here."""
+    monkeypatch.setattr("pandis.grids.compact.SIDES", 50_000)
+
+
+@pytest.fixture(scope="module")
+def waves():
+    """Return a body with waves, and its points."""
+    return body_and_points(wavy())
+
+
+def test_the_bound_of_a_shifted_box_is_the_shift():
+    """Its corners are farthest: by the shift's length outside, and by no more than that inside."""
+    vertices, faces = box_mesh()
+    vertices = fitted(vertices) * 0.5
+    shift = np.array([0.02, 0.01, 0.03])
+    engine = MeshDistance(vertices, faces)
+    found = farthest(vertices + shift, faces, engine)
+    assert np.linalg.norm(shift) * (1 - 1e-12) <= found <= 1.1 * np.linalg.norm(shift)
+    assert farthest(vertices, faces, engine) <= 1e-7
+
+
+def test_a_spike_is_seen_from_its_own_side_alone():
+    """Where surfaces differ in one place only the bound says by how much; the two ways differ."""
+    vertices, faces = hull(2000, 1)
+    spiked = vertices.copy()
+    spiked[7] *= 1.5
+    height = np.linalg.norm(spiked[7] - vertices[7])
+    one, other = MeshDistance(vertices, faces), MeshDistance(spiked, faces)
+    there, back = farthest(spiked, faces, one), farthest(vertices, faces, other)
+    assert height * 0.99 <= there <= 1.1 * height
+    assert back < 0.3 * height
+    for mesh, bound in ((spiked, there), (vertices, back)):
+        engine = one if mesh is spiked else other
+        points = Surface(mesh, faces).draw(200_000, np.random.default_rng(0))[0]
+        assert np.abs(engine.distance_and_normal(points, check=False)[0]).max() <= bound
+
+
+def test_a_plane_of_many_small_faces_ends_with_a_bound_that_holds(monkeypatch):
+    """There cutting does not end by itself: the bound is what was reached, not an error."""
+    vertices, faces = SHAPES["box"].tessellation()
+    vertices = fitted(vertices)
+    few = fitted(box_mesh()[0]) * np.ptp(vertices, axis=0) / np.ptp(fitted(box_mesh()[0]), axis=0)
+    monkeypatch.setattr("pandis.geometry.hausdorff._MOST", 100_000)
+    bound = farthest(few * 0.999, box_mesh()[1], MeshDistance(vertices, faces))
+    assert 0.0009 * np.abs(vertices).max() <= bound < 0.05
+
+
+def test_distances_to_triangles_are_those_of_the_tree():
+    vertices, faces = crown(200)
+    engine = MeshDistance(vertices, faces)
+    points = np.random.default_rng(1).uniform(-1, 1, (2000, 3))
+    labels = engine.label(points, ties=False, check=False)
+    near = distance_to_triangles(points, vertices[faces[labels.face]])
+    assert near == pytest.approx(np.abs(labels.distance), abs=1e-12)
+    for face in faces[:50]:
+        assert (distance_to_triangles(points, np.tile(vertices[face], (2000, 1, 1)))
+                >= near - 1e-12).all()  # fmt: skip
+
+
+def test_more_bytes_err_less_and_every_bound_holds(waves):
+    body, points = waves
+    packer, errors = Packer(body, points, 1, silent), []
+    for budget in (7000, 20_000, 60_000, 150_000):
+        made = packer.within(budget)
+        record = made.field.record
+        assert size_of(made.arrays) <= budget
+        errors.append(points.measure(made.force).figures["mean"])
+        probes = np.random.default_rng(2).uniform(-1, 1, (100_000, 3))
+        probes[::2] = 0.99 * body.corners[np.arange(50_000) % len(body.corners)]
+        exact = np.abs(body.distance.distance_and_normal(probes, check=False)[0])
+        distance, _ = made.field.answer(probes)
+        assert np.abs(np.abs(distance) - exact).max() <= record.deviation + record.rounding
+        fewer = record.faces < len(body.faces)
+        assert fewer == (budget < 60_000)
+        assert record.faces_before == len(body.faces)
+        assert fewer or record.bits >= ENOUGH_BITS
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 0.1 * errors[0]
+
+
+def test_the_same_mesh_gives_the_same_bytes(waves):
+    body, points = waves
+    one, other = (Packer(body, points, 1, silent).within(15_000) for _ in range(2))
+    assert all(np.array_equal(one.arrays[key], other.arrays[key]) for key in one.arrays)
+
+
+def sized(waves, **target):
+    """Return attributes of a compact mesh that was asked for by a target."""
+    body, points = waves
+    options = BakeCompactAutoTask(seed=1, **target)
+    return CompactSizing(body, points, options, silent).find()
+
+
+def test_an_error_takes_the_first_bytes_that_meet_it(waves):
+    arrays, attributes = sized(waves, force_error="10 mN")
+    tried = attributes["sizing"]["tried"]
+    assert [one["size"] for one in tried] == sorted(one["size"] for one in tried)
+    assert tried[-1]["size"] == size_of(arrays)
+    assert len(tried) > 1
+    limits = waves[1].limits(BakeCompactAutoTask(seed=1, force_error="10 mN"))
+    assert tried[-1]["force_error"] <= limits.mean < tried[-2]["force_error"]
+
+
+def test_what_cannot_be_met_is_said(waves):
+    with pytest.raises(PandisError, match=r"bake\.auto\.compact.*no compact mesh within 300 bytes"):
+        sized(waves, bytes=300)
+    with pytest.raises(PandisError, match=r"bake\.auto\.compact.*the nearest, .* bytes"):
+        sized(waves, force_error=1e-9)
+
+
+def test_a_candidate_on_the_wrong_side_gives_way_to_the_next(waves, monkeypatch):
+    """Sides are compared at a million points before a candidate is taken."""
+    body, points = waves
+    best = Packer(body, points, 1, silent).within(15_000)
+    seen, told = [], []
+
+    def refused_once(body, arrays, record, seed):
+        seen.append(record.bits)
+        if len(seen) == 1:
+            raise PandisError("one of them on the wrong side")
+
+    monkeypatch.setattr("pandis.fields.compact_sizing.compare_sides", refused_once)
+    second = Packer(body, points, 1, told.append).within(15_000)
+    assert isinstance(second, Candidate)
+    assert second.field.record.bits != best.field.record.bits
+    assert any("turned down: one of them on the wrong side" in line for line in told)
+
+
+def test_its_name_stands_for_one_artifact():
+    spec = parse_field("compact-auto", ())
+    assert (spec.kind, spec.artifact, spec.size, spec.native) == (
+        *("compact", "compact-auto", "auto"),
+        True,
+    )
+    assert Frame.of_bounds(np.zeros(3), np.ones(3)).scale == 1.8

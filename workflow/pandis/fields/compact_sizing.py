@@ -1,0 +1,182 @@
+"""Compact meshes of which the user names the bytes, or the error, not bits and faces."""
+
+from functools import cached_property
+from math import inf
+
+from pandis.errors import PandisError
+from pandis.fields.compact import CompactField
+from pandis.fields.sizing import Candidate
+from pandis.geometry.measure import promise
+from pandis.grids.compact import bound_deviation, compare_sides, pack_body, size_of, told
+from pandis.mesh.tools import ToolError, call
+from pandis.mesh.topology import EdgeTable
+from pandis.run.artifact import Artifact
+from pandis.run.catalogue import COMPACT, COMPACT_BITS
+
+#: With so many bits rounding is far below what leaving out faces costs.
+ENOUGH_BITS = 14
+#: Bits that are tried with fewer faces.
+_FEWER = 12, 14
+#: Bytes that are tried, from few to many, where an error is asked for.
+_BYTES = tuple(12_500 * 2**k for k in range(16))
+#: Simplifications in which the bytes that are asked for must be met.
+_ROUNDS = 6
+#: What one simplification may take.
+_LIMITS = {"seconds": 900.0, "memory_gb": 8.0}
+
+
+class Packer:
+    """Makes compact meshes of one body.
+
+    Parameters
+    ----------
+    body : pandis.geometry.body.Body
+    points : pandis.evaluation.points.Points
+        Of that body: what its candidates are chosen by.
+    seed : int
+        Of the points at which sides are compared.
+    log : callable
+    """
+
+    def __init__(self, body, points, seed, log):
+        self.body, self.points, self.seed, self.log = body, points, seed, log
+        self._whole = {}
+
+    def within(self, budget):
+        """Return the `Candidate` of least error that fits into so many bytes; None if none does.
+
+        A budget of None takes what there is.
+
+        Where all faces fit with bits enough that is the one with the most bits. Elsewhere it
+        competes with meshes of fewer faces, which quadrics leave out where the surface is flat.
+        """
+        candidates = [found] if (found := self._most_bits(budget or inf)) else []
+        if not candidates or candidates[0].field.record.bits < ENOUGH_BITS:
+            candidates += [found for bits in _FEWER if (found := self._fewer_faces(bits, budget))]
+        errors = [promise(one.force, self.points.choosing)[0]["mean"] for one in candidates]
+        for error, candidate in sorted(zip(errors, candidates, strict=True), key=lambda e: e[0]):
+            record = bound_deviation(self.body, candidate.arrays, candidate.field.record)
+            self.log(f"{told(candidate.arrays, record)}; mean error of the force {error:.2g}")
+            try:
+                compare_sides(self.body, candidate.arrays, record, self.seed)
+            except PandisError as wrong:
+                self.log(f"turned down: {wrong}")
+                continue
+            return self._candidate(candidate.arrays, record)
+        return None
+
+    def _candidate(self, arrays, record):
+        attributes = record.attributes()
+        artifact = Artifact(
+            None, COMPACT, arrays, attributes | self.body.frame.attributes(), {}, ""
+        )
+        return Candidate(CompactField(f"{COMPACT}-auto", artifact), arrays, attributes)
+
+    def _packed(self, bits):
+        """Return arrays and record of all faces on a lattice of so many bits; None if none is."""
+        if bits not in self._whole:
+            try:
+                self._whole[bits] = pack_body(self.body, bits)
+            except PandisError:
+                self._whole[bits] = None
+        return self._whole[bits]
+
+    def _most_bits(self, budget):
+        """Return the candidate of all faces with the most bits that fit; None if none do."""
+        low, high = COMPACT_BITS[0] - 1, COMPACT_BITS[1]
+        while low < high:  # more bits take more bytes
+            bits = (low + high + 1) // 2
+            packed = self._packed(bits)
+            if packed is None or size_of(packed[0]) <= budget:
+                low = bits
+            else:
+                high = bits - 1
+        packed = self._packed(low) if low >= COMPACT_BITS[0] else None
+        return self._candidate(*packed) if packed else None
+
+    def _fewer_faces(self, bits, budget):
+        """Return a candidate of as many faces as fit with so many bits; None if there is none."""
+        packed, surface = self._packed(bits), (self.body.corners, self.body.faces)
+        for _ in range(_ROUNDS):
+            if packed is None:
+                return None
+            size = size_of(packed[0])
+            if size <= budget:
+                return self._candidate(*packed)
+            # fewer faces are larger, and need bits more each
+            count = int(0.995 * len(surface[1]) * budget / size)
+            try:
+                surface = call("simplify", *surface, count=count, **_LIMITS)
+                if not EdgeTable(surface[1]).balanced:
+                    self.log(f"simplified to {len(surface[1]):,} faces it is not closed any more")
+                    return None
+                packed = pack_body(self.body, bits, surface)
+            except (ToolError, PandisError) as error:
+                self.log(f"simplified to {count:,} faces: {error}")
+                return None
+        return None
+
+
+class CompactSizing:
+    """Searches bits and faces of a compact mesh, for `compact-auto`.
+
+    Parameters
+    ----------
+    body : pandis.geometry.body.Body
+    points : pandis.evaluation.points.Points
+    options : pandis.run.tasks.BakeCompactAutoTask
+    log : callable
+    """
+
+    def __init__(self, body, points, options, log):
+        self.body, self.points, self.options, self.log = body, points, options, log
+        self.packer = Packer(body, points, options.seed, log)
+
+    @cached_property
+    def _limits(self):
+        return self.points.limits(self.options)
+
+    def find(self):
+        """Return arrays and attributes of the compact mesh; ``sizing`` says what was tried.
+
+        Raises
+        ------
+        PandisError
+            Nothing fits into the bytes, or meets the error.
+        """
+        tried = []
+        budgets = _BYTES if self.options.bytes is None else [self.options.bytes]
+        for budget in budgets:
+            candidate = self.packer.within(budget)
+            if candidate is None:
+                continue
+            asked = self._limits if self.options.bytes is None else None
+            measured = self.points.measure(candidate.force, asked)
+            tried.append((size_of(candidate.arrays), measured))
+            self.log(f"compact-auto: {self.points.told(measured.figures)}")
+            if not measured.why:
+                return candidate.arrays, candidate.attributes | {"sizing": self._sizing(tried)}
+            if candidate.field.record.bits == COMPACT_BITS[1]:
+                break  # all faces with all bits: nothing is nearer
+        raise PandisError(self._refusal(tried))
+
+    def _sizing(self, tried):
+        figures = tried[-1][1].figures
+        return {
+            "asked": self.options.model_dump(include={"force_error", "tail", "missed", "bytes"}),
+            "tried": [{"size": size, "force_error": one.figures["mean"]} for size, one in tried],
+            "held_out_error": figures["mean"],
+            "held_out": figures,
+        }
+
+    def _refusal(self, tried):
+        what = "compact-auto (bake.auto.compact)"
+        if not tried:
+            asked = self.options.bytes
+            within = f"within {asked:,} bytes" if asked else "of any size"
+            return f"{what}: no compact mesh {within} keeps the sides of the surface"
+        size, best = min(tried, key=lambda one: one[1].excess)
+        return (
+            f"{what}: no compact mesh meets {self.points.told_limits(self._limits)}; the nearest, "
+            f"{size:,} bytes, {best.why}: ask for less"
+        )
