@@ -1,6 +1,6 @@
 """What fits into few bytes: compact meshes against splines, on six meshes; docs/figures/small.csv.
 
-Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/small.py
+Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/small.py [MESH ...]
 
 Mean errors of the force (k = 1, unit frame): on the old sets, shallow and deep, and on the contact
 set, with the share of the surface that lacks the force there. Networks of about these sizes are in
@@ -50,9 +50,10 @@ def splined(body, points, budget):
 
 
 def main():
-    """Measure all meshes."""
-    rows = []
-    for mesh, source in MESHES.items():
+    """Measure all meshes, or those that are named."""
+    rows, asked = [], sys.argv[1:] or list(MESHES)
+    for mesh in asked:
+        source = MESHES[mesh]
         vertices, faces = load(source)
         frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
         body = Body(vertices, faces, frame)

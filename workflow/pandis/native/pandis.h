@@ -88,8 +88,9 @@ extern "C" {
  * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
  * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
  * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
- * may be too large, by some thousandths of the object there: see `clear`. */
-enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3 };
+ * may be too large, by some thousandths of the object there: see `clear`. BEYOND: of pandis_query_within alone, no
+ * surface is within its reach. */
+enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3, PANDIS_BEYOND = 4 };
 
 /* Why a field cannot be opened. */
 enum {
@@ -116,6 +117,12 @@ typedef struct {
     double clear; /* of a mesh on a lattice: no surface is nearer than this, but for rounding; else |distance| */
     int flag;
 } pandis_answer;
+
+/* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and
+ * given to another field: it makes a query faster, and changes no answer. */
+typedef struct {
+    uint64_t room[16];
+} pandis_hint;
 
 /* Everything below is the implementation's: read it, but do not rely on it. */
 typedef struct {
@@ -257,6 +264,18 @@ PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size
 
 /* Answer one point, in mesh units. Where it is no number distance, normal and slope are NaN. */
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
+
+/* Answer one point if the surface is nearer than `reach` (mesh units, not negative), to the last bit as
+ * pandis_query does. Else the flag may be PANDIS_BEYOND: then no surface is nearer than `clear`, which is the reach
+ * (less where the search was cut), nothing is said of the side, and distance, normal and slope are NaN. Of meshes
+ * that takes a look at a few boxes, wherever the point is; other fields, and bad reaches, are answered in full. */
+PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
+                                    pandis_answer *answer);
+
+/* Answer one point, to the last bit as pandis_query does: faster where
+ * the point before, with the same hint, was near. Of `exact` meshes; other fields have no use for a hint. */
+PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
+                                  pandis_answer *answer);
 
 /* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
  * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative, NaN or more than 1e100. */
@@ -544,6 +563,13 @@ static int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
 
 /* ---------------------------------------------------------------- closest points of a mesh */
 
+/* What is known when a search begins: a face that may be near (-1: none), and how far one looks (unit frame).
+ * Afterwards the face is the nearest. */
+typedef struct {
+    int32_t face;
+    double reach;
+} pandis__start;
+
 typedef struct {
     float bound;
     int32_t child;
@@ -744,15 +770,19 @@ static double pandis__sign(const pandis__mesh *t, const double *p, const pandis_
     return pandis__dot(foot->offset, n) < 0 ? -1 : 1;
 }
 
-PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, double *distance, double *normal) {
-    double start[3];
-    for (int k = 0; k < 3; k++) start[k] = u[k] - t->vertices[3 * (ptrdiff_t)t->faces[0] + k];
-    /* any point of the surface is a bound, with room for rounding */
-    double limit = sqrt(pandis__dot(start, start)) * (1 + 1e-9) + 1e-12 * t->reach;
+PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
+                                             double *distance, double *normal) {
+    pandis__foot foot;
+    int32_t known = begin->face >= 0 && begin->face < t->face_count ? begin->face : 0;
+    pandis__find_mesh_foot(t, known, u, &foot);
+    /* any face is a bound, with room for rounding */
+    double limit = foot.distance * (1 + 1e-9) + 1e-12 * t->reach;
+    if (begin->reach < limit) limit = begin->reach * (1 + 1e-9) + 1e-12 * t->reach;
     int32_t face = pandis__nearest(t, u, limit * limit);
+    if (face == INT32_MAX && limit > begin->reach) return PANDIS_BEYOND;
     if (face == INT32_MAX) face = pandis__nearest(t, u, (double)INFINITY);
     if (face == INT32_MAX) return PANDIS_INVALID;
-    pandis__foot foot;
+    begin->face = face;
     double n[3];
     pandis__find_mesh_foot(t, face, u, &foot);
     pandis__pseudonormal(t, face, &foot, n);
@@ -1050,11 +1080,13 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
     }
 }
 
-/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. If there
- * were too many to look at, `clear` is how far all others are at least, squared; else infinite. */
-static int32_t pandis__search(const pandis__compact *t, const double *p, float *clear) {
+/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none within the
+ * reach (steps). If there were too many to look at, `clear` is how far all others are at least, squared; else
+ * infinite. */
+static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
+    if (reach < 1e18) best.squared = (float)(reach * reach), best.key = pandis__key(best.squared);
     pandis__search_depth(t, p, &best);
     if (best.unseen <= best.key && soon < t->most) {
         best.left = t->most - soon;
@@ -1233,8 +1265,8 @@ static int pandis__cut_side(const pandis__compact *t, const double *p, const dou
     return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double *distance,
-                                                double *normal, double *clear) {
+PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double reach,
+                                                double *distance, double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};
     float unseen;
@@ -1242,7 +1274,13 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
     /* from very far away the nearest face is that of a point in the same direction */
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
-    int32_t face = pandis__search(t, p, &unseen);
+    /* somewhat farther than the reach, for single precision may find a face too far away */
+    double steps = nearer < 1 ? (double)INFINITY : (reach * 1.0001 + 1e-3) / t->step;
+    int32_t face = pandis__search(t, p, steps, &unseen);
+    if (face == INT32_MAX && steps < 1e18) {
+        *clear = unseen < FLT_MAX ? fmin(reach, sqrt((double)unseen) * t->step) : reach;
+        return PANDIS_BEYOND;
+    }
     if (face == INT32_MAX) return PANDIS_INVALID;
     pandis__packed b;
     pandis__foot foot;
@@ -1769,9 +1807,10 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
 static void pandis__tell(const pandis_field *field, double d, double *n, double clear, int flag,
                          pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
-    if (flag == PANDIS_INVALID) {
+    if (flag == PANDIS_INVALID || flag == PANDIS_BEYOND) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
-        answer->slope = answer->clear = (double)NAN;
+        answer->slope = (double)NAN;
+        answer->clear = flag == PANDIS_BEYOND ? clear / field->scale : (double)NAN;
     } else {
         int forces = field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR;
         answer->slope = forces ? 0 : field->kind == PANDIS_SHAPE ? 1 : sqrt(pandis__dot(n, n));
@@ -1783,7 +1822,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
     answer->flag = flag;
 }
 
-PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
     int flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
@@ -1791,8 +1830,8 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
-            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], &d, n[0]); break;
-            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], &d, n[0], &clear); break;
+            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0]); break;
+            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin->reach, &d, n[0], &clear); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
                 d *= field->scale;
@@ -1801,7 +1840,27 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             default: break;
         }
     }
+    if (flag == PANDIS_BEYOND && field->kind == PANDIS_MESH) clear = begin->reach;
     pandis__tell(field, d, n[0], clear, flag, answer);
+}
+
+PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+    pandis__start begin = {-1, (double)INFINITY};
+    pandis__ask(field, point, &begin, answer);
+}
+
+PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
+                                    pandis_answer *answer) {
+    pandis__start begin = {-1, reach >= 0 ? reach * field->scale : (double)INFINITY};
+    pandis__ask(field, point, &begin, answer);
+}
+
+PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
+                                  pandis_answer *answer) {
+    /* a face and one, so that zero is none */
+    pandis__start begin = {hint->room[0] <= INT32_MAX ? (int32_t)hint->room[0] - 1 : -1, (double)INFINITY};
+    pandis__ask(field, point, &begin, answer);
+    hint->room[0] = (uint64_t)(begin.face + 1);
 }
 
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
@@ -1915,7 +1974,7 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
 
 /* The worse of two flags: no answer, an estimate, one that may be a little off. */
 static int pandis__worse(int one, int other) {
-    static const int rank[] = {0, 2, 3, 1}; /* by flag */
+    static const int rank[] = {0, 2, 3, 1, 0}; /* by flag */
     return rank[one] > rank[other] ? one : other;
 }
 

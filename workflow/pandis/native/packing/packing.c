@@ -360,6 +360,6 @@ void packing_distances(const void *branches, const void *blocks, const void *pac
                          .branches = branches, .blocks = blocks, .packed = packed};
     for (int64_t i = 0; i < count; i++) {
         double normal[3], clear;
-        pandis__answer_compact(&t, points + 3 * i, distance + i, normal, &clear);
+        pandis__answer_compact(&t, points + 3 * i, (double)INFINITY, distance + i, normal, &clear);
     }
 }

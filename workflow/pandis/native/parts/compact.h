@@ -126,11 +126,13 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
     }
 }
 
-/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none. If there
- * were too many to look at, `clear` is how far all others are at least, squared; else infinite. */
-static int32_t pandis__search(const pandis__compact *t, const double *p, float *clear) {
+/* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none within the
+ * reach (steps). If there were too many to look at, `clear` is how far all others are at least, squared; else
+ * infinite. */
+static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
+    if (reach < 1e18) best.squared = (float)(reach * reach), best.key = pandis__key(best.squared);
     pandis__search_depth(t, p, &best);
     if (best.unseen <= best.key && soon < t->most) {
         best.left = t->most - soon;
@@ -309,8 +311,8 @@ static int pandis__cut_side(const pandis__compact *t, const double *p, const dou
     return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double *distance,
-                                                double *normal, double *clear) {
+PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double reach,
+                                                double *distance, double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};
     float unseen;
@@ -318,7 +320,13 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
     /* from very far away the nearest face is that of a point in the same direction */
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
-    int32_t face = pandis__search(t, p, &unseen);
+    /* somewhat farther than the reach, for single precision may find a face too far away */
+    double steps = nearer < 1 ? (double)INFINITY : (reach * 1.0001 + 1e-3) / t->step;
+    int32_t face = pandis__search(t, p, steps, &unseen);
+    if (face == INT32_MAX && steps < 1e18) {
+        *clear = unseen < FLT_MAX ? fmin(reach, sqrt((double)unseen) * t->step) : reach;
+        return PANDIS_BEYOND;
+    }
     if (face == INT32_MAX) return PANDIS_INVALID;
     pandis__packed b;
     pandis__foot foot;

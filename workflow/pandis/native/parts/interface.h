@@ -43,6 +43,18 @@ PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size
 /* Answer one point, in mesh units. Where it is no number distance, normal and slope are NaN. */
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
+/* Answer one point if the surface is nearer than `reach` (mesh units, not negative), to the last bit as
+ * pandis_query does. Else the flag may be PANDIS_BEYOND: then no surface is nearer than `clear`, which is the reach
+ * (less where the search was cut), nothing is said of the side, and distance, normal and slope are NaN. Of meshes
+ * that takes a look at a few boxes, wherever the point is; other fields, and bad reaches, are answered in full. */
+PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
+                                    pandis_answer *answer);
+
+/* Answer one point, to the last bit as pandis_query does: faster where
+ * the point before, with the same hint, was near. Of `exact` meshes; other fields have no use for a hint. */
+PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
+                                  pandis_answer *answer);
+
 /* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
  * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative, NaN or more than 1e100. */
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);

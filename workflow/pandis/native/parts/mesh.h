@@ -1,5 +1,12 @@
 /* ---------------------------------------------------------------- closest points of a mesh */
 
+/* What is known when a search begins: a face that may be near (-1: none), and how far one looks (unit frame).
+ * Afterwards the face is the nearest. */
+typedef struct {
+    int32_t face;
+    double reach;
+} pandis__start;
+
 typedef struct {
     float bound;
     int32_t child;
@@ -200,15 +207,19 @@ static double pandis__sign(const pandis__mesh *t, const double *p, const pandis_
     return pandis__dot(foot->offset, n) < 0 ? -1 : 1;
 }
 
-PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, double *distance, double *normal) {
-    double start[3];
-    for (int k = 0; k < 3; k++) start[k] = u[k] - t->vertices[3 * (ptrdiff_t)t->faces[0] + k];
-    /* any point of the surface is a bound, with room for rounding */
-    double limit = sqrt(pandis__dot(start, start)) * (1 + 1e-9) + 1e-12 * t->reach;
+PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
+                                             double *distance, double *normal) {
+    pandis__foot foot;
+    int32_t known = begin->face >= 0 && begin->face < t->face_count ? begin->face : 0;
+    pandis__find_mesh_foot(t, known, u, &foot);
+    /* any face is a bound, with room for rounding */
+    double limit = foot.distance * (1 + 1e-9) + 1e-12 * t->reach;
+    if (begin->reach < limit) limit = begin->reach * (1 + 1e-9) + 1e-12 * t->reach;
     int32_t face = pandis__nearest(t, u, limit * limit);
+    if (face == INT32_MAX && limit > begin->reach) return PANDIS_BEYOND;
     if (face == INT32_MAX) face = pandis__nearest(t, u, (double)INFINITY);
     if (face == INT32_MAX) return PANDIS_INVALID;
-    pandis__foot foot;
+    begin->face = face;
     double n[3];
     pandis__find_mesh_foot(t, face, u, &foot);
     pandis__pseudonormal(t, face, &foot, n);

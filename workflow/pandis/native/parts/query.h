@@ -30,9 +30,10 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
 static void pandis__tell(const pandis_field *field, double d, double *n, double clear, int flag,
                          pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
-    if (flag == PANDIS_INVALID) {
+    if (flag == PANDIS_INVALID || flag == PANDIS_BEYOND) {
         answer->distance = answer->normal[0] = answer->normal[1] = answer->normal[2] = (double)NAN;
-        answer->slope = answer->clear = (double)NAN;
+        answer->slope = (double)NAN;
+        answer->clear = flag == PANDIS_BEYOND ? clear / field->scale : (double)NAN;
     } else {
         int forces = field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR;
         answer->slope = forces ? 0 : field->kind == PANDIS_SHAPE ? 1 : sqrt(pandis__dot(n, n));
@@ -44,7 +45,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
     answer->flag = flag;
 }
 
-PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
     int flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
@@ -52,8 +53,8 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
-            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], &d, n[0]); break;
-            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], &d, n[0], &clear); break;
+            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0]); break;
+            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin->reach, &d, n[0], &clear); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
                 d *= field->scale;
@@ -62,7 +63,27 @@ PANDIS_API void pandis_query(const pandis_field *field, const double point[3], p
             default: break;
         }
     }
+    if (flag == PANDIS_BEYOND && field->kind == PANDIS_MESH) clear = begin->reach;
     pandis__tell(field, d, n[0], clear, flag, answer);
+}
+
+PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
+    pandis__start begin = {-1, (double)INFINITY};
+    pandis__ask(field, point, &begin, answer);
+}
+
+PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
+                                    pandis_answer *answer) {
+    pandis__start begin = {-1, reach >= 0 ? reach * field->scale : (double)INFINITY};
+    pandis__ask(field, point, &begin, answer);
+}
+
+PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
+                                  pandis_answer *answer) {
+    /* a face and one, so that zero is none */
+    pandis__start begin = {hint->room[0] <= INT32_MAX ? (int32_t)hint->room[0] - 1 : -1, (double)INFINITY};
+    pandis__ask(field, point, &begin, answer);
+    hint->room[0] = (uint64_t)(begin.face + 1);
 }
 
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {

@@ -70,7 +70,7 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
 
 /* The worse of two flags: no answer, an estimate, one that may be a little off. */
 static int pandis__worse(int one, int other) {
-    static const int rank[] = {0, 2, 3, 1}; /* by flag */
+    static const int rank[] = {0, 2, 3, 1, 0}; /* by flag */
     return rank[one] > rank[other] ? one : other;
 }
 

@@ -2,8 +2,9 @@
  * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
  * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
  * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
- * may be too large, by some thousandths of the object there: see `clear`. */
-enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3 };
+ * may be too large, by some thousandths of the object there: see `clear`. BEYOND: of pandis_query_within alone, no
+ * surface is within its reach. */
+enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3, PANDIS_BEYOND = 4 };
 
 /* Why a field cannot be opened. */
 enum {
@@ -30,6 +31,12 @@ typedef struct {
     double clear; /* of a mesh on a lattice: no surface is nearer than this, but for rounding; else |distance| */
     int flag;
 } pandis_answer;
+
+/* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and
+ * given to another field: it makes a query faster, and changes no answer. */
+typedef struct {
+    uint64_t room[16];
+} pandis_hint;
 
 /* Everything below is the implementation's: read it, but do not rely on it. */
 typedef struct {

@@ -55,7 +55,8 @@ def library():
     lib.runtime_forces.argtypes = [pointer, pointer, size, f64, pointer, pointer]
     lib.runtime_clear.argtypes = [pointer, pointer, size, pointer]
     lib.runtime_frame.argtypes = [pointer, pointer]
-    lib.runtime_time.argtypes = [pointer, pointer, size, size, pointer, pointer, size]
+    lib.runtime_answers.argtypes = [pointer, pointer, size, f64, *[pointer] * 4]
+    lib.runtime_time.argtypes = [pointer, pointer, size, size, f64, pointer, pointer, size]
     return lib
 
 
@@ -157,6 +158,39 @@ class NativeField:
         self._library.runtime_clear(self._field, *where)
         return clear
 
+    def query_within(self, points, reach):
+        """Answer points (n, 3) that are nearer to the surface than ``reach``, mesh units.
+
+        Returns
+        -------
+        answer : NativeAnswer
+            As of `query`; NaN, flagged 4, where no surface is within reach.
+        clear : ndarray, shape (n,)
+            No surface is nearer than this.
+        """
+        if not reach >= 0:
+            raise ValueError(f"a reach is a number from 0 on, not {reach}")
+        return self._answers(points, reach)
+
+    def follow(self, points):
+        """Answer points (n, 3) of a path, each with what is known from the one before.
+
+        Returns
+        -------
+        NativeAnswer
+            That of `query`, to the last bit.
+        """
+        return self._answers(points, -1.0)[0]
+
+    def _answers(self, points, reach):
+        points = _rows(points)
+        count = len(points)
+        answer = NativeAnswer(np.empty(count), np.empty((count, 3)), np.empty(count, np.uint8))
+        clear = np.empty(count)
+        columns = [column.ctypes.data for column in (*answer, clear)]
+        self._library.runtime_answers(self._field, points.ctypes.data, count, reach, *columns)
+        return answer, clear
+
     def _query(self, points, slopes=False):
         points = _rows(points)
         count = len(points)
@@ -192,17 +226,19 @@ class NativeField:
         )
         return forces
 
-    def time(self, points, queries, cold=False):
+    def time(self, points, queries, cold=False, reach=None, follow=False):
         """Return the seconds (queries,) of single queries at points (n, 3) in turn.
 
-        ``cold``: before each of them other work empties the caches.
+        ``cold``: before each of them other work empties the caches. ``reach``: as `query_within`
+        asks; ``follow``: as `follow` does.
         """
         points = _rows(points)
         if not len(points) or queries < 1:
             raise ValueError("at least one point and one query are needed")
         taken, other = np.empty(queries), np.zeros(CACHES if cold else 0, np.uint8)
+        how = -2.0 if follow else -1.0 if reach is None else reach
         self._library.runtime_time(
-            self._field, points.ctypes.data, len(points), queries, taken.ctypes.data,
+            self._field, points.ctypes.data, len(points), queries, how, taken.ctypes.data,
             other.ctypes.data, len(other),
         )  # fmt: skip
         return taken

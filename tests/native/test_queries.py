@@ -1,0 +1,82 @@
+"""Queries with a reach, and from one point to the next: the same bits as without, and no lies."""
+
+import ctypes
+
+import numpy as np
+import pytest
+from test_header import NAMES, points_for
+
+from pandis.native.runtime import NativeField, library
+
+BEYOND = 4
+
+
+def same(one, other):
+    """Tell whether answers are equal to the last bit; NaN is equal to NaN."""
+    return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+               for a, b in zip(one, other, strict=True))  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("reach", [0.0, 0.02, 0.3, 1e9])
+def test_within_its_reach_a_query_is_the_same(name, reach, files):
+    """Beyond it nothing is answered, and no surface is nearer than it says."""
+    field = NativeField(files[name])
+    points, reach = points_for(field), reach / field.frame.scale
+    wanted = field.query(points)
+    found, clear = field.query_within(points, reach)
+    beyond = found.flag == BEYOND
+    assert same([c[~beyond] for c in found], [c[~beyond] for c in wanted])
+    assert (np.abs(wanted.distance[beyond]) >= reach).all()
+    assert np.isnan(found.distance[beyond]).all()
+    assert np.isnan(found.normal[beyond]).all()
+    assert (clear[beyond] == reach).all()
+    if name in ("exact", "compact") and reach:
+        # somewhat farther may be answered, for distances are first looked at in single precision
+        far = np.abs(wanted.distance) > 1.001 * reach + 2e-3 / field.frame.scale
+        assert np.array_equal(beyond, far) or not (beyond ^ far)[far].any()
+    elif name not in ("exact", "compact"):
+        assert not beyond.any()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_hint_changes_no_bit(name, files):
+    """Along a path, in leaps, and where there is no answer."""
+    field = NativeField(files[name])
+    leaps = points_for(field)
+    path = np.cumsum(np.random.default_rng(1).normal(0, 0.01, (3000, 3)), axis=0)
+    nowhere = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [1e200, 0, 0]])
+    for points in (leaps, field.frame.to_mesh(path), np.concatenate([nowhere, leaps, nowhere])):
+        assert same(field.follow(points), field.query(points))
+
+
+@pytest.mark.parametrize("word", [1, 2, 7, 1 << 31, (1 << 31) - 1, 1 << 63, (1 << 64) - 1])
+def test_a_hint_of_something_else_does_no_harm(word, files):
+    """What a caller has written over it, or of another field."""
+    lib = library()
+    lib.pandis_query_from.argtypes = [ctypes.c_void_p] * 4
+    for name in ("exact", "compact", "spline"):
+        field = NativeField(files[name])
+        points = points_for(field)[:50]
+        wanted = field.query(points)
+        answer = (ctypes.c_double * 8)()
+        for index, point in enumerate(points):
+            hint = (ctypes.c_uint64 * 16)(*[word] * 16)
+            at = (ctypes.c_double * 3)(*point)
+            lib.pandis_query_from(field.address, at, hint, answer)
+            assert answer[0] == wanted.distance[index]
+            assert tuple(answer[1:4]) == tuple(wanted.normal[index])
+
+
+def test_a_reach_that_is_none_is_refused_or_asks_for_all(files):
+    field = NativeField(files["exact"])
+    for reach in (-1.0, float("nan")):
+        with pytest.raises(ValueError, match="a reach is a number from 0 on"):
+            field.query_within([[0.0, 0, 0]], reach)
+    lib = library()
+    lib.pandis_query_within.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double,
+                                        ctypes.c_void_p]  # fmt: skip
+    answer, point = (ctypes.c_double * 8)(), (ctypes.c_double * 3)(*field.frame.centre)
+    for reach in (-1.0, float("nan"), float("inf")):
+        lib.pandis_query_within(field.address, point, reach, answer)
+        assert answer[0] == field.query([field.frame.centre]).distance[0]
