@@ -36,7 +36,7 @@ HEADER = NATIVE / "pandis.h"
 #: What pandis.h is joined from, in this order: `native/parts`.
 PARTS = (
     *("opening", "types", "interface", "basis", "sines", "bsplines", "mesh", "packed", "compact"),
-    *("network", "grid", "spline", "shape", "query", "scene", "sections", "trees", "file"),
+    *("network", "grid", "spline", "shape", "query", "refit", "scene", "sections", "trees", "file"),
 )
 END = "<!-- end of generated -->"
 
@@ -134,6 +134,8 @@ def generated():
             distances=tables.distance_table(),
             fields=tables.field_table(),
             compact=tables.compact_table(),
+            small=tables.small_table(),
+            refit=tables.refit_table(),
             order=tables.order_table(),
             full=tables.full_table(),
             native=tables.native_table(),

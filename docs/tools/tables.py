@@ -211,6 +211,60 @@ def compact_table():
     return _noted(table, notes)
 
 
+def small_table():
+    """Return the table of compact meshes and splines of few bytes."""
+    notes, rows = _figures("small")
+    table = [
+        "| mesh | at most (KB) | `compact-auto`: faces, bits | shallow / deep | contact, missing "
+        "| `spline-auto`: shallow / deep | contact, missing | of the spline, shallow and contact |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    kinds = ("compact-auto", "spline-auto")
+    by_case = {(row["mesh"], row["budget"], row["kind"]): row for row in rows}
+    for mesh, budget in dict.fromkeys((row["mesh"], row["budget"]) for row in rows):
+        packed, spline = (by_case[mesh, budget, kind] for kind in kinds)
+        cells = [mesh, f"{int(budget) / 1000:,.0f}"]
+        cells += [f"{int(packed['faces']):,}, {packed['bits']}" if packed["bits"] else "–"]
+        for row in (packed, spline):
+            cells += [" / ".join(_thousandths(row[name]) for name in ("shallow", "deep"))]
+            cells += [f"{_thousandths(row['contact'])}, {_percent(row['missing'])}"]
+        known = packed["bits"] and spline["contact"]
+        ratios = (
+            [float(packed[name]) / float(spline[name]) for name in ("shallow", "contact")]
+            if known
+            else []
+        )
+        table.append(_row([*cells, " and ".join(f"{ratio:.3g}" for ratio in ratios) or "–"]))
+    return _noted(table, notes)
+
+
+def _thousandths(value):
+    return f"{1e3 * float(value):.3g}" if value else "–"
+
+
+def _percent(value):
+    return f"{100 * float(value):.2g} %" if value else "–"
+
+
+def refit_table():
+    """Return the table of meshes that move."""
+    notes, rows = _figures("refit")
+    table = [
+        "| mesh, faces | shapes | refit, worst (ms) | distances compared, unequal "
+        "| query, 99.9 % (µs) | of a new tree (µs) | ratio |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        times = {key: float(value) for key, value in row.items() if key.endswith(("_us", "_ms"))}
+        cells = [f"{row['mesh'].partition(',')[0]}, {int(row['faces']):,}", row["frames"]]
+        cells += [f"{times['refit_ms']:.2f}, {times['refit_worst_ms']:.1f}"]
+        cells += [f"{int(row['compared']):,}, {row['unequal']}"]
+        cells += [f"{times['query_us']:.2f}, {times['query_p999_us']:.1f}"]
+        cells += [f"{times['fresh_us']:.2f}, {times['fresh_p999_us']:.1f}"]
+        table.append(_row([*cells, f"{times['query_us'] / times['fresh_us']:.2f}"]))
+    return _noted(table, notes)
+
+
 def distance_table():
     """Return the table of speed and memory."""
     notes, rows = _figures("distances")

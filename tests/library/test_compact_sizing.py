@@ -176,3 +176,17 @@ def test_its_name_stands_for_one_artifact():
         True,
     )
     assert Frame.of_bounds(np.zeros(3), np.ones(3)).scale == 1.8
+
+
+def test_a_lattice_too_fine_for_its_sides_gives_way_to_a_coarser_one(waves, monkeypatch):
+    """Where all faces fit: the next of fewer bits, not none at all."""
+    body, points = waves
+
+    def refused_beyond_17(body, arrays, record, seed):
+        if record.bits > 17:
+            raise PandisError("one of them on the wrong side")
+
+    monkeypatch.setattr("pandis.fields.compact_sizing.compare_sides", refused_beyond_17)
+    made = Packer(body, points, 1, silent).within(None)
+    assert made.field.record.bits == 17
+    assert made.field.record.faces == len(body.faces)

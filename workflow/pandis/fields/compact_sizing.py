@@ -1,6 +1,7 @@
 """Compact meshes of which the user names the bytes, or the error, not bits and faces."""
 
 from functools import cached_property
+from itertools import chain
 from math import inf
 
 from pandis.errors import PandisError
@@ -15,8 +16,8 @@ from pandis.run.catalogue import COMPACT, COMPACT_BITS
 
 #: With so many bits rounding is far below what leaving out faces costs.
 ENOUGH_BITS = 14
-#: Bits that are tried with fewer faces.
-_FEWER = 12, 14
+#: With fewer faces so many bits are tried first, then two more as long as that helps.
+_FEWEST_BITS = 12
 #: Bytes that are tried, from few to many, where an error is asked for.
 _BYTES = tuple(12_500 * 2**k for k in range(16))
 #: Simplifications in which the bytes that are asked for must be met.
@@ -47,16 +48,41 @@ class Packer:
 
         A budget of None takes what there is.
 
-        Where all faces fit with bits enough that is the one with the most bits. Elsewhere it
-        competes with meshes of fewer faces, which quadrics leave out where the surface is flat.
+        Where all faces fit with bits enough that is the one with the most bits whose sides are
+        right: very fine lattices keep sheets apart that single precision cannot tell apart.
+        Elsewhere it competes with meshes of fewer faces, which quadrics leave out where the
+        surface is flat.
         """
-        candidates = [found] if (found := self._most_bits(budget or inf)) else []
-        if not candidates or candidates[0].field.record.bits < ENOUGH_BITS:
-            candidates += [found for bits in _FEWER if (found := self._fewer_faces(bits, budget))]
-        errors = [promise(one.force, self.points.choosing)[0]["mean"] for one in candidates]
-        for error, candidate in sorted(zip(errors, candidates, strict=True), key=lambda e: e[0]):
+        most = self._most_bits(budget or inf)
+        if most and most.field.record.bits >= ENOUGH_BITS:
+            fewer = range(most.field.record.bits - 1, ENOUGH_BITS - 1, -1)
+            tried = ((inf, self._candidate(*self._packed(bits))) for bits in fewer)
+            return self._first_sound(chain([(self._error(most), most)], tried))
+        tried = [(self._error(most), most)] if most else []
+        tried += self._climb(budget)
+        return self._first_sound(sorted(tried, key=lambda one: one[0]))
+
+    def _error(self, candidate):
+        return promise(candidate.force, self.points.choosing)[0]["mean"]
+
+    def _climb(self, budget):
+        """Return errors and candidates of fewer faces, with bits as long as more of them help."""
+        tried = []
+        for bits in range(_FEWEST_BITS, COMPACT_BITS[1] + 1, 2):
+            candidate = self._fewer_faces(bits, budget)
+            if candidate is None:
+                continue
+            tried.append((self._error(candidate), candidate))
+            if len(tried) > 1 and tried[-1][0] >= tried[-2][0]:
+                break
+        return tried
+
+    def _first_sound(self, tried):
+        """Return the first candidate whose sides are right; None if there is none."""
+        for error, candidate in tried:
             record = bound_deviation(self.body, candidate.arrays, candidate.field.record)
-            self.log(f"{told(candidate.arrays, record)}; mean error of the force {error:.2g}")
+            known = f"; mean error of the force {error:.2g}" if error < inf else ""
+            self.log(f"{told(candidate.arrays, record)}{known}")
             try:
                 compare_sides(self.body, candidate.arrays, record, self.seed)
             except PandisError as wrong:

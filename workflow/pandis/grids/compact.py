@@ -192,5 +192,6 @@ def compare_sides(body, arrays, record, seed):
         raise PandisError(
             f"on a lattice of {record.bits} bits {wrong.sum():,} of {SIDES:,} points are on the "
             f"wrong side of the surface, one of them {np.abs(exact[wrong]).max():.2g} of the unit "
-            f"frame away from it ({record.turned:,} faces are turned over): take more bits"
+            f"frame away from it ({record.turned:,} faces are turned over): take more bits, "
+            "or, of more than 16, fewer: single precision cannot tell such sheets apart"
         )

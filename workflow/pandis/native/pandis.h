@@ -104,7 +104,8 @@ enum {
     PANDIS_ERROR_POSE = 8,     /* an object of a scene lies nowhere: see pandis_object */
     PANDIS_ERROR_ALIGNMENT = 9, /* the bytes do not begin at a multiple of 8 */
     PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
-    PANDIS_ERROR_LARGE = 11 /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
+    PANDIS_ERROR_LARGE = 11, /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
+    PANDIS_ERROR_VERTEX = 12 /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
 };
 
 enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };
@@ -188,6 +189,7 @@ typedef struct {
     const double *vertex_normals; /* (V, 3), angle-weighted, unit */
     const pandis__node *nodes;
     const pandis__leaf *leaves;
+    const int32_t *around, *corners_at; /* of a mesh that moves: of each vertex, the corners of faces that lie on it */
 } pandis__mesh;
 
 /* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to
@@ -284,6 +286,18 @@ PANDIS_API int pandis_force(const pandis_field *field, const double point[3], do
 /* Answer `count` points, three doubles each; normals (three doubles each) and flags may be NULL. */
 PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
                                   double *normals, unsigned char *flags);
+
+/* A mesh whose vertices move (`exact` fields alone). `moving` answers all queries as the field does, but for a
+ * shape of its own, in room of its own of pandis_refit_room bytes (0: no such field) at a multiple of 8. The field
+ * stays open as long, and `moving` needs no closing. Returns 0, PANDIS_ERROR_CONTENT or PANDIS_ERROR_ALIGNMENT. */
+PANDIS_API size_t pandis_refit_room(const pandis_field *field);
+PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room);
+
+/* Move the vertices: three doubles each, in mesh units, as many and in the order as in mesh.zarr.zip. The frame stays:
+ * points beyond its box are answered, and flagged as bounds. Distances are then those of a tree that was built
+ * anew, to the last bit; nothing is allocated. Tell scenes (pandis_scene_moved). Returns 0, or PANDIS_ERROR_VERTEX,
+ * and the old shape stays. No other thread may ask meanwhile. */
+PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices);
 
 /* An object of a scene: a field, and where it lies. A point p of the mesh lies at
  * scale * rotation * p + translation of the scene; the rotation, row by row, is one without
@@ -597,6 +611,25 @@ static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
     return pandis__normalise(n);
 }
 
+/* One triangle of a leaf. */
+static void pandis__set_lane(pandis__leaf *leaf, int lane, const double *p, const double *q, const double *s) {
+    double ab[3], ac[3], bc[3], n[3];
+    for (int k = 0; k < 3; k++) {
+        ab[k] = q[k] - p[k], ac[k] = s[k] - p[k], bc[k] = s[k] - q[k];
+        leaf->a[k][lane] = p[k], leaf->ab[k][lane] = ab[k], leaf->ac[k][lane] = ac[k];
+    }
+    double aa = pandis__dot(ab, ab), cc = pandis__dot(ac, ac), bb = pandis__dot(bc, bc), mix = pandis__dot(ab, ac);
+    pandis__cross(ab, ac, n);
+    double det = pandis__dot(n, n);
+    leaf->per_ab[lane] = aa > 0 ? 1 / aa : 0;
+    leaf->per_ac[lane] = cc > 0 ? 1 / cc : 0;
+    leaf->per_bc[lane] = bb > 0 ? 1 / bb : 0;
+    /* without an area no point projects into it: NaN fails every comparison */
+    leaf->gram_ab[lane] = det > 0 ? aa / det : (double)NAN;
+    leaf->gram_mix[lane] = det > 0 ? mix / det : (double)NAN;
+    leaf->gram_ac[lane] = det > 0 ? cc / det : (double)NAN;
+}
+
 /* Lower bounds of the squared distances to the boxes of a node's children. */
 static void pandis__box_bounds(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
                                float *PANDIS__RESTRICT out) {
@@ -658,6 +691,17 @@ static int pandis__push(const pandis__node *node, const float *bounds, double li
     return top;
 }
 
+/* Squared distances to the triangles of a leaf, whose vertices have moved. */
+PANDIS__APART static void pandis__moved_distances(const pandis__mesh *t, const pandis__leaf *leaf, const double *p,
+                                                  double *out) {
+    pandis__leaf own;
+    for (int lane = 0; lane < PANDIS__LEAF; lane++) {
+        int32_t face = leaf->face[lane < leaf->count ? lane : 0];
+        pandis__set_lane(&own, lane, pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2));
+    }
+    pandis__leaf_distances(&own, p, out);
+}
+
 /* The nearest triangle no farther than `best` (squared), INT32_MAX if there is none. */
 static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double best) {
     pandis__entry stack[PANDIS__STACK];
@@ -674,7 +718,10 @@ static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double be
             top = pandis__push(t->nodes + e.child, bounds, best, stack, top);
         } else {
             const pandis__leaf *leaf = t->leaves + ~e.child;
-            pandis__leaf_distances(leaf, p, d);
+            if (t->around)
+                pandis__moved_distances(t, leaf, p, d);
+            else
+                pandis__leaf_distances(leaf, p, d);
             for (int i = 0; i < leaf->count; i++)
                 if (d[i] < best || (d[i] == best && leaf->face[i] < face)) best = d[i], face = leaf->face[i];
         }
@@ -746,10 +793,36 @@ static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const do
     pandis__find_foot(c, p, foot);
 }
 
+/* What one face adds to the normal of its k-th corner: its own, weighted by its angle there. */
+static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
+    const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
+    const double *s = pandis__corner(t, face, (k + 2) % 3);
+    double u[3], v[3], c[3];
+    for (int i = 0; i < 3; i++) u[i] = q[i] - p[i], v[i] = s[i] - p[i];
+    pandis__cross(u, v, c);
+    double angle = atan2(sqrt(pandis__dot(c, c)), pandis__dot(u, v));
+    for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
+}
+
+/* The normal of a vertex; where the mesh moves, from its faces as they are. */
+static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double *n) {
+    if (!t->around) {
+        memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)vertex, 3 * sizeof *n);
+        return;
+    }
+    n[0] = n[1] = n[2] = 0;
+    for (int32_t i = t->around[vertex]; i < t->around[vertex + 1]; i++) {
+        int32_t at = t->corners_at[i];
+        double m[3];
+        if (pandis__face_normal(t, at / 3, m)) pandis__corner_normal(t, at / 3, at % 3, m, n);
+    }
+    (void)pandis__normalise(n);
+}
+
 /* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
 static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
     if (foot->corner >= 0) {
-        memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)t->faces[3 * (ptrdiff_t)face + foot->corner], 3 * sizeof *n);
+        pandis__vertex_normal(t, t->faces[3 * (ptrdiff_t)face + foot->corner], n);
         if (pandis__dot(n, n) > 0) return;
     }
     int known = pandis__face_normal(t, face, n);
@@ -1902,6 +1975,121 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
         }
     }
 }
+/* ---------------------------------------------------------------- meshes that move
+ *
+ * A refit writes the vertices and the boxes around them, and nothing else: triangles and normals of vertices are
+ * computed from the vertices where a query meets them. */
+
+static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
+
+PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
+    const pandis__mesh *m = &field->as.mesh;
+    if (field->kind != PANDIS_MESH) return 0;
+    uint64_t v = (uint64_t)m->vertex_count, f = (uint64_t)m->face_count, n = (uint64_t)m->node_count;
+    uint64_t leaves = (uint64_t)m->leaf_count * PANDIS__LEAF * 3;
+    uint64_t lists = pandis__whole_words(sizeof(int32_t) * (v + 1 + 3 * f + leaves));
+    return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
+}
+
+/* Widen a box by a point. */
+static void pandis__take_in(const double *p, float *low, float *high) {
+    for (int k = 0; k < 3; k++) {
+        float x = (float)p[k];
+        low[k] = x < low[k] ? x : low[k], high[k] = x > high[k] ? x : high[k];
+    }
+}
+
+/* The vertices of the triangles of a leaf: 12 of them, in the list behind the corners on each vertex. */
+static const int32_t *pandis__leaf_vertices(const pandis__mesh *m, int32_t leaf) {
+    return m->corners_at + 3 * (ptrdiff_t)m->face_count + 3 * PANDIS__LEAF * (ptrdiff_t)leaf;
+}
+
+/* The boxes of all nodes, those below first. */
+static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes) {
+    /* the float box of a point may be off by half a unit in the last place of the coordinates */
+    float pad = (float)(m->reach * 4e-7);
+    for (int32_t index = m->node_count - 1; index >= 0; index--) {
+        pandis__node *node = nodes + index;
+        for (int i = 0; i < PANDIS__WIDTH; i++) {
+            if (node->low[0][i] > node->high[0][i]) continue; /* there is no child */
+            float low[3] = {FLT_MAX, FLT_MAX, FLT_MAX}, high[3] = {-FLT_MAX, -FLT_MAX, -FLT_MAX};
+            int32_t child = node->child[i];
+            for (int lane = 0; child < 0 && lane < 3 * PANDIS__LEAF; lane++)
+                pandis__take_in(m->vertices + 3 * (ptrdiff_t)pandis__leaf_vertices(m, ~child)[lane], low, high);
+            for (int lane = 0; child >= 0 && lane < PANDIS__WIDTH; lane++)
+                for (int k = 0; k < 3; k++) {
+                    float below = nodes[child].low[k][lane], above = nodes[child].high[k][lane];
+                    low[k] = below < low[k] ? below : low[k], high[k] = above > high[k] ? above : high[k];
+                }
+            for (int k = 0; k < 3; k++) {
+                node->low[k][i] = child < 0 ? low[k] - pad : low[k];
+                node->high[k][i] = child < 0 ? high[k] + pad : high[k];
+            }
+        }
+    }
+}
+
+PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room) {
+    if (field->kind != PANDIS_MESH) return PANDIS_ERROR_CONTENT;
+    if ((uintptr_t)room % 8) return PANDIS_ERROR_ALIGNMENT;
+    const pandis__mesh *m = &field->as.mesh;
+    size_t v = (size_t)m->vertex_count, f = (size_t)m->face_count, n = (size_t)m->node_count;
+    double *vertices = (double *)room;
+    pandis__node *nodes = (pandis__node *)(void *)(vertices + 3 * v);
+    int32_t *around = (int32_t *)(void *)(nodes + n), *corners_at = around + v + 1;
+    memcpy(vertices, m->vertices, 3 * v * sizeof *vertices);
+    memcpy(nodes, m->nodes, n * sizeof *nodes);
+    /* the corners on each vertex, in the order of the faces, as where normals are summed up at first */
+    memset(around, 0, (v + 1) * sizeof *around);
+    for (size_t i = 0; i < 3 * f; i++) around[m->faces[i]]++;
+    int32_t before = 0;
+    for (size_t i = 0; i <= v; i++) {
+        int32_t here = around[i];
+        around[i] = before, before += here;
+    }
+    for (size_t i = 0; i < 3 * f; i++) corners_at[around[m->faces[i]]++] = (int32_t)i;
+    for (size_t i = v; i > 0; i--) around[i] = around[i - 1];
+    around[0] = 0;
+    int32_t *listed = corners_at + 3 * f;
+    for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
+        for (int i = 0; i < 3 * PANDIS__LEAF; i++) {
+            const pandis__leaf *l = m->leaves + leaf;
+            *listed++ = m->faces[3 * (ptrdiff_t)l->face[i / 3 < l->count ? i / 3 : 0] + i % 3];
+        }
+    *moving = *field;
+    moving->mapped = 0; /* the bytes are the field's, which lets go of them */
+    pandis__mesh *own = &moving->as.mesh;
+    own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
+    own->vertex_normals = NULL;
+    return 0;
+}
+
+PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
+    pandis__mesh *m = &moving->as.mesh;
+    if (moving->kind != PANDIS_MESH || !m->around) return PANDIS_ERROR_CONTENT;
+    size_t count = (size_t)m->vertex_count;
+    int good = 1;
+    for (int k = 0; k < 3; k++)
+        for (size_t i = 0; i < count; i++)
+            good &= fabs((vertices[3 * i + (size_t)k] - moving->centre[k]) * moving->scale) <= 1e30; /* not so for NaN */
+    if (!good) return PANDIS_ERROR_VERTEX;
+    double *own = (double *)(uintptr_t)m->vertices, most = 0; /* the room is the caller's */
+    double low[3], high[3];
+    for (int k = 0; k < 3; k++) low[k] = 1e300, high[k] = -1e300;
+    for (size_t i = 0; i < 3 * count; i += 3)
+        for (size_t k = 0; k < 3; k++) {
+            double x = (vertices[i + k] - moving->centre[k]) * moving->scale;
+            own[i + k] = x, low[k] = x < low[k] ? x : low[k], high[k] = x > high[k] ? x : high[k];
+        }
+    for (int k = 0; k < 3; k++) {
+        moving->low[k] = low[k], moving->high[k] = high[k];
+        most = fmax(most, fmax(-low[k], high[k]));
+    }
+    m->reach = most;
+    pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes);
+    return 0;
+}
+
 /* ---------------------------------------------------------------- scenes */
 
 /* A point of the scene in the coordinates of an object's mesh. */
@@ -2513,6 +2701,7 @@ PANDIS_API const char *pandis_error(int error) {
                    "-ffast-math and its parts";
         case PANDIS_ERROR_LARGE:
             return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
+        case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
         default: return "unknown error";
     }

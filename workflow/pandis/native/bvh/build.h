@@ -118,22 +118,7 @@ static int32_t add_leaf(Builder *b, const Range *r) {
     leaf->count = r->count;
     for (int lane = 0; lane < LEAF; lane++) {
         int32_t face = b->items[r->start + (lane < r->count ? lane : 0)].face;
-        const double *p = corner(t, face, 0), *q = corner(t, face, 1), *s = corner(t, face, 2);
-        double ab[3], ac[3], bc[3];
-        for (int k = 0; k < 3; k++) {
-            ab[k] = q[k] - p[k], ac[k] = s[k] - p[k], bc[k] = s[k] - q[k];
-            leaf->a[k][lane] = p[k], leaf->ab[k][lane] = ab[k], leaf->ac[k][lane] = ac[k];
-        }
-        double aa = dot(ab, ab), cc = dot(ac, ac), bb = dot(bc, bc), mix = dot(ab, ac), n[3];
-        cross(ab, ac, n);
-        double det = dot(n, n);
-        leaf->per_ab[lane] = aa > 0 ? 1 / aa : 0;
-        leaf->per_ac[lane] = cc > 0 ? 1 / cc : 0;
-        leaf->per_bc[lane] = bb > 0 ? 1 / bb : 0;
-        /* without an area no point projects into it: NaN fails every comparison */
-        leaf->gram_ab[lane] = det > 0 ? aa / det : NAN;
-        leaf->gram_mix[lane] = det > 0 ? mix / det : NAN;
-        leaf->gram_ac[lane] = det > 0 ? cc / det : NAN;
+        pandis__set_lane(leaf, lane, corner(t, face, 0), corner(t, face, 1), corner(t, face, 2));
         leaf->face[lane] = face;
     }
     return t->leaf_count++;
@@ -246,15 +231,8 @@ static void find_vertex_normals(Bvh *t) {
     for (int32_t f = 0; f < t->face_count; f++) {
         double n[3];
         if (!pandis__face_normal(&m, f, n)) continue;
-        for (int k = 0; k < 3; k++) {
-            const double *p = corner(t, f, k), *q = corner(t, f, (k + 1) % 3), *s = corner(t, f, (k + 2) % 3);
-            double u[3], v[3], c[3];
-            for (int i = 0; i < 3; i++) u[i] = q[i] - p[i], v[i] = s[i] - p[i];
-            cross(u, v, c);
-            double angle = atan2(sqrt(dot(c, c)), dot(u, v));
-            double *sum = t->vertex_normals + 3 * (size_t)t->faces[3 * (ptrdiff_t)f + k];
-            for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
-        }
+        for (int k = 0; k < 3; k++)
+            pandis__corner_normal(&m, f, k, n, t->vertex_normals + 3 * (size_t)t->faces[3 * (ptrdiff_t)f + k]);
     }
     for (int32_t v = 0; v < t->vertex_count; v++) normalise(t->vertex_normals + 3 * (size_t)v);
 }

@@ -63,6 +63,18 @@ PANDIS_API int pandis_force(const pandis_field *field, const double point[3], do
 PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
                                   double *normals, unsigned char *flags);
 
+/* A mesh whose vertices move (`exact` fields alone). `moving` answers all queries as the field does, but for a
+ * shape of its own, in room of its own of pandis_refit_room bytes (0: no such field) at a multiple of 8. The field
+ * stays open as long, and `moving` needs no closing. Returns 0, PANDIS_ERROR_CONTENT or PANDIS_ERROR_ALIGNMENT. */
+PANDIS_API size_t pandis_refit_room(const pandis_field *field);
+PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room);
+
+/* Move the vertices: three doubles each, in mesh units, as many and in the order as in mesh.zarr.zip. The frame stays:
+ * points beyond its box are answered, and flagged as bounds. Distances are then those of a tree that was built
+ * anew, to the last bit; nothing is allocated. Tell scenes (pandis_scene_moved). Returns 0, or PANDIS_ERROR_VERTEX,
+ * and the old shape stays. No other thread may ask meanwhile. */
+PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices);
+
 /* An object of a scene: a field, and where it lies. A point p of the mesh lies at
  * scale * rotation * p + translation of the scene; the rotation, row by row, is one without
  * reflection (columns of unit length, at right angles, within 1e-6), the scale positive, the stiffness

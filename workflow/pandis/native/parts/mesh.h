@@ -34,6 +34,25 @@ static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
     return pandis__normalise(n);
 }
 
+/* One triangle of a leaf. */
+static void pandis__set_lane(pandis__leaf *leaf, int lane, const double *p, const double *q, const double *s) {
+    double ab[3], ac[3], bc[3], n[3];
+    for (int k = 0; k < 3; k++) {
+        ab[k] = q[k] - p[k], ac[k] = s[k] - p[k], bc[k] = s[k] - q[k];
+        leaf->a[k][lane] = p[k], leaf->ab[k][lane] = ab[k], leaf->ac[k][lane] = ac[k];
+    }
+    double aa = pandis__dot(ab, ab), cc = pandis__dot(ac, ac), bb = pandis__dot(bc, bc), mix = pandis__dot(ab, ac);
+    pandis__cross(ab, ac, n);
+    double det = pandis__dot(n, n);
+    leaf->per_ab[lane] = aa > 0 ? 1 / aa : 0;
+    leaf->per_ac[lane] = cc > 0 ? 1 / cc : 0;
+    leaf->per_bc[lane] = bb > 0 ? 1 / bb : 0;
+    /* without an area no point projects into it: NaN fails every comparison */
+    leaf->gram_ab[lane] = det > 0 ? aa / det : (double)NAN;
+    leaf->gram_mix[lane] = det > 0 ? mix / det : (double)NAN;
+    leaf->gram_ac[lane] = det > 0 ? cc / det : (double)NAN;
+}
+
 /* Lower bounds of the squared distances to the boxes of a node's children. */
 static void pandis__box_bounds(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
                                float *PANDIS__RESTRICT out) {
@@ -95,6 +114,17 @@ static int pandis__push(const pandis__node *node, const float *bounds, double li
     return top;
 }
 
+/* Squared distances to the triangles of a leaf, whose vertices have moved. */
+PANDIS__APART static void pandis__moved_distances(const pandis__mesh *t, const pandis__leaf *leaf, const double *p,
+                                                  double *out) {
+    pandis__leaf own;
+    for (int lane = 0; lane < PANDIS__LEAF; lane++) {
+        int32_t face = leaf->face[lane < leaf->count ? lane : 0];
+        pandis__set_lane(&own, lane, pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2));
+    }
+    pandis__leaf_distances(&own, p, out);
+}
+
 /* The nearest triangle no farther than `best` (squared), INT32_MAX if there is none. */
 static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double best) {
     pandis__entry stack[PANDIS__STACK];
@@ -111,7 +141,10 @@ static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double be
             top = pandis__push(t->nodes + e.child, bounds, best, stack, top);
         } else {
             const pandis__leaf *leaf = t->leaves + ~e.child;
-            pandis__leaf_distances(leaf, p, d);
+            if (t->around)
+                pandis__moved_distances(t, leaf, p, d);
+            else
+                pandis__leaf_distances(leaf, p, d);
             for (int i = 0; i < leaf->count; i++)
                 if (d[i] < best || (d[i] == best && leaf->face[i] < face)) best = d[i], face = leaf->face[i];
         }
@@ -183,10 +216,36 @@ static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const do
     pandis__find_foot(c, p, foot);
 }
 
+/* What one face adds to the normal of its k-th corner: its own, weighted by its angle there. */
+static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
+    const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
+    const double *s = pandis__corner(t, face, (k + 2) % 3);
+    double u[3], v[3], c[3];
+    for (int i = 0; i < 3; i++) u[i] = q[i] - p[i], v[i] = s[i] - p[i];
+    pandis__cross(u, v, c);
+    double angle = atan2(sqrt(pandis__dot(c, c)), pandis__dot(u, v));
+    for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
+}
+
+/* The normal of a vertex; where the mesh moves, from its faces as they are. */
+static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double *n) {
+    if (!t->around) {
+        memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)vertex, 3 * sizeof *n);
+        return;
+    }
+    n[0] = n[1] = n[2] = 0;
+    for (int32_t i = t->around[vertex]; i < t->around[vertex + 1]; i++) {
+        int32_t at = t->corners_at[i];
+        double m[3];
+        if (pandis__face_normal(t, at / 3, m)) pandis__corner_normal(t, at / 3, at % 3, m, n);
+    }
+    (void)pandis__normalise(n);
+}
+
 /* The angle-weighted pseudonormal of what the closest point lies on; unit length. */
 static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pandis__foot *foot, double *n) {
     if (foot->corner >= 0) {
-        memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)t->faces[3 * (ptrdiff_t)face + foot->corner], 3 * sizeof *n);
+        pandis__vertex_normal(t, t->faces[3 * (ptrdiff_t)face + foot->corner], n);
         if (pandis__dot(n, n) > 0) return;
     }
     int known = pandis__face_normal(t, face, n);

@@ -18,7 +18,8 @@ enum {
     PANDIS_ERROR_POSE = 8,     /* an object of a scene lies nowhere: see pandis_object */
     PANDIS_ERROR_ALIGNMENT = 9, /* the bytes do not begin at a multiple of 8 */
     PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
-    PANDIS_ERROR_LARGE = 11 /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
+    PANDIS_ERROR_LARGE = 11, /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
+    PANDIS_ERROR_VERTEX = 12 /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
 };
 
 enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };
@@ -102,6 +103,7 @@ typedef struct {
     const double *vertex_normals; /* (V, 3), angle-weighted, unit */
     const pandis__node *nodes;
     const pandis__leaf *leaves;
+    const int32_t *around, *corners_at; /* of a mesh that moves: of each vertex, the corners of faces that lie on it */
 } pandis__mesh;
 
 /* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to

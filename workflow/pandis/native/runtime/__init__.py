@@ -54,6 +54,11 @@ def library():
     lib.runtime_bytes.restype, lib.runtime_bytes.argtypes = size, [pointer]
     lib.runtime_forces.argtypes = [pointer, pointer, size, f64, pointer, pointer]
     lib.runtime_clear.argtypes = [pointer, pointer, size, pointer]
+    lib.pandis_refit_room.restype, lib.pandis_refit_room.argtypes = size, [pointer]
+    lib.pandis_refit_open.argtypes = [pointer, pointer, pointer]
+    lib.pandis_refit.argtypes = [pointer, pointer]
+    lib.runtime_vertices.restype, lib.runtime_vertices.argtypes = ctypes.c_int64, [pointer]
+    lib.runtime_refit_time.restype, lib.runtime_refit_time.argtypes = f64, [pointer, pointer]
     lib.runtime_frame.argtypes = [pointer, pointer]
     lib.runtime_answers.argtypes = [pointer, pointer, size, f64, *[pointer] * 4]
     lib.runtime_time.argtypes = [pointer, pointer, size, size, f64, pointer, pointer, size]
@@ -119,6 +124,16 @@ class NativeField:
         numbers = (ctypes.c_double * 4)(*frame.centre, frame.scale)
         self._library.runtime_place(other._field, self._field, numbers)
         return other
+
+    def moving(self):
+        """Return a `MovingField` of this one, which must be an exact mesh.
+
+        Raises
+        ------
+        ValueError
+            The field is of another kind: it has no vertices that could move.
+        """
+        return MovingField(self)
 
     @property
     def kind(self):
@@ -241,6 +256,53 @@ class NativeField:
             self._field, points.ctypes.data, len(points), queries, how, taken.ctypes.data,
             other.ctypes.data, len(other),
         )  # fmt: skip
+        return taken
+
+
+class MovingField(NativeField):
+    """An exact mesh whose vertices move: answers as a field of the new shape would.
+
+    Parameters
+    ----------
+    field : NativeField
+        Of kind MESH; it lends its faces, and stays as it is.
+    """
+
+    def __init__(self, field):
+        room = field._library.pandis_refit_room(field._field)
+        if not room:
+            raise ValueError(f"{field.path}: only an exact mesh has vertices that can move")
+        self._library, self.path, self.frame = field._library, field.path, field.frame
+        self._field = ctypes.create_string_buffer(self._library.runtime_field_bytes())
+        self._lender, self._room = field, np.empty(room // 8)
+        self._library.pandis_refit_open(self._field, field._field, self._room.ctypes.data)
+
+    def refit(self, vertices):
+        """Move the vertices.
+
+        Parameters
+        ----------
+        vertices : ndarray, shape (V, 3), mesh units
+            In the order of ``mesh.zarr.zip``. The frame stays as it is: points beyond its box are
+            answered, and flagged as bounds.
+
+        Returns
+        -------
+        float
+            The seconds that it took.
+
+        Raises
+        ------
+        ValueError
+            There are more or fewer, or one is no finite number; the old shape stays.
+        """
+        vertices = _rows(vertices)
+        count = self._library.runtime_vertices(self._field)
+        if len(vertices) != count:
+            raise ValueError(f"the mesh has {count:,} vertices, not {len(vertices):,}")
+        taken = self._library.runtime_refit_time(self._field, vertices.ctypes.data)
+        if taken < 0:
+            raise ValueError("a vertex is no finite number, or too far away: the old shape stays")
         return taken
 
 

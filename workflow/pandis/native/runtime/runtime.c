@@ -64,6 +64,22 @@ void runtime_answers(const pandis_field *field, const double *points, size_t cou
     }
 }
 
+int64_t runtime_vertices(const pandis_field *field) {
+    return field->kind == PANDIS_MESH ? field->as.mesh.vertex_count : 0;
+}
+
+static double seconds(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* Seconds of one refit; below zero if it failed. */
+double runtime_refit_time(pandis_field *moving, const double *vertices) {
+    double start = seconds();
+    return pandis_refit(moving, vertices) ? -1 : seconds() - start;
+}
+
 /* How far from points certainly no surface is, as `pandis_answer` says it. */
 void runtime_clear(const pandis_field *field, const double *points, size_t count, double *clear) {
     pandis_answer answer;
@@ -71,12 +87,6 @@ void runtime_clear(const pandis_field *field, const double *points, size_t count
         pandis_query(field, points + 3 * i, &answer);
         clear[i] = answer.clear;
     }
-}
-
-static double seconds(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
 /* The penalty forces (three doubles each) and flags at points. */

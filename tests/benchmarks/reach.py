@@ -1,0 +1,58 @@
+"""Queries with a reach, and from tick to tick, against full ones; prints medians in microseconds.
+
+Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/reach.py
+
+Of three scans, as `exact` and as `compact-16`: a full query along a path with steps of 0.004 and of
+0.009 of the unit frame (0.5 m/s for an object of 10 cm), the latter with a hint, and at uniform
+points of the box, there also with a reach of 0.05. All take turns in one run.
+"""
+
+import numpy as np
+from common import SCANS, load
+
+from pandis.export.native import native_bytes
+from pandis.fields.exact import ExactField
+from pandis.geometry.body import Body
+from pandis.geometry.frame import Frame
+from pandis.geometry.trajectories import trace
+from pandis.grids.compact import file_parts, pack_body
+from pandis.native.runtime import COMPACT, NativeField, pack
+from pandis.run.options import TrajectoryOptions
+from pandis.run.stage import silent_progress
+
+UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+TURNS, QUERIES, REACH = 5, 8000, 0.05
+
+
+def path_of(body, step):
+    """Return the points of a path with such steps."""
+    options = TrajectoryOptions(samples=4000, step=step)
+    return trace(body.surface, body.distance, options, 1, silent_progress)[0]["points"]
+
+
+def main():
+    """Measure all scans."""
+    for mesh, source in SCANS.items():
+        body = Body(*load(source), UNIT)
+        path, fast = path_of(body, 0.004), path_of(body, 0.009)
+        box = np.random.default_rng(2).uniform(-1, 1, (4000, 3))
+        exact = NativeField(native_bytes(ExactField("exact", body), "exact", {}))
+        packed = NativeField(pack(COMPACT, UNIT, *file_parts(*pack_body(body, 16)), {}, 3))
+        cases = {
+            "path": (path, {}),
+            "fast path": (fast, {}),
+            "fast path, hint": (fast, {"follow": True}),
+            "box": (box, {}),
+            "box, reach": (box, {"reach": REACH}),
+        }
+        for name, field in (("exact", exact), ("compact-16", packed)):
+            taken = {case: [] for case in cases}
+            for _ in range(TURNS):
+                for case, (points, how) in cases.items():
+                    taken[case].append(np.median(field.time(points, QUERIES, **how)) * 1e6)
+            told = ", ".join(f"{case} {np.median(times):.3g}" for case, times in taken.items())
+            print(f"{mesh}, {name}: {told}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+/* ---------------------------------------------------------------- meshes that move
+ *
+ * A refit writes the vertices and the boxes around them, and nothing else: triangles and normals of vertices are
+ * computed from the vertices where a query meets them. */
+
+static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
+
+PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
+    const pandis__mesh *m = &field->as.mesh;
+    if (field->kind != PANDIS_MESH) return 0;
+    uint64_t v = (uint64_t)m->vertex_count, f = (uint64_t)m->face_count, n = (uint64_t)m->node_count;
+    uint64_t leaves = (uint64_t)m->leaf_count * PANDIS__LEAF * 3;
+    uint64_t lists = pandis__whole_words(sizeof(int32_t) * (v + 1 + 3 * f + leaves));
+    return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
+}
+
+/* Widen a box by a point. */
+static void pandis__take_in(const double *p, float *low, float *high) {
+    for (int k = 0; k < 3; k++) {
+        float x = (float)p[k];
+        low[k] = x < low[k] ? x : low[k], high[k] = x > high[k] ? x : high[k];
+    }
+}
+
+/* The vertices of the triangles of a leaf: 12 of them, in the list behind the corners on each vertex. */
+static const int32_t *pandis__leaf_vertices(const pandis__mesh *m, int32_t leaf) {
+    return m->corners_at + 3 * (ptrdiff_t)m->face_count + 3 * PANDIS__LEAF * (ptrdiff_t)leaf;
+}
+
+/* The boxes of all nodes, those below first. */
+static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes) {
+    /* the float box of a point may be off by half a unit in the last place of the coordinates */
+    float pad = (float)(m->reach * 4e-7);
+    for (int32_t index = m->node_count - 1; index >= 0; index--) {
+        pandis__node *node = nodes + index;
+        for (int i = 0; i < PANDIS__WIDTH; i++) {
+            if (node->low[0][i] > node->high[0][i]) continue; /* there is no child */
+            float low[3] = {FLT_MAX, FLT_MAX, FLT_MAX}, high[3] = {-FLT_MAX, -FLT_MAX, -FLT_MAX};
+            int32_t child = node->child[i];
+            for (int lane = 0; child < 0 && lane < 3 * PANDIS__LEAF; lane++)
+                pandis__take_in(m->vertices + 3 * (ptrdiff_t)pandis__leaf_vertices(m, ~child)[lane], low, high);
+            for (int lane = 0; child >= 0 && lane < PANDIS__WIDTH; lane++)
+                for (int k = 0; k < 3; k++) {
+                    float below = nodes[child].low[k][lane], above = nodes[child].high[k][lane];
+                    low[k] = below < low[k] ? below : low[k], high[k] = above > high[k] ? above : high[k];
+                }
+            for (int k = 0; k < 3; k++) {
+                node->low[k][i] = child < 0 ? low[k] - pad : low[k];
+                node->high[k][i] = child < 0 ? high[k] + pad : high[k];
+            }
+        }
+    }
+}
+
+PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room) {
+    if (field->kind != PANDIS_MESH) return PANDIS_ERROR_CONTENT;
+    if ((uintptr_t)room % 8) return PANDIS_ERROR_ALIGNMENT;
+    const pandis__mesh *m = &field->as.mesh;
+    size_t v = (size_t)m->vertex_count, f = (size_t)m->face_count, n = (size_t)m->node_count;
+    double *vertices = (double *)room;
+    pandis__node *nodes = (pandis__node *)(void *)(vertices + 3 * v);
+    int32_t *around = (int32_t *)(void *)(nodes + n), *corners_at = around + v + 1;
+    memcpy(vertices, m->vertices, 3 * v * sizeof *vertices);
+    memcpy(nodes, m->nodes, n * sizeof *nodes);
+    /* the corners on each vertex, in the order of the faces, as where normals are summed up at first */
+    memset(around, 0, (v + 1) * sizeof *around);
+    for (size_t i = 0; i < 3 * f; i++) around[m->faces[i]]++;
+    int32_t before = 0;
+    for (size_t i = 0; i <= v; i++) {
+        int32_t here = around[i];
+        around[i] = before, before += here;
+    }
+    for (size_t i = 0; i < 3 * f; i++) corners_at[around[m->faces[i]]++] = (int32_t)i;
+    for (size_t i = v; i > 0; i--) around[i] = around[i - 1];
+    around[0] = 0;
+    int32_t *listed = corners_at + 3 * f;
+    for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
+        for (int i = 0; i < 3 * PANDIS__LEAF; i++) {
+            const pandis__leaf *l = m->leaves + leaf;
+            *listed++ = m->faces[3 * (ptrdiff_t)l->face[i / 3 < l->count ? i / 3 : 0] + i % 3];
+        }
+    *moving = *field;
+    moving->mapped = 0; /* the bytes are the field's, which lets go of them */
+    pandis__mesh *own = &moving->as.mesh;
+    own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
+    own->vertex_normals = NULL;
+    return 0;
+}
+
+PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
+    pandis__mesh *m = &moving->as.mesh;
+    if (moving->kind != PANDIS_MESH || !m->around) return PANDIS_ERROR_CONTENT;
+    size_t count = (size_t)m->vertex_count;
+    int good = 1;
+    for (int k = 0; k < 3; k++)
+        for (size_t i = 0; i < count; i++)
+            good &= fabs((vertices[3 * i + (size_t)k] - moving->centre[k]) * moving->scale) <= 1e30; /* not so for NaN */
+    if (!good) return PANDIS_ERROR_VERTEX;
+    double *own = (double *)(uintptr_t)m->vertices, most = 0; /* the room is the caller's */
+    double low[3], high[3];
+    for (int k = 0; k < 3; k++) low[k] = 1e300, high[k] = -1e300;
+    for (size_t i = 0; i < 3 * count; i += 3)
+        for (size_t k = 0; k < 3; k++) {
+            double x = (vertices[i + k] - moving->centre[k]) * moving->scale;
+            own[i + k] = x, low[k] = x < low[k] ? x : low[k], high[k] = x > high[k] ? x : high[k];
+        }
+    for (int k = 0; k < 3; k++) {
+        moving->low[k] = low[k], moving->high[k] = high[k];
+        most = fmax(most, fmax(-low[k], high[k]));
+    }
+    m->reach = most;
+    pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes);
+    return 0;
+}
+
