@@ -22,7 +22,8 @@ def _noted(lines, notes):
 #: What somebody may want of a field, and the one of the default run to take.
 _WISHES = {
     "the truth": "exact",
-    "a small field": "spline-auto",
+    "a small field": "compact-auto",
+    "a force without edges": "spline-auto",
     "a network": "pandis-exact",
     "the paper's network": "pandis",
 }
