@@ -153,8 +153,9 @@ def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
     assert again.measured(kind, coarser)[0].why
 
 
-@pytest.mark.usefixtures("untrained", "without_compact")
+@pytest.mark.usefixtures("untrained")
 def test_time_counts(tmp_path):
+    """A table of before there were compact meshes takes none, and says why."""
     table = tmp_path / "times.csv"
     rows = ["kind,size,microseconds", "exact,1000,20", "exact,100000,40", "spline,800000,60"]
     rows += [f"{kind},64,{30 if kind == 'tricubic' else 50}" for kind in DENSE_KINDS]
@@ -163,6 +164,8 @@ def test_time_counts(tmp_path):
     assert held.attributes["choice"]["field"].startswith("tricubic-")
     assert held.attributes["choice"]["query_time"] == pytest.approx(30e-6)
     assert "µs" in held.attributes["considered"][0]["why"]
+    assert held.attributes["considered"][1]["field"] == "compact-auto"
+    assert "no query times of it" in held.attributes["considered"][1]["why"]
     times = QueryTimes(table)
     assert times.seconds("exact", 10_000) == pytest.approx(np.sqrt(20 * 40) * 1e-6)
     # beyond the table: on along its last step; a network at least in proportion to its weights

@@ -29,6 +29,7 @@ from pandis.native.packing import (
 from pandis.native.runtime import COMPACT, NativeField, pack
 from pandis.run.catalogue import parse_field
 from pandis.run.faults import near_field
+from shapes import open_shape
 from support import artifact, box_mesh
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -157,6 +158,19 @@ def test_sides_that_faces_alone_tell_are_wrong():
         distance, _, _ = native(snapped.vertices, snapped.faces, 14, sides)[0].query(points)
         wrong = (engine.inside(points) != (distance < 0)) & (np.abs(distance) > 2 * step_of(14))
         assert wrong.any() != right
+
+
+@pytest.mark.parametrize("bits", [12, 16, 20])
+def test_far_from_a_sharp_ridge_that_bends_in_no_side_is_wrong(bits):
+    """Single precision takes a ridge's corner there, that no point is nearest to."""
+    body = Body.open(open_shape("blade").mesh)
+    snapped = snap(body.corners, body.faces, bits)
+    field, _ = native(snapped.vertices, snapped.faces, bits)
+    engine = MeshDistance(to_unit(snapped.vertices, bits), snapped.faces)
+    points = np.random.default_rng(1).uniform(-1, 1, (400_000, 3))
+    distance, _, _ = field.query(points)
+    exact, _ = engine.distance_and_normal(points)
+    assert np.array_equal(distance < 0, exact < 0)
 
 
 def test_random_tetrahedra_have_no_wrong_side():

@@ -193,7 +193,7 @@ def test_thin_parts_get_the_exact_field_or_a_refusal_that_says_why(name, tmp_pat
         assert found <= 0.005
 
 
-@pytest.mark.parametrize("name", [*SMOOTH[:2], *THIN[:2]])
+@pytest.mark.parametrize("name", ["torus", "ring", "plate-1", "blade"])
 def test_promises_of_compact_meshes_are_kept(name, tmp_path):
     """Half of the exact field's bytes, and a twentieth: what is chosen keeps every limit."""
     exact = shape(name).engine.tree_bytes

@@ -265,11 +265,11 @@ def test_snakemakes_own_report_builds(rerun):
 
 
 def test_plan_of_the_default_config():
-    """Eleven fields of the bunny, five of the sphere, one chosen for the holed bunny."""
+    """Twelve fields of the bunny, five of the sphere, one chosen for the holed bunny."""
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     files = Plan(config, ROOT / "workflow").target("all")
     assert "results/bunny/export/trilinear-normal-64.onnx" in files
-    assert sum("/bunny/" in file for file in files) == 38
+    assert sum("/bunny/" in file for file in files) == 40
     assert sum("/sphere/" in file for file in files) == 22
     chosen = {file.removeprefix("results/bunny-holes/") for file in files if "-holes/" in file}
     assert chosen == {

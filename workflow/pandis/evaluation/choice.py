@@ -144,14 +144,21 @@ class Chooser:
         return Outcome(arrays, attributes, choice, _nothing)
 
     def _compact(self):
-        count = len(self.body.faces)
-        if not self._fitting(COMPACT, {count: 0}):
+        name, count = f"{COMPACT}-auto", len(self.body.faces)
+        if self.budget.query_time is not None and COMPACT not in self.times:
+            self._skip(
+                name, f"{self.times.path} has no query times of it: `snakemake -f calibrate`"
+            )
+            return None
+        slow = self._too_dear(COMPACT, count, 0)
+        if slow:
+            self._skip(name, f"{slow} with all {count:,} faces")
             return None
         packer = Packer(self.body, self.points, self.options.seed, self.log)
         candidate = packer.within(self.budget.bytes)
-        name = f"{COMPACT}-auto"
         if candidate is None:
-            self._skip(name, "no mesh on a lattice fits and keeps the sides of the surface")
+            fits = f" that fits into {self.budget.bytes:,} bytes" if self.budget.bytes else ""
+            self._skip(name, f"no mesh on a lattice{fits} has every point on its right side")
             return None
         measured = self.points.measure(candidate.force, self.limits)
         if not measured.why:

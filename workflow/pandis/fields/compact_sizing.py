@@ -53,10 +53,12 @@ class Packer:
         Elsewhere it competes with meshes of fewer faces, which quadrics leave out where the
         surface is flat.
         """
-        most = self._most_bits(budget or inf)
+        budget = inf if budget is None else budget
+        most = self._most_bits(budget)
         if most and most.field.record.bits >= ENOUGH_BITS:
             fewer = range(most.field.record.bits - 1, ENOUGH_BITS - 1, -1)
-            tried = ((inf, self._candidate(*self._packed(bits))) for bits in fewer)
+            packed = filter(None, map(self._packed, fewer))
+            tried = ((inf, self._candidate(*one)) for one in packed)
             return self._first_sound(chain([(self._error(most), most)], tried))
         tried = [(self._error(most), most)] if most else []
         tried += self._climb(budget)
@@ -123,12 +125,14 @@ class Packer:
     def _fewer_faces(self, bits, budget):
         """Return a candidate of as many faces as fit with so many bits; None if there is none."""
         packed, surface = self._packed(bits), (self.body.corners, self.body.faces)
-        for _ in range(_ROUNDS):
+        for rounds in range(_ROUNDS + 1):
             if packed is None:
                 return None
             size = size_of(packed[0])
             if size <= budget:
                 return self._candidate(*packed)
+            if rounds == _ROUNDS:
+                return None
             # fewer faces are larger, and need bits more each
             count = int(0.995 * len(surface[1]) * budget / size)
             try:
@@ -140,7 +144,6 @@ class Packer:
             except (ToolError, PandisError) as error:
                 self.log(f"simplified to {count:,} faces: {error}")
                 return None
-        return None
 
 
 class CompactSizing:
@@ -182,8 +185,9 @@ class CompactSizing:
             self.log(f"compact-auto: {self.points.told(measured.figures)}")
             if not measured.why:
                 return candidate.arrays, candidate.attributes | {"sizing": self._sizing(tried)}
-            if candidate.field.record.bits == COMPACT_BITS[1]:
-                break  # all faces with all bits: nothing is nearer
+            record = candidate.field.record
+            if record.bits == COMPACT_BITS[1] and record.faces == len(self.body.faces):
+                break  # nothing is nearer than all faces with all bits
         raise PandisError(self._refusal(tried))
 
     def _sizing(self, tried):
@@ -199,8 +203,8 @@ class CompactSizing:
         what = "compact-auto (bake.auto.compact)"
         if not tried:
             asked = self.options.bytes
-            within = f"within {asked:,} bytes" if asked else "of any size"
-            return f"{what}: no compact mesh {within} keeps the sides of the surface"
+            within = f"fits into {asked:,} bytes" if asked else "of any size is made"
+            return f"{what}: no compact mesh {within} with every point on its right side"
         size, best = min(tried, key=lambda one: one[1].excess)
         return (
             f"{what}: no compact mesh meets {self.points.told_limits(self._limits)}; the nearest, "

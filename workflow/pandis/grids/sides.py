@@ -20,6 +20,9 @@ _PLACES = np.array([[1 / 3, 1 / 3, 1 / 3], [0.9, 0.05, 0.05], [0.05, 0.9, 0.05],
 #: Cosine between the normals of faces of which one is folded back onto the other, and how low the
 #: lower one of them is (steps): rounding does not fold what is higher.
 _FOLD, _LOW = -0.7, 4.0
+#: Cosine between the normals around a corner and their mean, above which faces tell the side: as
+#: in packing/sides.h.
+SMOOTH = 0.82
 #: How many rings of faces around one that looks the wrong way may cross each other.
 _RINGS = 2
 
@@ -52,6 +55,7 @@ def find_sides(vertices, faces):
     corners, edges = known[: len(vertices)], known[len(vertices) :].reshape(-1, 3)
     corners[faces[wrong]] = BY_RAY
     edges[touched[faces] & touched[np.roll(faces, -1, axis=1)]] = BY_RAY
+    corners = _with_edges(corners, edges, faces, normal)
     return Sides(corners, edges, np.where(wrong, BY_RAY, BY_FACE).astype(np.uint8))
 
 
@@ -77,6 +81,35 @@ def _folded(faces, normal, low):
     folded = np.zeros(len(faces), bool)
     folded[one[back]] = folded[other[back]] = True
     return folded
+
+
+def _with_edges(corners, edges, faces, normal):
+    """Return the sides of corners, where one may be taken for a closest point on an edge.
+
+    Points far away are as near to a corner as to its edges beside it, in single precision. So
+    corners that no point is nearest to take the side of their edges, and where these disagree, or
+    say nothing about faces that look in many directions, a ray counts.
+    """
+    touched = np.zeros((len(corners), 4), bool)
+    for ends in (faces, np.roll(faces, -1, axis=1)):
+        touched[ends.ravel(), edges.ravel()] = True
+    both = touched[:, INSIDE] & touched[:, OUTSIDE]
+    by_edges = np.select([both, touched[:, INSIDE], touched[:, OUTSIDE]], [BY_RAY, INSIDE, OUTSIDE])
+    unknown = (corners == BY_FACE) & ~_smooth(faces, normal, len(corners))
+    sides = np.where(unknown, np.where(by_edges > 0, by_edges, BY_RAY), corners)
+    against = (sides == INSIDE) & touched[:, OUTSIDE] | (sides == OUTSIDE) & touched[:, INSIDE]
+    return np.where(against, BY_RAY, sides).astype(np.uint8)
+
+
+def _smooth(faces, normal, count):
+    """Tell around which corners all faces look nearly in their mean direction."""
+    owners = faces.ravel()
+    around = np.repeat(normal, 3, axis=0)
+    mean = np.column_stack([np.bincount(owners, around[:, k], count) for k in range(3)])
+    mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
+    least = np.ones(count)
+    np.minimum.at(least, owners, np.einsum("nk,nk->n", around, mean[owners]))
+    return least >= SMOOTH
 
 
 def _agreed(owners, inside, count):

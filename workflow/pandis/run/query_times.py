@@ -41,6 +41,9 @@ class QueryTimes:
                 "`snakemake -f calibrate`"
             ) from error
 
+    def __contains__(self, kind):
+        return kind in self.table
+
     def seconds(self, kind, size, layers=LAYERS):
         """Return the median time of one query.
 
