@@ -33,6 +33,7 @@ from shapes import open_shape
 from support import artifact, box_mesh
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+BEYOND = 4
 
 
 def fitted(vertices):
@@ -328,6 +329,22 @@ def test_a_query_that_has_too_much_to_look_at_is_cut_and_says_so():
     distance, _, flag = field.query(near)
     assert not flag.any()
     assert np.array_equal(field.clear(near), np.abs(distance))
+
+
+def test_within_a_reach_a_cut_query_answers_the_same():
+    """A search that begins with a reach takes another way, and is cut elsewhere."""
+    snapped = snap(*hull(40_000, 4), 16)
+    field, _ = native(snapped.vertices, snapped.faces, 16)
+    points = np.random.default_rng(2).normal(0, 0.02, (2000, 3))
+    wanted = field.query(points)
+    assert (wanted.flag == CUT).mean() > 0.5
+    for reach in (0.5, 0.88, 0.89, 0.9, 1.5):
+        found, clear = field.query_within(points, reach)
+        beyond = found.flag == BEYOND
+        for one, other in zip(found, wanted, strict=True):
+            assert np.array_equal(one[~beyond], other[~beyond])
+        assert (clear[beyond] == reach).all()
+        assert (np.abs(wanted.distance[beyond]) >= reach).all()
 
 
 def test_of_a_cut_answer_the_first_face_on_the_way_tells_the_side():

@@ -323,8 +323,10 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
     /* somewhat farther than the reach, for single precision may find a face too far away */
     double steps = nearer < 1 ? (double)INFINITY : (reach * 1.0001 + 1e-3) / t->step;
     int32_t face = pandis__search(t, p, steps, &unseen);
+    /* with too much to look at, a search with a reach takes another way and ends elsewhere */
+    if (unseen < FLT_MAX && steps < 1e18) steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
     if (face == INT32_MAX && steps < 1e18) {
-        *clear = unseen < FLT_MAX ? fmin(reach, sqrt((double)unseen) * t->step) : reach;
+        *clear = reach;
         return PANDIS_BEYOND;
     }
     if (face == INT32_MAX) return PANDIS_INVALID;

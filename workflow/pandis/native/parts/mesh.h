@@ -273,9 +273,11 @@ PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double
     pandis__find_mesh_foot(t, known, u, &foot);
     /* any face is a bound, with room for rounding */
     double limit = foot.distance * (1 + 1e-9) + 1e-12 * t->reach;
-    if (begin->reach < limit) limit = begin->reach * (1 + 1e-9) + 1e-12 * t->reach;
+    /* a reach, with room for what leaves lose on slivers */
+    int beyond = begin->reach < 1e18 && begin->reach < limit;
+    if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
     int32_t face = pandis__nearest(t, u, limit * limit);
-    if (face == INT32_MAX && limit > begin->reach) return PANDIS_BEYOND;
+    if (face == INT32_MAX && beyond) return PANDIS_BEYOND;
     if (face == INT32_MAX) face = pandis__nearest(t, u, (double)INFINITY);
     if (face == INT32_MAX) return PANDIS_INVALID;
     begin->face = face;
