@@ -155,7 +155,7 @@ def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
 
 @pytest.mark.usefixtures("untrained")
 def test_time_counts(tmp_path):
-    """A table of before there were compact meshes takes none, and says why."""
+    """With a table that lacks compact meshes none is taken, and the reason is given."""
     table = tmp_path / "times.csv"
     rows = ["kind,size,microseconds", "exact,1000,20", "exact,100000,40", "spline,800000,60"]
     rows += [f"{kind},64,{30 if kind == 'tricubic' else 50}" for kind in DENSE_KINDS]
@@ -165,7 +165,7 @@ def test_time_counts(tmp_path):
     assert held.attributes["choice"]["query_time"] == pytest.approx(30e-6)
     assert "µs" in held.attributes["considered"][0]["why"]
     assert held.attributes["considered"][1]["field"] == "compact-auto"
-    assert "no query times of it" in held.attributes["considered"][1]["why"]
+    assert "no query times of compact meshes" in held.attributes["considered"][1]["why"]
     times = QueryTimes(table)
     assert times.seconds("exact", 10_000) == pytest.approx(np.sqrt(20 * 40) * 1e-6)
     # beyond the table: on along its last step; a network at least in proportion to its weights

@@ -145,7 +145,9 @@ def test_an_error_takes_the_first_bytes_that_meet_it(waves):
 
 
 def test_what_cannot_be_met_is_said(waves):
-    with pytest.raises(PandisError, match=r"bake\.auto\.compact.*no compact mesh fits into 300"):
+    with pytest.raises(
+        PandisError, match=r"bake\.auto\.compact.*no compact mesh that fits into 300"
+    ):
         sized(waves, bytes=300)
     with pytest.raises(PandisError, match=r"bake\.auto\.compact.*the nearest, .* bytes"):
         sized(waves, force_error=1e-9)

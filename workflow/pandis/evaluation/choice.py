@@ -147,7 +147,9 @@ class Chooser:
         name, count = f"{COMPACT}-auto", len(self.body.faces)
         if self.budget.query_time is not None and COMPACT not in self.times:
             self._skip(
-                name, f"{self.times.path} has no query times of it: `snakemake -f calibrate`"
+                name,
+                f"{self.times.path} has no query times of compact meshes; "
+                "measure them with `snakemake -f calibrate`",
             )
             return None
         slow = self._too_dear(COMPACT, count, 0)

@@ -203,8 +203,8 @@ class CompactSizing:
         what = "compact-auto (bake.auto.compact)"
         if not tried:
             asked = self.options.bytes
-            within = f"fits into {asked:,} bytes" if asked else "of any size is made"
-            return f"{what}: no compact mesh {within} with every point on its right side"
+            fits = f" that fits into {asked:,} bytes" if asked else ""
+            return f"{what}: no compact mesh{fits} has every point on its right side"
         size, best = min(tried, key=lambda one: one[1].excess)
         return (
             f"{what}: no compact mesh meets {self.points.told_limits(self._limits)}; the nearest, "

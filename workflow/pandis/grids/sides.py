@@ -22,7 +22,7 @@ _PLACES = np.array([[1 / 3, 1 / 3, 1 / 3], [0.9, 0.05, 0.05], [0.05, 0.9, 0.05],
 _FOLD, _LOW = -0.7, 4.0
 #: Cosine between the normals around a corner and their mean, above which faces tell the side: as
 #: in packing/sides.h.
-SMOOTH = 0.82
+_SMOOTH = 0.82
 #: How many rings of faces around one that looks the wrong way may cross each other.
 _RINGS = 2
 
@@ -93,10 +93,9 @@ def _with_edges(corners, edges, faces, normal):
     touched = np.zeros((len(corners), 4), bool)
     for ends in (faces, np.roll(faces, -1, axis=1)):
         touched[ends.ravel(), edges.ravel()] = True
-    both = touched[:, INSIDE] & touched[:, OUTSIDE]
-    by_edges = np.select([both, touched[:, INSIDE], touched[:, OUTSIDE]], [BY_RAY, INSIDE, OUTSIDE])
+    by_edges = np.select([touched[:, INSIDE], touched[:, OUTSIDE]], [INSIDE, OUTSIDE], BY_RAY)
     unknown = (corners == BY_FACE) & ~_smooth(faces, normal, len(corners))
-    sides = np.where(unknown, np.where(by_edges > 0, by_edges, BY_RAY), corners)
+    sides = np.where(unknown, by_edges, corners)
     against = (sides == INSIDE) & touched[:, OUTSIDE] | (sides == OUTSIDE) & touched[:, INSIDE]
     return np.where(against, BY_RAY, sides).astype(np.uint8)
 
@@ -109,7 +108,7 @@ def _smooth(faces, normal, count):
     mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
     least = np.ones(count)
     np.minimum.at(least, owners, np.einsum("nk,nk->n", around, mean[owners]))
-    return least >= SMOOTH
+    return least >= _SMOOTH
 
 
 def _agreed(owners, inside, count):
