@@ -35,7 +35,18 @@ NATIVE = ROOT / "workflow" / "pandis" / "native"
 HEADER = NATIVE / "pandis.h"
 #: What pandis.h is joined from, in this order: `native/parts`.
 PARTS = (
-    *("opening", "types", "interface", "basis", "sines", "bsplines", "mesh", "packed", "compact"),
+    *(
+        "opening",
+        "types",
+        "interface",
+        "basis",
+        "sines",
+        "bsplines",
+        "triangles",
+        "mesh",
+        "packed",
+        "compact",
+    ),
     *("network", "grid", "spline", "shape", "query", "refit", "scene", "sections", "trees", "file"),
 )
 END = "<!-- end of generated -->"

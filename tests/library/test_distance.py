@@ -369,6 +369,71 @@ def test_needles_are_exact(aspect):
     assert off[20:].max() <= 2e-8
 
 
+def soup(kind, count, rng):
+    """Return triangles without any order, of a kind that single precision finds hard."""
+
+    def step(scale=1.0):
+        return scale * rng.normal(size=(count, 3))
+
+    def sizes(low, high):
+        return 10.0 ** rng.uniform(low, high, (count, 1))
+
+    a = rng.uniform(-1, 1, (count, 3))
+    if kind == "needles":
+        b = a + step(0.3)
+        c = b + step(sizes(-16, -3))
+    elif kind == "caps":
+        b = a + step(0.3)
+        c = a + (b - a) * rng.uniform(0, 1, (count, 1)) + step(sizes(-17, -2))
+    elif kind == "piles":  # of flat triangles whose widest angle single precision can hardly tell
+        b = a[:1] + [[0.9, 0.5, 0.1]] + 0 * a
+        c = a[:1] + (b - a[:1]) * rng.uniform(0.3, 0.7, (count, 1)) + step(sizes(-3.7, -2.7))
+        up = sizes(-7, -4.3) * np.cross(b - a[:1], c - a[:1])
+        a, b, c = (
+            at + up / np.linalg.norm(up, axis=1).max() * 1e-4 for at in (a[:1] + 0 * a, b, c)
+        )
+    elif kind == "sizes":
+        b, c = a + step(sizes(-12, 0)), a + step(sizes(-12, 0))
+    elif kind == "tiny":
+        a = 1e-7 * a
+        b, c = a + step(1e-9), a + step(1e-9)
+    elif kind == "flat":
+        b = a + step(0.1)
+        c = np.where(rng.random((count, 1)) < 0.5, b, a + (b - a) * rng.uniform(0, 1, (count, 1)))
+    elif kind == "lattice":
+        a = np.round(8 * a) / 8
+        b, c = (a + rng.integers(-1, 2, (count, 3)) / 8 for _ in range(2))
+    else:
+        a = 1e20 * a
+        b, c = a + step(1e19), a + step(1e19)
+    return np.stack([a, b, c], axis=1).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
+
+
+def moved(points, low, high, rng):
+    """Return points moved by ten to a power between these."""
+    step = rng.normal(size=points.shape)
+    return points + step * 10.0 ** rng.uniform(low, high, (len(points), 1))
+
+
+@pytest.mark.parametrize(
+    "kind", ["needles", "caps", "piles", "sizes", "tiny", "flat", "lattice", "huge"]
+)
+@pytest.mark.parametrize("count", [1, 7, 50, 600])
+def test_what_single_precision_puts_aside_is_never_the_nearest(kind, count):
+    """Leaves hold rounded triangles: no bit differs from a walk over all of the exact ones."""
+    rng = np.random.default_rng(count)
+    vertices, faces = soup(kind, count, rng)
+    size = np.abs(vertices).max()
+    weights = rng.dirichlet((0.5, 0.5, 0.5), 4000)
+    on = (vertices[faces[rng.integers(0, count, 4000)]] * weights[:, :, None]).sum(axis=1) / size
+    box = 1.2 * rng.uniform(-1, 1, (3000, 3))
+    points = [box, on[:2000], moved(on, -16, -1, rng), moved(on[:500], 0, 40, rng)]
+    points = np.concatenate([size * np.concatenate(points), vertices[:500]])
+    tree = Bvh(vertices, faces)
+    labels, (distance, _) = tree.label(points, 0.0, check=False), tree.scan(points)
+    assert np.array_equal(labels.distance, distance)
+
+
 def test_faces_must_name_vertices():
     vertices, faces = box_mesh()
     for bad in (faces + 1, faces[:0], -faces):

@@ -280,7 +280,7 @@ def test_damage_is_found_and_named(name, files, tmp_path):
     refused(b"", "no .pandis file|cannot be read")
     refused(b"PK" + data[2:], "no .pandis file")
     refused(data[:8] + data[8:12][::-1] + data[12:], "another order")
-    for version in (0, 4):
+    for version in (0, 5):
         refused(data[:12] + struct.pack("<I", version) + data[16:], "another version")
     with pytest.raises(ArtifactError, match="cannot be read"):
         NativeField(tmp_path / "missing.pandis")
@@ -326,8 +326,13 @@ def test_what_does_not_fit_together_is_refused(files):
         resealed(mesh, section(mesh, b"NEIG"), "<i", -2),
         resealed(mesh, section(mesh, b"TREE") + 192, "<i", 0),  # a node that is its own child
         resealed(mesh, section(mesh, b"TREE") + 192, "<i", -(10**6)),
-        resealed(mesh, section(mesh, b"LEAF") + 480, "<i", 10**6),
-        resealed(mesh, section(mesh, b"LEAF") + 496, "<i", 9),
+        resealed(mesh, section(mesh, b"LEAF") + 144, "<i", 10**6),
+        resealed(mesh, section(mesh, b"LEAF") + 144, "<i", -1),  # a leaf without a face
+        resealed(mesh, section(mesh, b"LEAF") + 148, "<i", -2),
+        resealed(mesh, section(mesh, b"LEAF") + 176, "<f", np.nan),
+        resealed(mesh, section(mesh, b"LEAF") + 188, "<f", 0.0),  # a lattice without steps
+        resealed(mesh, section(mesh, b"LEAF") + 192, "<f", -1.0),
+        resealed(mesh, section(mesh, b"LEAF") + 196, "<f", 0.5),
         resealed(mesh, section(mesh, b"VERT"), "<d", np.nan),
         resealed(spline, section(spline, b"BBRK"), "<H", 60000),
         resealed(spline, section(spline, b"BBAS"), "<I", 7),

@@ -80,3 +80,9 @@ def test_a_reach_that_is_none_is_refused_or_asks_for_all(files):
     for reach in (-1.0, float("nan"), float("inf")):
         lib.pandis_query_within(field.address, point, reach, answer)
         assert answer[0] == field.query([field.frame.centre]).distance[0]
+
+
+def test_an_exact_mesh_takes_few_bytes(fields, files):
+    """Vertices, their normals, faces and neighbours take 48 a face; the rest is the tree."""
+    field, _ = fields["exact"]
+    assert files["exact"].stat().st_size <= 120 * len(field.engine.faces)

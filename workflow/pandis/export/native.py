@@ -36,6 +36,8 @@ from pandis.run.catalogue import BOX
 
 #: Sums of a network run in so many lanes; rows of weights are padded to whole ones.
 _LANES = 16
+#: The first version of the format that knows these kinds, as they are written now.
+VERSIONS = {COMPACT: 3, MESH: 4}
 #: Steps of 16-bit weights to either side of zero.
 _STEPS = 32767
 
@@ -76,7 +78,7 @@ def native_bytes(field, kind, provenance, weight_bits=32, safe=None):
     number, wholes, reals, sections = parts
     if safe is not None:
         sections = sections | {"SAFE": np.asarray(safe, np.float64)}
-    version = 3 if number == COMPACT else 2 if number == GRID and len(reals) else 1
+    version = VERSIONS.get(number, 2 if number == GRID and len(reals) else 1)
     return pack(number, field.frame, wholes, reals, sections, provenance, version)
 
 

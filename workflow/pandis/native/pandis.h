@@ -74,7 +74,7 @@
 #define PANDIS_VERSION_MINOR 1
 #define PANDIS_VERSION_PATCH 0
 #define PANDIS_VERSION "0.1.0"
-#define PANDIS_FORMAT_VERSION 3
+#define PANDIS_FORMAT_VERSION 4
 
 #ifdef __cplusplus
 extern "C" {
@@ -97,7 +97,7 @@ enum {
     PANDIS_ERROR_FILE = 1,     /* the file cannot be read */
     PANDIS_ERROR_FORMAT = 2,   /* it is no such file */
     PANDIS_ERROR_ENDIAN = 3,   /* its bytes are in the other order, or this machine's are */
-    PANDIS_ERROR_VERSION = 4,  /* it is of a later version */
+    PANDIS_ERROR_VERSION = 4,  /* it is of a later version, or a mesh of an earlier one */
     PANDIS_ERROR_SIZE = 5,     /* it is shorter or longer than it says */
     PANDIS_ERROR_CHECKSUM = 6, /* its bytes have changed */
     PANDIS_ERROR_CONTENT = 7,  /* what it says does not fit together */
@@ -165,19 +165,18 @@ typedef struct {
 } pandis__spline;
 
 #define PANDIS__WIDTH 8
-#define PANDIS__LEAF 4
 
 typedef struct {
     float low[3][PANDIS__WIDTH], high[3][PANDIS__WIDTH];
     int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
 } pandis__node;
 
+/* Up to eight triangles, rounded: a coordinate lies at origin + corner * step. Single precision finds with them which
+ * triangles may be nearest; a distance is too large by at most slack + share * itself. */
 typedef struct {
-    double a[3][PANDIS__LEAF], ab[3][PANDIS__LEAF], ac[3][PANDIS__LEAF];
-    double per_ab[PANDIS__LEAF], per_ac[PANDIS__LEAF], per_bc[PANDIS__LEAF]; /* 1 / squared length */
-    double gram_ab[PANDIS__LEAF], gram_mix[PANDIS__LEAF], gram_ac[PANDIS__LEAF]; /* Gram matrix / determinant */
-    int32_t face[PANDIS__LEAF];                                                  /* unused lanes repeat the first */
-    int32_t count, pad[3];
+    uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; places that are not used repeat the first */
+    int32_t face[PANDIS__WIDTH];          /* -1: this place is not used */
+    float origin[3], step, slack, share;  /* of the unit frame; the step is a power of two */
 } pandis__leaf;
 
 typedef struct {
@@ -190,6 +189,7 @@ typedef struct {
     const pandis__node *nodes;
     const pandis__leaf *leaves;
     const int32_t *around, *corners_at; /* of a mesh that moves: of each vertex, the corners of faces that lie on it */
+    const float (*slacks)[2];           /* likewise: of each leaf, slack and share */
 } pandis__mesh;
 
 /* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to
@@ -575,19 +575,96 @@ static int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
     return (int32_t)((l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1))) * 8);
 }
 
+
+/* ---------------------------------------------------------------- eight boxes or triangles at once, in single precision
+ *
+ * Squared distances are sorted as whole numbers, their keys: a float that is not negative sorts as the number that
+ * has its bits. The last three bits say of which box it is. */
+
+static int32_t pandis__least(const int32_t *keys) {
+    int32_t least = keys[0];
+    for (int i = 1; i < PANDIS__WIDTH; i++) least = keys[i] < least ? keys[i] : least;
+    return least;
+}
+
+/* A squared distance as such a number: boxes with larger ones are farther. */
+static int32_t pandis__key(float squared) {
+    int32_t key;
+    memcpy(&key, &squared, sizeof key);
+    return key | 7;
+}
+
+static float pandis__clamp01f(float t) {
+    t = t > 0 ? t : 0;
+    return t < 1 ? t : 1;
+}
+
+/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that of some point
+ * of the triangle, and so never too small but for rounding. By how much it can be too large: pandis__slacks. */
+static void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
+                                    float *PANDIS__RESTRICT out) {
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float wx = vx - ux, wy = vy - uy, wz = vz - uz;
+        float s = pandis__clamp01f((ux * x + uy * y + uz * z) / (ux * ux + uy * uy + uz * uz));
+        float rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
+        float best = rx * rx + ry * ry + rz * rz;
+        float t = pandis__clamp01f((vx * x + vy * y + vz * z) / (vx * vx + vy * vy + vz * vz));
+        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
+        float d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        float bx = x - ux, by = y - uy, bz = z - uz;
+        float r = pandis__clamp01f((wx * bx + wy * by + wz * bz) / (wx * wx + wy * wy + wz * wz));
+        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
+        d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+        float per = 1 / (nx * nx + ny * ny + nz * nz);
+        s = ((y * vz - z * vy) * nx + (z * vx - x * vz) * ny + (x * vy - y * vx) * nz) * per;
+        t = ((uy * z - uz * y) * nx + (uz * x - ux * z) * ny + (ux * y - uy * x) * nz) * per;
+        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
+        d = rx * rx + ry * ry + rz * rz;
+        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
+        out[i] = inside && d < best ? d : best;
+    }
+}
+
+/* By how much the distance d to any of eight triangles can be too large in single precision, above what rounds the
+ * point itself: at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
+ * roundoff e, the foot inside of a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). Or the triangle
+ * is so narrow that any of its points is nearer to an edge than that: by half its least height. */
+static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
+    const float e = 6e-8f;
+    float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float wx = vx - ux, wy = vy - uy, wz = vz - uz;
+        float uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz, ww = wx * wx + wy * wy + wz * wz;
+        float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+        float twice = sqrtf(nx * nx + ny * ny + nz * nz), most = uu > vv ? uu : vv;
+        float longest = sqrtf(ww > most ? ww : most), half = longest > 0 ? twice / (2 * longest) : 0;
+        float sine = sqrtf(uu) * sqrtf(vv) / (twice > 0 ? twice : 1e-30f), more = e * (32 * sine + 8 * sine * sine);
+        float less = e * 32 * sine * longest;
+        int wide = less + more * longest < half; /* not so for what has overflowed */
+        /* and what is lost on the edges, and of a height that has lost its digits */
+        off[i] = (wide ? less : half) + 64 * e * longest, share[i] = (wide ? more : 0) + 64 * e;
+    }
+    slack[0] = off[0], slack[1] = share[0];
+    for (int i = 1; i < PANDIS__WIDTH; i++) {
+        slack[0] = off[i] > slack[0] ? off[i] : slack[0];
+        slack[1] = share[i] > slack[1] ? share[i] : slack[1];
+    }
+}
 /* ---------------------------------------------------------------- closest points of a mesh */
 
-/* What is known when a search begins: a face that may be near (-1: none), and how far one looks (unit frame).
- * Afterwards the face is the nearest. */
+/* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
+ * may be wrong. Afterwards there is the closest point. */
 typedef struct {
-    int32_t face;
-    double reach;
+    double reach, guess, closest[3];
 } pandis__start;
-
-typedef struct {
-    float bound;
-    int32_t child;
-} pandis__entry;
 
 typedef struct {
     double weights[3], offset[3], distance; /* offset: from the closest point to the query */
@@ -611,28 +688,10 @@ static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
     return pandis__normalise(n);
 }
 
-/* One triangle of a leaf. */
-static void pandis__set_lane(pandis__leaf *leaf, int lane, const double *p, const double *q, const double *s) {
-    double ab[3], ac[3], bc[3], n[3];
-    for (int k = 0; k < 3; k++) {
-        ab[k] = q[k] - p[k], ac[k] = s[k] - p[k], bc[k] = s[k] - q[k];
-        leaf->a[k][lane] = p[k], leaf->ab[k][lane] = ab[k], leaf->ac[k][lane] = ac[k];
-    }
-    double aa = pandis__dot(ab, ab), cc = pandis__dot(ac, ac), bb = pandis__dot(bc, bc), mix = pandis__dot(ab, ac);
-    pandis__cross(ab, ac, n);
-    double det = pandis__dot(n, n);
-    leaf->per_ab[lane] = aa > 0 ? 1 / aa : 0;
-    leaf->per_ac[lane] = cc > 0 ? 1 / cc : 0;
-    leaf->per_bc[lane] = bb > 0 ? 1 / bb : 0;
-    /* without an area no point projects into it: NaN fails every comparison */
-    leaf->gram_ab[lane] = det > 0 ? aa / det : (double)NAN;
-    leaf->gram_mix[lane] = det > 0 ? mix / det : (double)NAN;
-    leaf->gram_ac[lane] = det > 0 ? cc / det : (double)NAN;
-}
-
-/* Lower bounds of the squared distances to the boxes of a node's children. */
-static void pandis__box_bounds(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
-                               float *PANDIS__RESTRICT out) {
+/* The keys of a node's boxes: of lower bounds of the squared distances to what is in them. */
+static void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
+                             int32_t *PANDIS__RESTRICT keys) {
+    float out[PANDIS__WIDTH];
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         float sum = 0;
         for (int k = 0; k < 3; k++) {
@@ -643,6 +702,14 @@ static void pandis__box_bounds(const pandis__node *PANDIS__RESTRICT n, const flo
         }
         out[i] = sum * 0.99999f; /* more than the rounding of all of the above */
     }
+    memcpy(keys, out, sizeof out);
+    for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
+}
+
+/* The key of how far one looks: boxes with larger ones are farther. */
+static int32_t pandis__limit_key(double limit) {
+    double squared = limit * limit * (1 + 1e-6);
+    return squared < 3e38 ? pandis__key((float)squared) : INT32_MAX - 1;
 }
 
 static double pandis__clamp01(double t) {
@@ -650,83 +717,165 @@ static double pandis__clamp01(double t) {
     return t < 1 ? t : 1;
 }
 
-/* Squared distances to the triangles of a leaf. */
-static void pandis__leaf_distances(const pandis__leaf *PANDIS__RESTRICT f, const double *PANDIS__RESTRICT p,
-                                   double *PANDIS__RESTRICT out) {
-    for (int i = 0; i < PANDIS__LEAF; i++) {
-        double x = p[0] - f->a[0][i], y = p[1] - f->a[1][i], z = p[2] - f->a[2][i];
-        double ux = f->ab[0][i], uy = f->ab[1][i], uz = f->ab[2][i];
-        double vx = f->ac[0][i], vy = f->ac[1][i], vz = f->ac[2][i];
-        double wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        double du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
-        double s = pandis__clamp01(du * f->per_ab[i]), t = pandis__clamp01(dv * f->per_ac[i]);
-        double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
-        double best = rx * rx + ry * ry + rz * rz;
-        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
-        double d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        double bx = x - ux, by = y - uy, bz = z - uz;
-        double r = pandis__clamp01((wx * bx + wy * by + wz * bz) * f->per_bc[i]);
-        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
-        d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        s = f->gram_ac[i] * du - f->gram_mix[i] * dv;
-        t = f->gram_ab[i] * dv - f->gram_mix[i] * du;
-        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
-        d = rx * rx + ry * ry + rz * rz;
-        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
-        out[i] = inside && d < best ? d : best;
+/* The squared distance to one triangle, in double precision: among those about equally near the nearest is the one of
+ * which this number is the least. */
+static double pandis__face_squared(const double *a, const double *b, const double *c, const double *p) {
+    double x[3], u[3], v[3], w[3], y[3], n[3], r[3];
+    for (int k = 0; k < 3; k++) {
+        u[k] = b[k] - a[k], v[k] = c[k] - a[k], w[k] = c[k] - b[k], x[k] = p[k] - a[k];
+        y[k] = x[k] - u[k];
     }
+    double uu = pandis__dot(u, u), vv = pandis__dot(v, v), ww = pandis__dot(w, w), uv = pandis__dot(u, v);
+    double du = pandis__dot(u, x), dv = pandis__dot(v, x);
+    pandis__cross(u, v, n);
+    double det = pandis__dot(n, n);
+    double s = pandis__clamp01(du * (uu > 0 ? 1 / uu : 0)), t = pandis__clamp01(dv * (vv > 0 ? 1 / vv : 0));
+    for (int k = 0; k < 3; k++) r[k] = x[k] - s * u[k];
+    double best = pandis__dot(r, r);
+    for (int k = 0; k < 3; k++) r[k] = x[k] - t * v[k];
+    double d = pandis__dot(r, r);
+    best = d < best ? d : best;
+    for (int k = 0; k < 3; k++) w[k] = v[k] - u[k];
+    t = pandis__clamp01(pandis__dot(w, y) * (ww > 0 ? 1 / ww : 0));
+    for (int k = 0; k < 3; k++) r[k] = y[k] - t * w[k];
+    d = pandis__dot(r, r);
+    best = d < best ? d : best;
+    if (!(det > 0)) return best; /* no point projects into what has no area */
+    s = vv / det * du - uv / det * dv;
+    t = uu / det * dv - uv / det * du;
+    for (int k = 0; k < 3; k++) r[k] = x[k] - s * u[k] - t * v[k];
+    d = pandis__dot(r, r);
+    return s >= 0 && t >= 0 && s + t <= 1 && d < best ? d : best;
 }
 
-/* Push the children nearer than `limit`, the nearest on top. */
-static int pandis__push(const pandis__node *node, const float *bounds, double limit, pandis__entry *stack, int top) {
-    int first = top;
-    for (int i = 0; i < PANDIS__WIDTH; i++) {
-        if (!((double)bounds[i] <= limit) || node->low[0][i] > node->high[0][i]) continue;
-        int at = top++;
-        for (; at > first && stack[at - 1].bound < bounds[i]; at--) stack[at] = stack[at - 1];
-        stack[at].bound = bounds[i], stack[at].child = node->child[i];
-    }
-    return top;
+#define PANDIS__MAYBE 16 /* faces that are put off before one looks at them in double precision */
+
+/* What is known while one looks for the nearest face: how far it is at most; which faces may be it, and how far they
+ * seem to be, squared; of those that were looked at in double precision the nearest, and its squared distance. */
+typedef struct {
+    double limit, squared;
+    int32_t face;
+    int count;
+    struct {
+        double seems;
+        float slack[2];
+        int32_t face;
+    } maybe[PANDIS__MAYBE];
+} pandis__seeking;
+
+/* How far a face can seem to be that is no farther than a limit, squared. */
+static double pandis__may_seem(double limit, const float *slack) {
+    double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
+    return most * most * (1 + 1e-6);
 }
 
-/* Squared distances to the triangles of a leaf, whose vertices have moved. */
-PANDIS__APART static void pandis__moved_distances(const pandis__mesh *t, const pandis__leaf *leaf, const double *p,
-                                                  double *out) {
-    pandis__leaf own;
-    for (int lane = 0; lane < PANDIS__LEAF; lane++) {
-        int32_t face = leaf->face[lane < leaf->count ? lane : 0];
-        pandis__set_lane(&own, lane, pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2));
+/* Look at the faces that were put off. */
+static void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+    for (int i = 0; i < s->count; i++) {
+        int32_t face = s->maybe[i].face;
+        if (s->maybe[i].seems > pandis__may_seem(s->limit, s->maybe[i].slack)) continue;
+        double d = pandis__face_squared(pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2), p);
+        if (!(d < s->squared || (d == s->squared && face < s->face))) continue;
+        s->squared = d, s->face = face;
+        d = sqrt(d) * (1 + 1e-12);
+        s->limit = d < s->limit ? d : s->limit;
     }
-    pandis__leaf_distances(&own, p, out);
+    s->count = 0;
 }
 
-/* The nearest triangle no farther than `best` (squared), INT32_MAX if there is none. */
-static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double best) {
-    pandis__entry stack[PANDIS__STACK];
-    float q[3] = {(float)p[0], (float)p[1], (float)p[2]}, bounds[PANDIS__WIDTH];
-    double d[PANDIS__LEAF];
-    int32_t face = INT32_MAX;
-    int top = 1;
-    stack[0].bound = 0, stack[0].child = 0;
-    while (top) {
-        pandis__entry e = stack[--top];
-        if ((double)e.bound > best) continue;
-        if (e.child >= 0) {
-            pandis__box_bounds(t->nodes + e.child, q, bounds);
-            top = pandis__push(t->nodes + e.child, bounds, best, stack, top);
-        } else {
-            const pandis__leaf *leaf = t->leaves + ~e.child;
-            if (t->around)
-                pandis__moved_distances(t, leaf, p, d);
-            else
-                pandis__leaf_distances(leaf, p, d);
-            for (int i = 0; i < leaf->count; i++)
-                if (d[i] < best || (d[i] == best && leaf->face[i] < face)) best = d[i], face = leaf->face[i];
+/* The vertices of the triangles of a leaf of a mesh that moves: 24 of them, behind the corners on each vertex. */
+static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
+    return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
+}
+
+/* The triangles of a leaf whose vertices have moved, relative to a point. */
+PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff_t leaf, const double *p,
+                                                  float (*out)[3][PANDIS__WIDTH]) {
+    const int32_t *vertex = pandis__leaf_vertices(t, leaf);
+    for (int i = 0; i < PANDIS__WIDTH; i++)
+        for (int c = 0; c < 3; c++) {
+            const double *at = t->vertices + 3 * (ptrdiff_t)*vertex++;
+            for (int k = 0; k < 3; k++) out[c][k][i] = (float)(at[k] - p[k]);
+        }
+}
+
+/* How far the triangles of a leaf seem to be in single precision, squared, and the least of these; and what such distances
+ * may lose. Zeros, and -1 as the least, where single precision cannot hold squares. */
+static double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
+    float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
+    double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
+    int small = 1;
+    slack[0] = leaf->slack, slack[1] = leaf->share;
+    if (t->around) {
+        pandis__moved_triangles(t, leaf - t->leaves, p, v);
+        memcpy(slack, t->slacks[leaf - t->leaves], sizeof t->slacks[0]);
+        for (int k = 0; k < 3; k++) small &= fabs(p[k]) + t->reach < 1e15;
+    } else {
+        for (int c = 0; c < 9; c++)
+            for (int i = 0; i < PANDIS__WIDTH; i++) v[c / 3][c % 3][i] = (float)(int32_t)leaf->corner[c / 3][c % 3][i];
+        for (int k = 0; k < 3; k++) {
+            double at = (p[k] - (double)leaf->origin[k]) * per_step;
+            q[k] = (float)at, small &= fabs(at) < 1e15;
         }
     }
-    return face;
+    if (small) pandis__eight_distances(v, q, d);
+    float least = d[0];
+    for (int i = 0; i < PANDIS__WIDTH; i++) least = d[i] < least ? d[i] : least, seems[i] = (double)d[i] * (step * step);
+    return small ? (double)least * (step * step) : -1;
+}
+
+/* Put off the triangles of a leaf that may be the nearest. */
+static void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
+    double seems[PANDIS__WIDTH], farthest;
+    float slack[2];
+    double least = pandis__seem(t, leaf, p, seems, slack);
+    if (least > (farthest = pandis__may_seem(s->limit, slack))) return;
+    double most = least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
+    if (most < s->limit) s->limit = most, farthest = pandis__may_seem(most, slack);
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        if (seems[i] > farthest || leaf->face[i] < 0) continue;
+        if (s->count == PANDIS__MAYBE) pandis__settle(t, p, s);
+        s->maybe[s->count].seems = seems[i], s->maybe[s->count].face = leaf->face[i];
+        memcpy(s->maybe[s->count++].slack, slack, sizeof slack);
+    }
+}
+
+/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. */
+static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit) {
+    struct {
+        int32_t keys[PANDIS__WIDTH];
+        const pandis__node *node;
+    } path[PANDIS__DEEPEST], *at = path;
+    pandis__seeking s;
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
+    int32_t within = pandis__limit_key(limit);
+    int kept = 0;
+    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
+    at->node = t->nodes;
+    pandis__box_keys(at->node, q, at->keys);
+    for (;;) {
+        int32_t key = pandis__least(at->keys), child = at->node->child[key & 7];
+        if (key > within) {
+            if (at == path) break;
+            at--;
+            continue;
+        }
+        at->keys[key & 7] = INT32_MAX;
+        if (child >= 0) {
+            (++at)->node = t->nodes + child;
+            pandis__box_keys(at->node, q, at->keys);
+        } else {
+            pandis__look_into(t, t->leaves + ~child, p, &s);
+            within = pandis__limit_key(s.limit);
+        }
+    }
+    for (int i = 0; i < s.count; i++)
+        if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack)) s.maybe[kept++] = s.maybe[i];
+    s.count = kept;
+    /* a face is certainly nearer than the limit, and no other can be it */
+    if (kept == 1 && s.face == INT32_MAX && s.limit < limit) return s.maybe[0].face;
+    pandis__settle(t, p, &s);
+    return s.face;
 }
 
 static void pandis__edge_foot(const double *p, const double *a, const double *b, double *s, double *offset,
@@ -846,20 +995,17 @@ static double pandis__sign(const pandis__mesh *t, const double *p, const pandis_
 PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
                                              double *distance, double *normal) {
     pandis__foot foot;
-    int32_t known = begin->face >= 0 && begin->face < t->face_count ? begin->face : 0;
-    pandis__find_mesh_foot(t, known, u, &foot);
-    /* any face is a bound, with room for rounding */
-    double limit = foot.distance * (1 + 1e-9) + 1e-12 * t->reach;
+    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with room for rounding */
     /* a reach, with room for what leaves lose on slivers */
     int beyond = begin->reach < 1e18 && begin->reach < limit;
     if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
-    int32_t face = pandis__nearest(t, u, limit * limit);
+    int32_t face = pandis__nearest(t, u, limit);
     if (face == INT32_MAX && beyond) return PANDIS_BEYOND;
     if (face == INT32_MAX) face = pandis__nearest(t, u, (double)INFINITY);
     if (face == INT32_MAX) return PANDIS_INVALID;
-    begin->face = face;
     double n[3];
     pandis__find_mesh_foot(t, face, u, &foot);
+    for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
     pandis__pseudonormal(t, face, &foot, n);
     double sign = pandis__sign(t, u, &foot, n);
     *distance = sign * foot.distance;
@@ -948,8 +1094,7 @@ static void pandis__group_corners(const pandis__packed *b, int group, float (*ou
     }
 }
 
-/* Eight numbers that sort as the lower bounds of the squared distances at which faces in as many boxes can
- * be found: a float that is not negative sorts as a whole number, and its last three bits say which box it is of. */
+/* The keys of eight boxes: of lower bounds of the squared distances at which faces can be found in them. */
 static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
                                 const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
@@ -974,59 +1119,14 @@ static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int
     for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = i < count ? (keys[i] & ~7) | i : INT32_MAX;
 }
 
-static int32_t pandis__least(const int32_t *keys) {
-    int32_t least = keys[0];
-    for (int i = 1; i < PANDIS__WIDTH; i++) least = keys[i] < least ? keys[i] : least;
-    return least;
-}
-
-/* A squared distance as such a number: boxes with larger ones are farther. */
-static int32_t pandis__key(float squared) {
-    int32_t key;
-    memcpy(&key, &squared, sizeof key);
-    return key | 7;
-}
-
-static float pandis__clamp01f(float t) {
-    t = t > 0 ? t : 0;
-    return t < 1 ? t : 1;
-}
-
-/* Squared distances to eight triangles: each is that of some point of the triangle, and so never too
- * small. Their normals are exact as long as sides are shorter than 2^12 steps; the closest point inside a triangle
- * is off by rounding over the sine of its narrowest corner. */
+/* Squared distances to the eight triangles of a group. Their normals are exact as long as sides are shorter than 2^12
+ * steps; the closest point inside a triangle is off by rounding over the sine of its narrowest corner. */
 static void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
                                     float *PANDIS__RESTRICT out) {
     float v[3][3][PANDIS__WIDTH];
     pandis__group_corners(b, group, v);
-    for (int i = 0; i < PANDIS__WIDTH; i++) {
-        float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
-        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
-        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
-        float wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        float s = pandis__clamp01f((ux * x + uy * y + uz * z) / (ux * ux + uy * uy + uz * uz));
-        float rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
-        float best = rx * rx + ry * ry + rz * rz;
-        float t = pandis__clamp01f((vx * x + vy * y + vz * z) / (vx * vx + vy * vy + vz * vz));
-        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
-        float d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        float bx = x - ux, by = y - uy, bz = z - uz;
-        float r = pandis__clamp01f((wx * bx + wy * by + wz * bz) / (wx * wx + wy * wy + wz * wz));
-        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
-        d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
-        float per = 1 / (nx * nx + ny * ny + nz * nz);
-        s = ((y * vz - z * vy) * nx + (z * vx - x * vz) * ny + (x * vy - y * vx) * nz) * per;
-        t = ((uy * z - uz * y) * nx + (uz * x - ux * z) * ny + (ux * y - uy * x) * nz) * per;
-        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
-        d = rx * rx + ry * ry + rz * rz;
-        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
-        out[i] = inside && d < best ? d : best;
-    }
+    pandis__eight_distances(v, q, out);
 }
-
 /* ---------------------------------------------------------------- answers of a packed mesh */
 
 /* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it; how
@@ -1922,22 +2022,29 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    pandis__start begin = {-1, (double)INFINITY};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
-    pandis__start begin = {-1, reach >= 0 ? reach * field->scale : (double)INFINITY};
+    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer) {
-    /* a face and one, so that zero is none */
-    pandis__start begin = {hint->room[0] <= INT32_MAX ? (int32_t)hint->room[0] - 1 : -1, (double)INFINITY};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}};
+    double u[3], way[3];
+    memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
+    if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */
+        for (int k = 0; k < 3; k++) way[k] = u[k] - begin.closest[k];
+        double guess = sqrt(pandis__dot(way, way));
+        if (guess >= 0) begin.guess = guess;
+    }
     pandis__ask(field, point, &begin, answer);
-    hint->room[0] = (uint64_t)(begin.face + 1);
+    hint->room[0] = field->kind == PANDIS_MESH;
+    memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
 }
 
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
@@ -1990,26 +2097,33 @@ PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     const pandis__mesh *m = &field->as.mesh;
     if (field->kind != PANDIS_MESH) return 0;
     uint64_t v = (uint64_t)m->vertex_count, f = (uint64_t)m->face_count, n = (uint64_t)m->node_count;
-    uint64_t leaves = (uint64_t)m->leaf_count * PANDIS__LEAF * 3;
-    uint64_t lists = pandis__whole_words(sizeof(int32_t) * (v + 1 + 3 * f + leaves));
+    uint64_t leaves = (uint64_t)m->leaf_count, corners = leaves * PANDIS__WIDTH * 3;
+    uint64_t lists = pandis__whole_words(sizeof(int32_t) * (v + 1 + 3 * f + corners) + 2 * sizeof(float) * leaves);
     return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
 }
 
-/* Widen a box by a point. */
-static void pandis__take_in(const double *p, float *low, float *high) {
+/* The box around a leaf, and what distances to its triangles may lose. */
+static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, float *low, float *high, float *slack) {
+    float v[3][3][PANDIS__WIDTH];
+    const double *base = m->vertices + 3 * (ptrdiff_t)*pandis__leaf_vertices(m, leaf);
+    pandis__moved_triangles(m, leaf, base, v);
+    pandis__slacks(v, slack);
     for (int k = 0; k < 3; k++) {
-        float x = (float)p[k];
-        low[k] = x < low[k] ? x : low[k], high[k] = x > high[k] ? x : high[k];
+        float least[PANDIS__WIDTH], most[PANDIS__WIDTH];
+        for (int i = 0; i < PANDIS__WIDTH; i++) {
+            float x = v[0][k][i], y = v[1][k][i], z = v[2][k][i];
+            least[i] = x < y ? (x < z ? x : z) : (y < z ? y : z), most[i] = x > y ? (x > z ? x : z) : (y > z ? y : z);
+        }
+        for (int i = 1; i < PANDIS__WIDTH; i++) {
+            least[0] = least[i] < least[0] ? least[i] : least[0];
+            most[0] = most[i] > most[0] ? most[i] : most[0];
+        }
+        low[k] = (float)(base[k] + (double)least[0]) - pad, high[k] = (float)(base[k] + (double)most[0]) + pad;
     }
 }
 
-/* The vertices of the triangles of a leaf: 12 of them, in the list behind the corners on each vertex. */
-static const int32_t *pandis__leaf_vertices(const pandis__mesh *m, int32_t leaf) {
-    return m->corners_at + 3 * (ptrdiff_t)m->face_count + 3 * PANDIS__LEAF * (ptrdiff_t)leaf;
-}
-
 /* The boxes of all nodes, those below first. */
-static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes) {
+static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, float (*slacks)[2]) {
     /* the float box of a point may be off by half a unit in the last place of the coordinates */
     float pad = (float)(m->reach * 4e-7);
     for (int32_t index = m->node_count - 1; index >= 0; index--) {
@@ -2018,17 +2132,13 @@ static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes) {
             if (node->low[0][i] > node->high[0][i]) continue; /* there is no child */
             float low[3] = {FLT_MAX, FLT_MAX, FLT_MAX}, high[3] = {-FLT_MAX, -FLT_MAX, -FLT_MAX};
             int32_t child = node->child[i];
-            for (int lane = 0; child < 0 && lane < 3 * PANDIS__LEAF; lane++)
-                pandis__take_in(m->vertices + 3 * (ptrdiff_t)pandis__leaf_vertices(m, ~child)[lane], low, high);
+            if (child < 0) pandis__refit_leaf(m, ~child, pad, low, high, slacks[~child]);
             for (int lane = 0; child >= 0 && lane < PANDIS__WIDTH; lane++)
                 for (int k = 0; k < 3; k++) {
                     float below = nodes[child].low[k][lane], above = nodes[child].high[k][lane];
                     low[k] = below < low[k] ? below : low[k], high[k] = above > high[k] ? above : high[k];
                 }
-            for (int k = 0; k < 3; k++) {
-                node->low[k][i] = child < 0 ? low[k] - pad : low[k];
-                node->high[k][i] = child < 0 ? high[k] + pad : high[k];
-            }
+            for (int k = 0; k < 3; k++) node->low[k][i] = low[k], node->high[k][i] = high[k];
         }
     }
 }
@@ -2056,14 +2166,18 @@ PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field
     around[0] = 0;
     int32_t *listed = corners_at + 3 * f;
     for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
-        for (int i = 0; i < 3 * PANDIS__LEAF; i++) {
+        for (int i = 0; i < 3 * PANDIS__WIDTH; i++) {
             const pandis__leaf *l = m->leaves + leaf;
-            *listed++ = m->faces[3 * (ptrdiff_t)l->face[i / 3 < l->count ? i / 3 : 0] + i % 3];
+            *listed++ = m->faces[3 * (ptrdiff_t)l->face[l->face[i / 3] < 0 ? 0 : i / 3] + i % 3];
         }
+    float(*slacks)[2] = (float(*)[2])(void *)listed;
+    for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
+        slacks[leaf][0] = m->leaves[leaf].slack, slacks[leaf][1] = m->leaves[leaf].share;
     *moving = *field;
     moving->mapped = 0; /* the bytes are the field's, which lets go of them */
     pandis__mesh *own = &moving->as.mesh;
     own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
+    own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
     return 0;
 }
@@ -2090,7 +2204,7 @@ PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
         most = fmax(most, fmax(-low[k], high[k]));
     }
     m->reach = most;
-    pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes);
+    pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes, (float(*)[2])(uintptr_t)m->slacks);
     return 0;
 }
 
@@ -2382,9 +2496,10 @@ static int pandis__open_mesh(pandis_field *f) {
             return 0;
     for (int32_t i = 0; i < m->leaf_count; i++) {
         const pandis__leaf *leaf = m->leaves + i;
-        if (leaf->count < 1 || leaf->count > PANDIS__LEAF) return 0;
-        for (int k = 0; k < leaf->count; k++)
-            if (leaf->face[k] < 0 || leaf->face[k] >= m->face_count) return 0;
+        for (int k = 0; k < PANDIS__WIDTH; k++)
+            if (leaf->face[k] < (k ? -1 : 0) || leaf->face[k] >= m->face_count) return 0;
+        if (!pandis__finite(leaf->origin, 3) || !(leaf->step > 0 && leaf->step <= 1e30f)) return 0;
+        if (!(leaf->slack >= 0 && leaf->slack <= 1e30f && leaf->share >= 0 && leaf->share < 0.5f)) return 0;
     }
     return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
 }
@@ -2592,6 +2707,7 @@ static int pandis__open(pandis_field *field, const void *data, size_t size) {
     for (int k = 0; k < 3; k++)
         if (!(fabs(field->centre[k]) <= 1e150)) return PANDIS_ERROR_CONTENT;
     int good = 0, kind = (int)pandis__u32(p + 32);
+    if (kind == PANDIS_MESH && pandis__u32(p + 12) < 4) return PANDIS_ERROR_VERSION; /* with leaves of another kind */
     if (kind == PANDIS_NETWORK && pandis__whole(field, 0) <= 1024 && pandis__whole(field, 1) <= 16 &&
         (pandis__whole(field, 0) > PANDIS_MOST_WIDTH || pandis__whole(field, 1) > PANDIS_MOST_DEPTH))
         return PANDIS_ERROR_LARGE;

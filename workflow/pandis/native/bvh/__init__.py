@@ -13,7 +13,7 @@ from pandis.native.threads import SMALL, in_threads
 #: Parts of a tree: vertices, their normals, faces, their neighbours, nodes, leaves.
 PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
 #: Bytes of a node and of a leaf.
-NODE_BYTES, LEAF_BYTES = 224, 512
+NODE_BYTES, LEAF_BYTES = 224, 200
 INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
 
 
@@ -180,7 +180,8 @@ class Bvh:
         points = np.ascontiguousarray(points, np.float64)
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))
         columns = distance.ctypes.data, normal.ctypes.data
-        self._library.bvh_scan(self._tree, points.ctypes.data, len(points), *columns)
+        if not self._library.bvh_scan(self._tree, points.ctypes.data, len(points), *columns):
+            raise PandisError("not enough memory for all faces at once")
         return distance, normal
 
     def turns(self, points, beta):

@@ -105,6 +105,47 @@ static void split(Builder *b, const Range *r, int depth, Range *left, Range *rig
     bound(b, right);
 }
 
+/* The corner of a face with the widest angle, at which single precision loses least. */
+static int widest_corner(const Bvh *t, int32_t face) {
+    int widest = 0;
+    double longest = -1;
+    for (int c = 0; c < 3; c++) { /* opposite to the longest side */
+        const double *p = corner(t, face, (c + 1) % 3), *q = corner(t, face, (c + 2) % 3);
+        double side[3] = {q[0] - p[0], q[1] - p[1], q[2] - p[2]}, length = dot(side, side);
+        if (length > longest) longest = length, widest = c;
+    }
+    return widest;
+}
+
+/* Round the triangles of a leaf to 16 bits, and say how much of their distances single precision may lose. */
+static void round_triangles(const Bvh *t, const Range *r, Leaf *leaf) {
+    float v[3][3][WIDTH], slack[2];
+    double extent = 0;
+    for (int k = 0; k < 3; k++) {
+        leaf->origin[k] = nextafterf(r->low[k], -INFINITY);
+        double side = nextafterf(r->high[k], INFINITY) - (double)leaf->origin[k];
+        if (side > extent) extent = side;
+    }
+    int exponent;
+    (void)frexp(extent / 65535, &exponent); /* the least power of two that is not less */
+    if (exponent < -100) exponent = -100;
+    leaf->step = (float)ldexp(1, exponent);
+    for (int lane = 0; lane < WIDTH; lane++) {
+        int32_t face = leaf->face[leaf->face[lane] < 0 ? 0 : lane];
+        int first = widest_corner(t, face);
+        for (int c = 0; c < 3; c++)
+            for (int k = 0; k < 3; k++) {
+                double at = (corner(t, face, (first + c) % 3)[k] - (double)leaf->origin[k]) / (double)leaf->step;
+                leaf->corner[c][k][lane] = (uint16_t)rint(at > 65535 ? 65535 : at > 0 ? at : 0);
+                v[c][k][lane] = leaf->corner[c][k][lane];
+            }
+    }
+    pandis__slacks(v, slack);
+    /* and what moves corners and the point: half a step of each coordinate, and the point's last bit */
+    double steps = 1 + (double)slack[0] + 4 * 6e-8 * extent / (double)leaf->step;
+    leaf->slack = (float)(steps * (double)leaf->step * (1 + 1e-6)), leaf->share = slack[1];
+}
+
 static int32_t add_leaf(Builder *b, const Range *r) {
     Bvh *t = b->tree;
     if (t->leaf_count == b->leaf_room) {
@@ -115,12 +156,8 @@ static int32_t add_leaf(Builder *b, const Range *r) {
     }
     Leaf *leaf = t->leaves + t->leaf_count;
     memset(leaf, 0, sizeof *leaf);
-    leaf->count = r->count;
-    for (int lane = 0; lane < LEAF; lane++) {
-        int32_t face = b->items[r->start + (lane < r->count ? lane : 0)].face;
-        pandis__set_lane(leaf, lane, corner(t, face, 0), corner(t, face, 1), corner(t, face, 2));
-        leaf->face[lane] = face;
-    }
+    for (int lane = 0; lane < WIDTH; lane++) leaf->face[lane] = lane < r->count ? b->items[r->start + lane].face : -1;
+    round_triangles(t, r, leaf);
     return t->leaf_count++;
 }
 
@@ -142,7 +179,7 @@ static int32_t add_node(Builder *b, Range root, int depth) {
     while (count < WIDTH) {
         int widest = -1;
         for (int i = 0; i < count; i++)
-            if (part[i].count > LEAF && (widest < 0 || part[i].area > part[widest].area)) widest = i;
+            if (part[i].count > WIDTH && (widest < 0 || part[i].area > part[widest].area)) widest = i;
         if (widest < 0) break;
         Range left, right;
         split(b, &part[widest], depth, &left, &right);
@@ -190,7 +227,7 @@ static int32_t add_node(Builder *b, Range root, int depth) {
         cluster.reach[i] = (float)(reach * 1.0001 + 1e-30);
     }
     for (int i = 0; i < count && !b->failed; i++)
-        node.child[i] = part[i].count <= LEAF ? ~add_leaf(b, &part[i]) : add_node(b, part[i], depth + 1);
+        node.child[i] = part[i].count <= WIDTH ? ~add_leaf(b, &part[i]) : add_node(b, part[i], depth + 1);
     t->nodes[index] = node, t->clusters[index] = cluster;
     return index;
 }

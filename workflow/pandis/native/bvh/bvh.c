@@ -1,8 +1,8 @@
 /* A bounding volume hierarchy over triangles: exact closest points and winding numbers.
  *
- * Eight-wide nodes hold boxes in float, rounded outward; leaves hold four triangles in double.
- * A box is skipped only if it is certainly farther than the best answer, and among equally near
- * triangles the one with the least index wins, so the answer depends on nothing but the point
+ * Eight-wide nodes hold boxes in float, rounded outward; leaves hold up to eight triangles, rounded to
+ * 16 bits. Single precision finds which may be nearest, double precision which is. A box or a triangle is skipped
+ * only if it is certainly farther than the best answer, and among equally near triangles the one with the least index wins, so the answer depends on nothing but the point
  * and the triangles: neither on the order of the points, nor on threads, nor on vector width.
  *
  * Compile without reassociation (-ffp-contract=off, no -ffast-math): then every machine with
@@ -18,12 +18,12 @@
 
 #include "../parts/types.h"
 #include "../parts/basis.h"
+#include "../parts/triangles.h"
 #include "../parts/mesh.h"
 
 #include <stdlib.h>
 
 #define WIDTH PANDIS__WIDTH
-#define LEAF PANDIS__LEAF
 #define BINS 16
 #define MEDIAN_DEPTH 40 /* from here on halves, so that the depth is bounded */
 #define STACK PANDIS__STACK
@@ -36,7 +36,6 @@ enum { FLAG_INVALID = 1, FLAG_TIED = 2, FLAG_OVERRULED = 4, FLAG_ON_SURFACE = 8 
 
 typedef pandis__node Node;
 typedef pandis__leaf Leaf;
-typedef pandis__entry Entry;
 typedef pandis__foot Foot;
 
 typedef struct {
@@ -58,9 +57,6 @@ typedef struct {
 #define cross pandis__cross
 #define dot pandis__dot
 #define normalise pandis__normalise
-#define box_bounds pandis__box_bounds
-#define leaf_distances pandis__leaf_distances
-#define push_children pandis__push
 
 /* The tree as pandis.h asks it. */
 static pandis__mesh view(const Bvh *t) {
@@ -81,7 +77,7 @@ Bvh *bvh_build(const double *vertices, int32_t vertex_count, const int32_t *face
     Bvh *t = calloc(1, sizeof *t);
     if (!t) return NULL;
     size_t v = (size_t)vertex_count, f = (size_t)face_count;
-    Builder b = {.tree = t, .node_room = 64, .leaf_room = face_count / 2 + 64};
+    Builder b = {.tree = t, .node_room = 64, .leaf_room = face_count / 4 + 64};
     t->vertex_count = vertex_count, t->face_count = face_count;
     t->vertices = malloc(3 * v * sizeof(double)), t->faces = malloc(3 * f * sizeof(int32_t));
     t->neighbours = malloc(3 * f * sizeof(int32_t)), t->vertex_normals = malloc(3 * v * sizeof(double));
@@ -121,24 +117,30 @@ Bvh *bvh_build(const double *vertices, int32_t vertex_count, const int32_t *face
 
 /* Whether another closest point, in a direction that differs by the angle, is as near. */
 static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const Foot *foot, double relative, double cosine) {
-    Entry stack[STACK];
-    float q[3] = {(float)p[0], (float)p[1], (float)p[2]}, bounds[WIDTH];
-    double reach = foot->distance * (1 + relative), limit = reach * reach, d[LEAF];
+    int32_t stack[STACK], keys[WIDTH];
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
+    double reach = foot->distance * (1 + relative), limit = reach * reach;
+    int32_t within = pandis__limit_key(reach);
     int top = 0;
-    stack[top++] = (Entry){0, 0};
+    stack[top++] = 0;
     while (top) {
-        Entry e = stack[--top];
-        if (e.child >= 0) {
-            box_bounds(t->nodes + e.child, q, bounds);
-            top = push_children(t->nodes + e.child, bounds, limit, stack, top);
+        int32_t child = stack[--top];
+        if (child >= 0) {
+            pandis__box_keys(t->nodes + child, q, keys);
+            for (int i = 0; i < WIDTH; i++)
+                if (keys[i] <= within) stack[top++] = t->nodes[child].child[i];
             continue;
         }
-        const Leaf *leaf = t->leaves + ~e.child;
-        leaf_distances(leaf, p, d);
-        for (int i = 0; i < leaf->count; i++) {
-            if (!(d[i] <= limit)) continue;
+        const Leaf *leaf = t->leaves + ~child;
+        double seems[WIDTH];
+        float slack[2];
+        pandis__seem(m, leaf, p, seems, slack);
+        for (int i = 0; i < WIDTH; i++) {
+            int32_t face = leaf->face[i];
+            if (face < 0 || seems[i] > pandis__may_seem(reach, slack)) continue;
+            if (!(pandis__face_squared(corner(t, face, 0), corner(t, face, 1), corner(t, face, 2), p) <= limit)) continue;
             Foot second;
-            pandis__find_mesh_foot(m, leaf->face[i], p, &second);
+            pandis__find_mesh_foot(m, face, p, &second);
             if (dot(second.offset, foot->offset) < cosine * second.distance * foot->distance) return 1;
         }
     }
@@ -203,7 +205,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         /* the closest point before is a bound, with room for rounding */
         double way[3] = {p[0] - closest[0], p[1] - closest[1], p[2] - closest[2]};
         double limit = sqrt(dot(way, way)) * (1 + 1e-9) + 1e-12 * t->scale;
-        last = pandis__nearest(&m, p, limit * limit);
+        last = pandis__nearest(&m, p, limit);
         if (last == INT32_MAX) last = pandis__nearest(&m, p, INFINITY);
         pandis__find_mesh_foot(&m, last, p, &foot);
         for (int k = 0; k < 3; k++) closest[k] = p[k] - foot.offset[k];
@@ -256,31 +258,7 @@ const void *bvh_part(const Bvh *t, int32_t which, int64_t *bytes) {
 
 double bvh_reach(const Bvh *t) { return t->scale; }
 
-/* What a program without a tree does: all triangles for every point. */
-void bvh_scan(const Bvh *t, const double *points, int64_t count, double *distance, double *normal) {
-    pandis__mesh m = view(t);
-    for (int64_t i = 0; i < count; i++) {
-        const double *p = points + 3 * i;
-        double best = INFINITY, d[LEAF], n[3];
-        int32_t face = INT32_MAX;
-        for (const Leaf *leaf = t->leaves; leaf < t->leaves + t->leaf_count; leaf++) {
-            leaf_distances(leaf, p, d);
-            for (int k = 0; k < leaf->count; k++)
-                if (d[k] < best || (d[k] == best && leaf->face[k] < face)) best = d[k], face = leaf->face[k];
-        }
-        Foot foot;
-        if (face == INT32_MAX) {
-            distance[i] = normal[3 * i] = normal[3 * i + 1] = normal[3 * i + 2] = NAN;
-            continue;
-        }
-        pandis__find_mesh_foot(&m, face, p, &foot);
-        pandis__pseudonormal(&m, face, &foot, n);
-        double sign = pandis__sign(&m, p, &foot, n);
-        distance[i] = sign * foot.distance;
-        for (int k = 0; k < 3; k++)
-            normal[3 * i + k] = foot.distance > 0 ? sign * (foot.offset[k] / foot.distance) : n[k];
-    }
-}
+#include "scan.h"
 
 /* ---------------------------------------------------------------- order */
 

@@ -30,20 +30,28 @@ static double rough_atan2(double y, double x) {
     return y < 0 ? -r : r;
 }
 
-static double leaf_winding(const Leaf *restrict f, const double *restrict p) {
-    double sum[LEAF];
-    for (int i = 0; i < LEAF; i++) {
-        double ax = f->a[0][i] - p[0], ay = f->a[1][i] - p[1], az = f->a[2][i] - p[2];
-        double bx = ax + f->ab[0][i], by = ay + f->ab[1][i], bz = az + f->ab[2][i];
-        double cx = ax + f->ac[0][i], cy = ay + f->ac[1][i], cz = az + f->ac[2][i];
+static double leaf_winding(const Bvh *t, const Leaf *leaf, const double *restrict p) {
+    double a[3][WIDTH], b[3][WIDTH], c[3][WIDTH], turns[WIDTH], sum = 0;
+    for (int i = 0; i < WIDTH; i++) {
+        int32_t face = leaf->face[leaf->face[i] < 0 ? 0 : i];
+        for (int k = 0; k < 3; k++) {
+            a[k][i] = corner(t, face, 0)[k] - p[k];
+            b[k][i] = corner(t, face, 1)[k] - p[k];
+            c[k][i] = corner(t, face, 2)[k] - p[k];
+        }
+    }
+    for (int i = 0; i < WIDTH; i++) {
+        double ax = a[0][i], ay = a[1][i], az = a[2][i], bx = b[0][i], by = b[1][i], bz = b[2][i];
+        double cx = c[0][i], cy = c[1][i], cz = c[2][i];
         double la = sqrt(ax * ax + ay * ay + az * az), lb = sqrt(bx * bx + by * by + bz * bz);
         double lc = sqrt(cx * cx + cy * cy + cz * cz);
         double det = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
         double down = la * lb * lc + (ax * bx + ay * by + az * bz) * lc + (bx * cx + by * cy + bz * cz) * la +
                       (cx * ax + cy * ay + cz * az) * lb;
-        sum[i] = i < f->count ? rough_atan2(det, down) : 0;
+        turns[i] = rough_atan2(det, down);
     }
-    return (sum[0] + sum[1] + sum[2] + sum[3]) / 6.283185307179586;
+    for (int i = 0; i < WIDTH && leaf->face[i] >= 0; i++) sum += turns[i];
+    return sum / 6.283185307179586;
 }
 
 /* Clusters farther than `beta` radii count as dipoles. */
@@ -56,7 +64,7 @@ static double rough_winding(const Bvh *t, const double *p, float beta) {
     while (top) {
         int32_t index = stack[--top];
         if (index < 0) {
-            sum += leaf_winding(t->leaves + ~index, p);
+            sum += leaf_winding(t, t->leaves + ~index, p);
             continue;
         }
         const Cluster *restrict c = t->clusters + index;

@@ -11,6 +11,7 @@
 
 #include "../parts/types.h"
 #include "../parts/basis.h"
+#include "../parts/triangles.h"
 #include "../parts/mesh.h"
 #include "../parts/packed.h"
 #include "../parts/compact.h"

@@ -1,16 +1,10 @@
 /* ---------------------------------------------------------------- closest points of a mesh */
 
-/* What is known when a search begins: a face that may be near (-1: none), and how far one looks (unit frame).
- * Afterwards the face is the nearest. */
+/* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
+ * may be wrong. Afterwards there is the closest point. */
 typedef struct {
-    int32_t face;
-    double reach;
+    double reach, guess, closest[3];
 } pandis__start;
-
-typedef struct {
-    float bound;
-    int32_t child;
-} pandis__entry;
 
 typedef struct {
     double weights[3], offset[3], distance; /* offset: from the closest point to the query */
@@ -34,28 +28,10 @@ static int pandis__face_normal(const pandis__mesh *t, int32_t face, double *n) {
     return pandis__normalise(n);
 }
 
-/* One triangle of a leaf. */
-static void pandis__set_lane(pandis__leaf *leaf, int lane, const double *p, const double *q, const double *s) {
-    double ab[3], ac[3], bc[3], n[3];
-    for (int k = 0; k < 3; k++) {
-        ab[k] = q[k] - p[k], ac[k] = s[k] - p[k], bc[k] = s[k] - q[k];
-        leaf->a[k][lane] = p[k], leaf->ab[k][lane] = ab[k], leaf->ac[k][lane] = ac[k];
-    }
-    double aa = pandis__dot(ab, ab), cc = pandis__dot(ac, ac), bb = pandis__dot(bc, bc), mix = pandis__dot(ab, ac);
-    pandis__cross(ab, ac, n);
-    double det = pandis__dot(n, n);
-    leaf->per_ab[lane] = aa > 0 ? 1 / aa : 0;
-    leaf->per_ac[lane] = cc > 0 ? 1 / cc : 0;
-    leaf->per_bc[lane] = bb > 0 ? 1 / bb : 0;
-    /* without an area no point projects into it: NaN fails every comparison */
-    leaf->gram_ab[lane] = det > 0 ? aa / det : (double)NAN;
-    leaf->gram_mix[lane] = det > 0 ? mix / det : (double)NAN;
-    leaf->gram_ac[lane] = det > 0 ? cc / det : (double)NAN;
-}
-
-/* Lower bounds of the squared distances to the boxes of a node's children. */
-static void pandis__box_bounds(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
-                               float *PANDIS__RESTRICT out) {
+/* The keys of a node's boxes: of lower bounds of the squared distances to what is in them. */
+static void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
+                             int32_t *PANDIS__RESTRICT keys) {
+    float out[PANDIS__WIDTH];
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         float sum = 0;
         for (int k = 0; k < 3; k++) {
@@ -66,6 +42,14 @@ static void pandis__box_bounds(const pandis__node *PANDIS__RESTRICT n, const flo
         }
         out[i] = sum * 0.99999f; /* more than the rounding of all of the above */
     }
+    memcpy(keys, out, sizeof out);
+    for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
+}
+
+/* The key of how far one looks: boxes with larger ones are farther. */
+static int32_t pandis__limit_key(double limit) {
+    double squared = limit * limit * (1 + 1e-6);
+    return squared < 3e38 ? pandis__key((float)squared) : INT32_MAX - 1;
 }
 
 static double pandis__clamp01(double t) {
@@ -73,83 +57,165 @@ static double pandis__clamp01(double t) {
     return t < 1 ? t : 1;
 }
 
-/* Squared distances to the triangles of a leaf. */
-static void pandis__leaf_distances(const pandis__leaf *PANDIS__RESTRICT f, const double *PANDIS__RESTRICT p,
-                                   double *PANDIS__RESTRICT out) {
-    for (int i = 0; i < PANDIS__LEAF; i++) {
-        double x = p[0] - f->a[0][i], y = p[1] - f->a[1][i], z = p[2] - f->a[2][i];
-        double ux = f->ab[0][i], uy = f->ab[1][i], uz = f->ab[2][i];
-        double vx = f->ac[0][i], vy = f->ac[1][i], vz = f->ac[2][i];
-        double wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        double du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
-        double s = pandis__clamp01(du * f->per_ab[i]), t = pandis__clamp01(dv * f->per_ac[i]);
-        double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
-        double best = rx * rx + ry * ry + rz * rz;
-        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
-        double d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        double bx = x - ux, by = y - uy, bz = z - uz;
-        double r = pandis__clamp01((wx * bx + wy * by + wz * bz) * f->per_bc[i]);
-        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
-        d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        s = f->gram_ac[i] * du - f->gram_mix[i] * dv;
-        t = f->gram_ab[i] * dv - f->gram_mix[i] * du;
-        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
-        d = rx * rx + ry * ry + rz * rz;
-        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
-        out[i] = inside && d < best ? d : best;
+/* The squared distance to one triangle, in double precision: among those about equally near the nearest is the one of
+ * which this number is the least. */
+static double pandis__face_squared(const double *a, const double *b, const double *c, const double *p) {
+    double x[3], u[3], v[3], w[3], y[3], n[3], r[3];
+    for (int k = 0; k < 3; k++) {
+        u[k] = b[k] - a[k], v[k] = c[k] - a[k], w[k] = c[k] - b[k], x[k] = p[k] - a[k];
+        y[k] = x[k] - u[k];
     }
+    double uu = pandis__dot(u, u), vv = pandis__dot(v, v), ww = pandis__dot(w, w), uv = pandis__dot(u, v);
+    double du = pandis__dot(u, x), dv = pandis__dot(v, x);
+    pandis__cross(u, v, n);
+    double det = pandis__dot(n, n);
+    double s = pandis__clamp01(du * (uu > 0 ? 1 / uu : 0)), t = pandis__clamp01(dv * (vv > 0 ? 1 / vv : 0));
+    for (int k = 0; k < 3; k++) r[k] = x[k] - s * u[k];
+    double best = pandis__dot(r, r);
+    for (int k = 0; k < 3; k++) r[k] = x[k] - t * v[k];
+    double d = pandis__dot(r, r);
+    best = d < best ? d : best;
+    for (int k = 0; k < 3; k++) w[k] = v[k] - u[k];
+    t = pandis__clamp01(pandis__dot(w, y) * (ww > 0 ? 1 / ww : 0));
+    for (int k = 0; k < 3; k++) r[k] = y[k] - t * w[k];
+    d = pandis__dot(r, r);
+    best = d < best ? d : best;
+    if (!(det > 0)) return best; /* no point projects into what has no area */
+    s = vv / det * du - uv / det * dv;
+    t = uu / det * dv - uv / det * du;
+    for (int k = 0; k < 3; k++) r[k] = x[k] - s * u[k] - t * v[k];
+    d = pandis__dot(r, r);
+    return s >= 0 && t >= 0 && s + t <= 1 && d < best ? d : best;
 }
 
-/* Push the children nearer than `limit`, the nearest on top. */
-static int pandis__push(const pandis__node *node, const float *bounds, double limit, pandis__entry *stack, int top) {
-    int first = top;
-    for (int i = 0; i < PANDIS__WIDTH; i++) {
-        if (!((double)bounds[i] <= limit) || node->low[0][i] > node->high[0][i]) continue;
-        int at = top++;
-        for (; at > first && stack[at - 1].bound < bounds[i]; at--) stack[at] = stack[at - 1];
-        stack[at].bound = bounds[i], stack[at].child = node->child[i];
-    }
-    return top;
+#define PANDIS__MAYBE 16 /* faces that are put off before one looks at them in double precision */
+
+/* What is known while one looks for the nearest face: how far it is at most; which faces may be it, and how far they
+ * seem to be, squared; of those that were looked at in double precision the nearest, and its squared distance. */
+typedef struct {
+    double limit, squared;
+    int32_t face;
+    int count;
+    struct {
+        double seems;
+        float slack[2];
+        int32_t face;
+    } maybe[PANDIS__MAYBE];
+} pandis__seeking;
+
+/* How far a face can seem to be that is no farther than a limit, squared. */
+static double pandis__may_seem(double limit, const float *slack) {
+    double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
+    return most * most * (1 + 1e-6);
 }
 
-/* Squared distances to the triangles of a leaf, whose vertices have moved. */
-PANDIS__APART static void pandis__moved_distances(const pandis__mesh *t, const pandis__leaf *leaf, const double *p,
-                                                  double *out) {
-    pandis__leaf own;
-    for (int lane = 0; lane < PANDIS__LEAF; lane++) {
-        int32_t face = leaf->face[lane < leaf->count ? lane : 0];
-        pandis__set_lane(&own, lane, pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2));
+/* Look at the faces that were put off. */
+static void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+    for (int i = 0; i < s->count; i++) {
+        int32_t face = s->maybe[i].face;
+        if (s->maybe[i].seems > pandis__may_seem(s->limit, s->maybe[i].slack)) continue;
+        double d = pandis__face_squared(pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2), p);
+        if (!(d < s->squared || (d == s->squared && face < s->face))) continue;
+        s->squared = d, s->face = face;
+        d = sqrt(d) * (1 + 1e-12);
+        s->limit = d < s->limit ? d : s->limit;
     }
-    pandis__leaf_distances(&own, p, out);
+    s->count = 0;
 }
 
-/* The nearest triangle no farther than `best` (squared), INT32_MAX if there is none. */
-static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double best) {
-    pandis__entry stack[PANDIS__STACK];
-    float q[3] = {(float)p[0], (float)p[1], (float)p[2]}, bounds[PANDIS__WIDTH];
-    double d[PANDIS__LEAF];
-    int32_t face = INT32_MAX;
-    int top = 1;
-    stack[0].bound = 0, stack[0].child = 0;
-    while (top) {
-        pandis__entry e = stack[--top];
-        if ((double)e.bound > best) continue;
-        if (e.child >= 0) {
-            pandis__box_bounds(t->nodes + e.child, q, bounds);
-            top = pandis__push(t->nodes + e.child, bounds, best, stack, top);
-        } else {
-            const pandis__leaf *leaf = t->leaves + ~e.child;
-            if (t->around)
-                pandis__moved_distances(t, leaf, p, d);
-            else
-                pandis__leaf_distances(leaf, p, d);
-            for (int i = 0; i < leaf->count; i++)
-                if (d[i] < best || (d[i] == best && leaf->face[i] < face)) best = d[i], face = leaf->face[i];
+/* The vertices of the triangles of a leaf of a mesh that moves: 24 of them, behind the corners on each vertex. */
+static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
+    return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
+}
+
+/* The triangles of a leaf whose vertices have moved, relative to a point. */
+PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff_t leaf, const double *p,
+                                                  float (*out)[3][PANDIS__WIDTH]) {
+    const int32_t *vertex = pandis__leaf_vertices(t, leaf);
+    for (int i = 0; i < PANDIS__WIDTH; i++)
+        for (int c = 0; c < 3; c++) {
+            const double *at = t->vertices + 3 * (ptrdiff_t)*vertex++;
+            for (int k = 0; k < 3; k++) out[c][k][i] = (float)(at[k] - p[k]);
+        }
+}
+
+/* How far the triangles of a leaf seem to be in single precision, squared, and the least of these; and what such distances
+ * may lose. Zeros, and -1 as the least, where single precision cannot hold squares. */
+static double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
+    float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
+    double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
+    int small = 1;
+    slack[0] = leaf->slack, slack[1] = leaf->share;
+    if (t->around) {
+        pandis__moved_triangles(t, leaf - t->leaves, p, v);
+        memcpy(slack, t->slacks[leaf - t->leaves], sizeof t->slacks[0]);
+        for (int k = 0; k < 3; k++) small &= fabs(p[k]) + t->reach < 1e15;
+    } else {
+        for (int c = 0; c < 9; c++)
+            for (int i = 0; i < PANDIS__WIDTH; i++) v[c / 3][c % 3][i] = (float)(int32_t)leaf->corner[c / 3][c % 3][i];
+        for (int k = 0; k < 3; k++) {
+            double at = (p[k] - (double)leaf->origin[k]) * per_step;
+            q[k] = (float)at, small &= fabs(at) < 1e15;
         }
     }
-    return face;
+    if (small) pandis__eight_distances(v, q, d);
+    float least = d[0];
+    for (int i = 0; i < PANDIS__WIDTH; i++) least = d[i] < least ? d[i] : least, seems[i] = (double)d[i] * (step * step);
+    return small ? (double)least * (step * step) : -1;
+}
+
+/* Put off the triangles of a leaf that may be the nearest. */
+static void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
+    double seems[PANDIS__WIDTH], farthest;
+    float slack[2];
+    double least = pandis__seem(t, leaf, p, seems, slack);
+    if (least > (farthest = pandis__may_seem(s->limit, slack))) return;
+    double most = least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
+    if (most < s->limit) s->limit = most, farthest = pandis__may_seem(most, slack);
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        if (seems[i] > farthest || leaf->face[i] < 0) continue;
+        if (s->count == PANDIS__MAYBE) pandis__settle(t, p, s);
+        s->maybe[s->count].seems = seems[i], s->maybe[s->count].face = leaf->face[i];
+        memcpy(s->maybe[s->count++].slack, slack, sizeof slack);
+    }
+}
+
+/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. */
+static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit) {
+    struct {
+        int32_t keys[PANDIS__WIDTH];
+        const pandis__node *node;
+    } path[PANDIS__DEEPEST], *at = path;
+    pandis__seeking s;
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
+    int32_t within = pandis__limit_key(limit);
+    int kept = 0;
+    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0;
+    at->node = t->nodes;
+    pandis__box_keys(at->node, q, at->keys);
+    for (;;) {
+        int32_t key = pandis__least(at->keys), child = at->node->child[key & 7];
+        if (key > within) {
+            if (at == path) break;
+            at--;
+            continue;
+        }
+        at->keys[key & 7] = INT32_MAX;
+        if (child >= 0) {
+            (++at)->node = t->nodes + child;
+            pandis__box_keys(at->node, q, at->keys);
+        } else {
+            pandis__look_into(t, t->leaves + ~child, p, &s);
+            within = pandis__limit_key(s.limit);
+        }
+    }
+    for (int i = 0; i < s.count; i++)
+        if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack)) s.maybe[kept++] = s.maybe[i];
+    s.count = kept;
+    /* a face is certainly nearer than the limit, and no other can be it */
+    if (kept == 1 && s.face == INT32_MAX && s.limit < limit) return s.maybe[0].face;
+    pandis__settle(t, p, &s);
+    return s.face;
 }
 
 static void pandis__edge_foot(const double *p, const double *a, const double *b, double *s, double *offset,
@@ -269,20 +335,17 @@ static double pandis__sign(const pandis__mesh *t, const double *p, const pandis_
 PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
                                              double *distance, double *normal) {
     pandis__foot foot;
-    int32_t known = begin->face >= 0 && begin->face < t->face_count ? begin->face : 0;
-    pandis__find_mesh_foot(t, known, u, &foot);
-    /* any face is a bound, with room for rounding */
-    double limit = foot.distance * (1 + 1e-9) + 1e-12 * t->reach;
+    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with room for rounding */
     /* a reach, with room for what leaves lose on slivers */
     int beyond = begin->reach < 1e18 && begin->reach < limit;
     if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
-    int32_t face = pandis__nearest(t, u, limit * limit);
+    int32_t face = pandis__nearest(t, u, limit);
     if (face == INT32_MAX && beyond) return PANDIS_BEYOND;
     if (face == INT32_MAX) face = pandis__nearest(t, u, (double)INFINITY);
     if (face == INT32_MAX) return PANDIS_INVALID;
-    begin->face = face;
     double n[3];
     pandis__find_mesh_foot(t, face, u, &foot);
+    for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
     pandis__pseudonormal(t, face, &foot, n);
     double sign = pandis__sign(t, u, &foot, n);
     *distance = sign * foot.distance;

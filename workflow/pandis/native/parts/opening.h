@@ -74,7 +74,7 @@
 #define PANDIS_VERSION_MINOR 1
 #define PANDIS_VERSION_PATCH 0
 #define PANDIS_VERSION "0.1.0"
-#define PANDIS_FORMAT_VERSION 3
+#define PANDIS_FORMAT_VERSION 4
 
 #ifdef __cplusplus
 extern "C" {

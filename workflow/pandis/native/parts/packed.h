@@ -78,8 +78,7 @@ static void pandis__group_corners(const pandis__packed *b, int group, float (*ou
     }
 }
 
-/* Eight numbers that sort as the lower bounds of the squared distances at which faces in as many boxes can
- * be found: a float that is not negative sorts as a whole number, and its last three bits say which box it is of. */
+/* The keys of eight boxes: of lower bounds of the squared distances at which faces can be found in them. */
 static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
                                 const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
@@ -104,56 +103,11 @@ static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int
     for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = i < count ? (keys[i] & ~7) | i : INT32_MAX;
 }
 
-static int32_t pandis__least(const int32_t *keys) {
-    int32_t least = keys[0];
-    for (int i = 1; i < PANDIS__WIDTH; i++) least = keys[i] < least ? keys[i] : least;
-    return least;
-}
-
-/* A squared distance as such a number: boxes with larger ones are farther. */
-static int32_t pandis__key(float squared) {
-    int32_t key;
-    memcpy(&key, &squared, sizeof key);
-    return key | 7;
-}
-
-static float pandis__clamp01f(float t) {
-    t = t > 0 ? t : 0;
-    return t < 1 ? t : 1;
-}
-
-/* Squared distances to eight triangles: each is that of some point of the triangle, and so never too
- * small. Their normals are exact as long as sides are shorter than 2^12 steps; the closest point inside a triangle
- * is off by rounding over the sine of its narrowest corner. */
+/* Squared distances to the eight triangles of a group. Their normals are exact as long as sides are shorter than 2^12
+ * steps; the closest point inside a triangle is off by rounding over the sine of its narrowest corner. */
 static void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
                                     float *PANDIS__RESTRICT out) {
     float v[3][3][PANDIS__WIDTH];
     pandis__group_corners(b, group, v);
-    for (int i = 0; i < PANDIS__WIDTH; i++) {
-        float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
-        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
-        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
-        float wx = vx - ux, wy = vy - uy, wz = vz - uz;
-        float s = pandis__clamp01f((ux * x + uy * y + uz * z) / (ux * ux + uy * uy + uz * uz));
-        float rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
-        float best = rx * rx + ry * ry + rz * rz;
-        float t = pandis__clamp01f((vx * x + vy * y + vz * z) / (vx * vx + vy * vy + vz * vz));
-        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
-        float d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        float bx = x - ux, by = y - uy, bz = z - uz;
-        float r = pandis__clamp01f((wx * bx + wy * by + wz * bz) / (wx * wx + wy * wy + wz * wz));
-        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
-        d = rx * rx + ry * ry + rz * rz;
-        best = d < best ? d : best;
-        float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
-        float per = 1 / (nx * nx + ny * ny + nz * nz);
-        s = ((y * vz - z * vy) * nx + (z * vx - x * vz) * ny + (x * vy - y * vx) * nz) * per;
-        t = ((uy * z - uz * y) * nx + (uz * x - ux * z) * ny + (ux * y - uy * x) * nz) * per;
-        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
-        d = rx * rx + ry * ry + rz * rz;
-        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
-        out[i] = inside && d < best ? d : best;
-    }
+    pandis__eight_distances(v, q, out);
 }
-

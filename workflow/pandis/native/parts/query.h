@@ -68,22 +68,29 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    pandis__start begin = {-1, (double)INFINITY};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
-    pandis__start begin = {-1, reach >= 0 ? reach * field->scale : (double)INFINITY};
+    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer) {
-    /* a face and one, so that zero is none */
-    pandis__start begin = {hint->room[0] <= INT32_MAX ? (int32_t)hint->room[0] - 1 : -1, (double)INFINITY};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}};
+    double u[3], way[3];
+    memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
+    if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */
+        for (int k = 0; k < 3; k++) way[k] = u[k] - begin.closest[k];
+        double guess = sqrt(pandis__dot(way, way));
+        if (guess >= 0) begin.guess = guess;
+    }
     pandis__ask(field, point, &begin, answer);
-    hint->room[0] = (uint64_t)(begin.face + 1);
+    hint->room[0] = field->kind == PANDIS_MESH;
+    memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
 }
 
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {

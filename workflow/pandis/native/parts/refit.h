@@ -9,26 +9,33 @@ PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     const pandis__mesh *m = &field->as.mesh;
     if (field->kind != PANDIS_MESH) return 0;
     uint64_t v = (uint64_t)m->vertex_count, f = (uint64_t)m->face_count, n = (uint64_t)m->node_count;
-    uint64_t leaves = (uint64_t)m->leaf_count * PANDIS__LEAF * 3;
-    uint64_t lists = pandis__whole_words(sizeof(int32_t) * (v + 1 + 3 * f + leaves));
+    uint64_t leaves = (uint64_t)m->leaf_count, corners = leaves * PANDIS__WIDTH * 3;
+    uint64_t lists = pandis__whole_words(sizeof(int32_t) * (v + 1 + 3 * f + corners) + 2 * sizeof(float) * leaves);
     return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
 }
 
-/* Widen a box by a point. */
-static void pandis__take_in(const double *p, float *low, float *high) {
+/* The box around a leaf, and what distances to its triangles may lose. */
+static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, float *low, float *high, float *slack) {
+    float v[3][3][PANDIS__WIDTH];
+    const double *base = m->vertices + 3 * (ptrdiff_t)*pandis__leaf_vertices(m, leaf);
+    pandis__moved_triangles(m, leaf, base, v);
+    pandis__slacks(v, slack);
     for (int k = 0; k < 3; k++) {
-        float x = (float)p[k];
-        low[k] = x < low[k] ? x : low[k], high[k] = x > high[k] ? x : high[k];
+        float least[PANDIS__WIDTH], most[PANDIS__WIDTH];
+        for (int i = 0; i < PANDIS__WIDTH; i++) {
+            float x = v[0][k][i], y = v[1][k][i], z = v[2][k][i];
+            least[i] = x < y ? (x < z ? x : z) : (y < z ? y : z), most[i] = x > y ? (x > z ? x : z) : (y > z ? y : z);
+        }
+        for (int i = 1; i < PANDIS__WIDTH; i++) {
+            least[0] = least[i] < least[0] ? least[i] : least[0];
+            most[0] = most[i] > most[0] ? most[i] : most[0];
+        }
+        low[k] = (float)(base[k] + (double)least[0]) - pad, high[k] = (float)(base[k] + (double)most[0]) + pad;
     }
 }
 
-/* The vertices of the triangles of a leaf: 12 of them, in the list behind the corners on each vertex. */
-static const int32_t *pandis__leaf_vertices(const pandis__mesh *m, int32_t leaf) {
-    return m->corners_at + 3 * (ptrdiff_t)m->face_count + 3 * PANDIS__LEAF * (ptrdiff_t)leaf;
-}
-
 /* The boxes of all nodes, those below first. */
-static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes) {
+static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, float (*slacks)[2]) {
     /* the float box of a point may be off by half a unit in the last place of the coordinates */
     float pad = (float)(m->reach * 4e-7);
     for (int32_t index = m->node_count - 1; index >= 0; index--) {
@@ -37,17 +44,13 @@ static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes) {
             if (node->low[0][i] > node->high[0][i]) continue; /* there is no child */
             float low[3] = {FLT_MAX, FLT_MAX, FLT_MAX}, high[3] = {-FLT_MAX, -FLT_MAX, -FLT_MAX};
             int32_t child = node->child[i];
-            for (int lane = 0; child < 0 && lane < 3 * PANDIS__LEAF; lane++)
-                pandis__take_in(m->vertices + 3 * (ptrdiff_t)pandis__leaf_vertices(m, ~child)[lane], low, high);
+            if (child < 0) pandis__refit_leaf(m, ~child, pad, low, high, slacks[~child]);
             for (int lane = 0; child >= 0 && lane < PANDIS__WIDTH; lane++)
                 for (int k = 0; k < 3; k++) {
                     float below = nodes[child].low[k][lane], above = nodes[child].high[k][lane];
                     low[k] = below < low[k] ? below : low[k], high[k] = above > high[k] ? above : high[k];
                 }
-            for (int k = 0; k < 3; k++) {
-                node->low[k][i] = child < 0 ? low[k] - pad : low[k];
-                node->high[k][i] = child < 0 ? high[k] + pad : high[k];
-            }
+            for (int k = 0; k < 3; k++) node->low[k][i] = low[k], node->high[k][i] = high[k];
         }
     }
 }
@@ -75,14 +78,18 @@ PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field
     around[0] = 0;
     int32_t *listed = corners_at + 3 * f;
     for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
-        for (int i = 0; i < 3 * PANDIS__LEAF; i++) {
+        for (int i = 0; i < 3 * PANDIS__WIDTH; i++) {
             const pandis__leaf *l = m->leaves + leaf;
-            *listed++ = m->faces[3 * (ptrdiff_t)l->face[i / 3 < l->count ? i / 3 : 0] + i % 3];
+            *listed++ = m->faces[3 * (ptrdiff_t)l->face[l->face[i / 3] < 0 ? 0 : i / 3] + i % 3];
         }
+    float(*slacks)[2] = (float(*)[2])(void *)listed;
+    for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
+        slacks[leaf][0] = m->leaves[leaf].slack, slacks[leaf][1] = m->leaves[leaf].share;
     *moving = *field;
     moving->mapped = 0; /* the bytes are the field's, which lets go of them */
     pandis__mesh *own = &moving->as.mesh;
     own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
+    own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
     return 0;
 }
@@ -109,7 +116,7 @@ PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
         most = fmax(most, fmax(-low[k], high[k]));
     }
     m->reach = most;
-    pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes);
+    pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes, (float(*)[2])(uintptr_t)m->slacks);
     return 0;
 }
 

@@ -63,9 +63,10 @@ static int pandis__open_mesh(pandis_field *f) {
             return 0;
     for (int32_t i = 0; i < m->leaf_count; i++) {
         const pandis__leaf *leaf = m->leaves + i;
-        if (leaf->count < 1 || leaf->count > PANDIS__LEAF) return 0;
-        for (int k = 0; k < leaf->count; k++)
-            if (leaf->face[k] < 0 || leaf->face[k] >= m->face_count) return 0;
+        for (int k = 0; k < PANDIS__WIDTH; k++)
+            if (leaf->face[k] < (k ? -1 : 0) || leaf->face[k] >= m->face_count) return 0;
+        if (!pandis__finite(leaf->origin, 3) || !(leaf->step > 0 && leaf->step <= 1e30f)) return 0;
+        if (!(leaf->slack >= 0 && leaf->slack <= 1e30f && leaf->share >= 0 && leaf->share < 0.5f)) return 0;
     }
     return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
 }

@@ -11,7 +11,7 @@ enum {
     PANDIS_ERROR_FILE = 1,     /* the file cannot be read */
     PANDIS_ERROR_FORMAT = 2,   /* it is no such file */
     PANDIS_ERROR_ENDIAN = 3,   /* its bytes are in the other order, or this machine's are */
-    PANDIS_ERROR_VERSION = 4,  /* it is of a later version */
+    PANDIS_ERROR_VERSION = 4,  /* it is of a later version, or a mesh of an earlier one */
     PANDIS_ERROR_SIZE = 5,     /* it is shorter or longer than it says */
     PANDIS_ERROR_CHECKSUM = 6, /* its bytes have changed */
     PANDIS_ERROR_CONTENT = 7,  /* what it says does not fit together */
@@ -79,19 +79,18 @@ typedef struct {
 } pandis__spline;
 
 #define PANDIS__WIDTH 8
-#define PANDIS__LEAF 4
 
 typedef struct {
     float low[3][PANDIS__WIDTH], high[3][PANDIS__WIDTH];
     int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
 } pandis__node;
 
+/* Up to eight triangles, rounded: a coordinate lies at origin + corner * step. Single precision finds with them which
+ * triangles may be nearest; a distance is too large by at most slack + share * itself. */
 typedef struct {
-    double a[3][PANDIS__LEAF], ab[3][PANDIS__LEAF], ac[3][PANDIS__LEAF];
-    double per_ab[PANDIS__LEAF], per_ac[PANDIS__LEAF], per_bc[PANDIS__LEAF]; /* 1 / squared length */
-    double gram_ab[PANDIS__LEAF], gram_mix[PANDIS__LEAF], gram_ac[PANDIS__LEAF]; /* Gram matrix / determinant */
-    int32_t face[PANDIS__LEAF];                                                  /* unused lanes repeat the first */
-    int32_t count, pad[3];
+    uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; places that are not used repeat the first */
+    int32_t face[PANDIS__WIDTH];          /* -1: this place is not used */
+    float origin[3], step, slack, share;  /* of the unit frame; the step is a power of two */
 } pandis__leaf;
 
 typedef struct {
@@ -104,6 +103,7 @@ typedef struct {
     const pandis__node *nodes;
     const pandis__leaf *leaves;
     const int32_t *around, *corners_at; /* of a mesh that moves: of each vertex, the corners of faces that lie on it */
+    const float (*slacks)[2];           /* likewise: of each leaf, slack and share */
 } pandis__mesh;
 
 /* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to

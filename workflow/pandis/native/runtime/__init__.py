@@ -329,7 +329,7 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
         By names of four letters.
     provenance : dict
         Kept as JSON in a section of its own.
-    version : {1, 2, 3}
+    version : {1, 2, 3, 4}
         Of the format: the first that knows what the file holds, so that older readers of
         ``pandis.h`` take whatever they can answer.
     """

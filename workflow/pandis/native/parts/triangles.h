@@ -1,0 +1,83 @@
+
+/* ---------------------------------------------------------------- eight boxes or triangles at once, in single precision
+ *
+ * Squared distances are sorted as whole numbers, their keys: a float that is not negative sorts as the number that
+ * has its bits. The last three bits say of which box it is. */
+
+static int32_t pandis__least(const int32_t *keys) {
+    int32_t least = keys[0];
+    for (int i = 1; i < PANDIS__WIDTH; i++) least = keys[i] < least ? keys[i] : least;
+    return least;
+}
+
+/* A squared distance as such a number: boxes with larger ones are farther. */
+static int32_t pandis__key(float squared) {
+    int32_t key;
+    memcpy(&key, &squared, sizeof key);
+    return key | 7;
+}
+
+static float pandis__clamp01f(float t) {
+    t = t > 0 ? t : 0;
+    return t < 1 ? t : 1;
+}
+
+/* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that of some point
+ * of the triangle, and so never too small but for rounding. By how much it can be too large: pandis__slacks. */
+static void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
+                                    float *PANDIS__RESTRICT out) {
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float wx = vx - ux, wy = vy - uy, wz = vz - uz;
+        float s = pandis__clamp01f((ux * x + uy * y + uz * z) / (ux * ux + uy * uy + uz * uz));
+        float rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
+        float best = rx * rx + ry * ry + rz * rz;
+        float t = pandis__clamp01f((vx * x + vy * y + vz * z) / (vx * vx + vy * vy + vz * vz));
+        rx = x - t * vx, ry = y - t * vy, rz = z - t * vz;
+        float d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        float bx = x - ux, by = y - uy, bz = z - uz;
+        float r = pandis__clamp01f((wx * bx + wy * by + wz * bz) / (wx * wx + wy * wy + wz * wz));
+        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
+        d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+        float per = 1 / (nx * nx + ny * ny + nz * nz);
+        s = ((y * vz - z * vy) * nx + (z * vx - x * vz) * ny + (x * vy - y * vx) * nz) * per;
+        t = ((uy * z - uz * y) * nx + (uz * x - ux * z) * ny + (ux * y - uy * x) * nz) * per;
+        rx = x - s * ux - t * vx, ry = y - s * uy - t * vy, rz = z - s * uz - t * vz;
+        d = rx * rx + ry * ry + rz * rz;
+        int inside = (s >= 0) & (t >= 0) & (s + t <= 1);
+        out[i] = inside && d < best ? d : best;
+    }
+}
+
+/* By how much the distance d to any of eight triangles can be too large in single precision, above what rounds the
+ * point itself: at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
+ * roundoff e, the foot inside of a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). Or the triangle
+ * is so narrow that any of its points is nearer to an edge than that: by half its least height. */
+static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
+    const float e = 6e-8f;
+    float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float ux = v[1][0][i] - v[0][0][i], uy = v[1][1][i] - v[0][1][i], uz = v[1][2][i] - v[0][2][i];
+        float vx = v[2][0][i] - v[0][0][i], vy = v[2][1][i] - v[0][1][i], vz = v[2][2][i] - v[0][2][i];
+        float wx = vx - ux, wy = vy - uy, wz = vz - uz;
+        float uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz, ww = wx * wx + wy * wy + wz * wz;
+        float nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+        float twice = sqrtf(nx * nx + ny * ny + nz * nz), most = uu > vv ? uu : vv;
+        float longest = sqrtf(ww > most ? ww : most), half = longest > 0 ? twice / (2 * longest) : 0;
+        float sine = sqrtf(uu) * sqrtf(vv) / (twice > 0 ? twice : 1e-30f), more = e * (32 * sine + 8 * sine * sine);
+        float less = e * 32 * sine * longest;
+        int wide = less + more * longest < half; /* not so for what has overflowed */
+        /* and what is lost on the edges, and of a height that has lost its digits */
+        off[i] = (wide ? less : half) + 64 * e * longest, share[i] = (wide ? more : 0) + 64 * e;
+    }
+    slack[0] = off[0], slack[1] = share[0];
+    for (int i = 1; i < PANDIS__WIDTH; i++) {
+        slack[0] = off[i] > slack[0] ? off[i] : slack[0];
+        slack[1] = share[i] > slack[1] ? share[i] : slack[1];
+    }
+}
