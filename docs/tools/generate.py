@@ -44,6 +44,7 @@ PARTS = (
         "bsplines",
         "triangles",
         "mesh",
+        "nearest",
         "packed",
         "compact",
     ),

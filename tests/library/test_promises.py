@@ -195,10 +195,10 @@ def test_thin_parts_get_the_exact_field_or_a_refusal_that_says_why(name, tmp_pat
 
 @pytest.mark.parametrize("name", ["torus", "ring", "plate-1", "blade"])
 def test_promises_of_compact_meshes_are_kept(name, tmp_path):
-    """Half of the exact field's bytes, and a twentieth: what is chosen keeps every limit."""
-    exact = shape(name).engine.tree_bytes
-    for share, error in ((0.5, "1 %"), (0.05, "20 %")):
-        budget = {"force_error": error, "bytes": int(share * exact)}
+    """Half of what exact takes for a face, and an eighth: what is chosen keeps every limit."""
+    faces = len(shape(name).engine.faces)
+    for each, error in ((48, "1 %"), (12, "20 %")):
+        budget = {"force_error": error, "bytes": each * faces}
         made = chooser(shape(name), tmp_path, points=points_of(name), **budget)
         arrays, attributes, _ = made.choose()
         chosen = attributes["choice"]

@@ -6,6 +6,12 @@ import numpy as np
 import pytest
 from test_header import NAMES, points_for
 
+from pandis.export import native as export
+from pandis.fields.base import CUT
+from pandis.fields.exact import ExactField
+from pandis.geometry.body import Body
+from pandis.geometry.frame import Frame
+from pandis.geometry.shapes import SHAPES
 from pandis.native.runtime import NativeField, library
 
 BEYOND = 4
@@ -80,6 +86,74 @@ def test_a_reach_that_is_none_is_refused_or_asks_for_all(files):
     for reach in (-1.0, float("nan"), float("inf")):
         lib.pandis_query_within(field.address, point, reach, answer)
         assert answer[0] == field.query([field.frame.centre]).distance[0]
+
+
+def ball(most, monkeypatch, shell=False):
+    """Return a finely tessellated ball, or a thin shell, that looks at so much; and its body."""
+    vertices, faces = SHAPES["sphere"].tessellation()
+    if shell:
+        faces = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
+        vertices = np.concatenate([vertices, 0.98 * vertices])
+    body = Body(0.9 * vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
+    monkeypatch.setattr(export, "MOST", most)
+    return NativeField(export.native_bytes(ExactField("exact", body), "exact", {})), body
+
+
+def middle(count, spread):
+    """Return points around the middle of a ball, where all faces are about equally near."""
+    return np.random.default_rng(5).normal(0, spread, (count, 3))
+
+
+@pytest.mark.parametrize("most", [9, 100, 1000])
+@pytest.mark.parametrize("spread", [1e-12, 1e-3, 0.3])
+def test_an_exact_mesh_that_has_too_much_to_look_at_is_cut_and_says_so(most, spread, monkeypatch):
+    """Of the right side, never nearer than is true, and what is clear is clear."""
+    field, body = ball(most, monkeypatch)
+    points = middle(500, spread)
+    found, clear = field.query(points), field.clear(points)
+    exact, _ = body.distance.distance_and_normal(points, check=False)
+    cut = found.flag == CUT
+    assert cut.mean() > 0.9 or spread == 0.3
+    assert np.array_equal(found.distance[~cut], exact[~cut])
+    inside = (np.abs(points) <= body.distance.reach).all(axis=1)
+    assert np.array_equal(np.sign(found.distance[cut & inside]), np.sign(exact[cut & inside]))
+    assert (np.abs(found.distance) >= np.abs(exact)).all()
+    assert (clear <= np.abs(exact)).all()
+    if most == 1000:
+        assert (np.abs(found.distance) - np.abs(exact)).max() < 5e-3
+        assert (clear[cut] > 0.9 * np.abs(exact[cut])).all()
+
+
+def test_of_a_cut_answer_the_first_face_on_the_way_tells_the_side(monkeypatch):
+    """The middle of a thin shell is a cavity, though faces of both walls are about as near."""
+    field, _ = ball(400, monkeypatch, shell=True)
+    found = field.query(middle(300, 1e-3))
+    assert (found.flag == CUT).mean() > 0.9
+    assert (found.distance > 0).all()
+
+
+def test_a_reach_or_a_hint_cuts_no_earlier(monkeypatch):
+    """A search that knows more takes another way: where that is cut, it is not the answer."""
+    field, _ = ball(600, monkeypatch)
+    points = np.concatenate([middle(500, 1e-3), middle(500, 0.3)])
+    wanted = field.query(points)
+    assert 0.2 < (wanted.flag == CUT).mean() < 1
+    assert same(field.follow(points), wanted)
+    for reach in (0.5, 0.88, 0.9, 1.5):
+        found, clear = field.query_within(points, reach)
+        beyond = found.flag == BEYOND
+        assert same([c[~beyond] for c in found], [c[~beyond] for c in wanted])
+        assert (clear[beyond] == reach).all()
+        assert (np.abs(wanted.distance[beyond]) >= reach).all()
+
+
+def test_without_a_limit_nothing_is_cut(monkeypatch):
+    field, body = ball(0, monkeypatch)
+    points = middle(200, 1e-3)
+    exact, _ = body.distance.distance_and_normal(points, check=False)
+    found = field.query(points)
+    assert not found.flag.any()
+    assert np.array_equal(found.distance, exact)
 
 
 def test_an_exact_mesh_takes_few_bytes(fields, files):

@@ -7,6 +7,7 @@ import pytest
 from test_queries import same
 
 from pandis.export.native import native_bytes
+from pandis.fields.base import CUT
 from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
 from pandis.native.runtime import NativeField, library
@@ -80,14 +81,25 @@ def test_it_comes_back_and_the_field_that_lends_its_faces_stays(mesh):
     assert same(moving.query(points), wanted)
 
 
-def test_random_vertices_far_apart_are_searched_in_full(mesh):
+@pytest.mark.parametrize("most", [0, 300])
+def test_of_random_vertices_far_apart_what_is_not_cut_is_exact(mesh, most, monkeypatch):
     """The worst a refit can get: boxes that all overlap."""
-    field, frame, vertices, faces = mesh
+    _, frame, vertices, faces = mesh
+    monkeypatch.setattr("pandis.export.native.MOST", most)
+    field = fresh(frame, vertices, faces)
     shape = np.random.default_rng(1).uniform(vertices.min(), vertices.max(), vertices.shape)
-    moving, built = field.moving(), fresh(frame, shape, faces)
+    moving = field.moving()
     moving.refit(shape)
     points = points_around(frame, vertices, 300)
-    assert np.array_equal(moving.query(points).distance, built.query(points).distance)
+    found, clear = moving.query(points), moving.clear(points)
+    exact, _ = Body(shape, faces, frame).scan(points)
+    cut = clear < np.abs(found.distance)  # outside of the box no flag tells
+    assert cut[found.flag == CUT].all()
+    assert cut.any() == (most > 0)
+    assert not cut.all()
+    assert np.allclose(np.abs(found.distance[~cut]), np.abs(exact[~cut]), rtol=1e-14, atol=0)
+    assert (np.abs(found.distance) >= np.abs(exact) * (1 - 1e-14)).all()
+    assert (clear <= np.abs(exact) * (1 + 1e-14)).all()
 
 
 def test_what_is_no_shape_is_refused_and_the_old_one_stays(mesh):

@@ -17,7 +17,7 @@ from pandis.fields.grid import GridField
 from pandis.fields.siren import SirenField
 from pandis.fields.spline import SplineField
 from pandis.forces import penalty_force
-from pandis.geometry.distance import ShapeDistance
+from pandis.geometry.distance import MeshDistance, ShapeDistance
 from pandis.grids.compact import file_parts
 from pandis.native.bvh import LEAF_BYTES, NODE_BYTES
 from pandis.native.runtime import (
@@ -38,6 +38,11 @@ from pandis.run.catalogue import BOX
 _LANES = 16
 #: The first version of the format that knows these kinds, as they are written now.
 VERSIONS = {COMPACT: 3, MESH: 4}
+#: Nodes, leaves and faces of an exact mesh that one query looks at: what takes about a tenth of a
+#: tick. No query is cut by it at a million points of the box of three scans.
+MOST = 1000
+#: By how much distances of an exact mesh may differ from the library's (unit frame).
+_ROUNDING = 1e-12
 #: Steps of 16-bit weights to either side of zero.
 _STEPS = 32767
 
@@ -170,7 +175,7 @@ def _mesh(engine):
         len(sections["TREE"]) // NODE_BYTES,
         len(sections["LEAF"]) // LEAF_BYTES,
     ]
-    return counts, [engine.reach], sections
+    return [*counts, MOST], [engine.reach], sections
 
 
 def _shape(shape):
@@ -204,6 +209,13 @@ def export_native(field, kind, provenance, weight_bits, body, log):
     file = ExportedField(field.name, data)
     if isinstance(field, CompactField):
         differences = check_nearest(file, field.engine, field.record.rounding)
+    elif isinstance(field, ExactField) and isinstance(field.engine, MeshDistance):
+        differences = check(
+            *(native.distance_and_normal, _reference(wanted), field.frame),
+            left_out=lambda points: native.clear(points) < np.abs(native.query(points).distance),
+        )
+        # of what is cut the bounds
+        differences |= check_nearest(file, field.engine, _ROUNDING)
     else:
         differences = check(native.distance_and_normal, _reference(wanted), field.frame)
     told = ", ".join(f"{key} {value:.1g}" for key, value in differences.items())

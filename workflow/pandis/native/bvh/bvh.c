@@ -20,6 +20,7 @@
 #include "../parts/basis.h"
 #include "../parts/triangles.h"
 #include "../parts/mesh.h"
+#include "../parts/nearest.h"
 
 #include <stdlib.h>
 
@@ -62,7 +63,7 @@ typedef struct {
 static pandis__mesh view(const Bvh *t) {
     return (pandis__mesh){
         .vertex_count = t->vertex_count, .face_count = t->face_count, .node_count = t->node_count,
-        .leaf_count = t->leaf_count, .reach = t->scale, .vertices = t->vertices, .faces = t->faces,
+        .leaf_count = t->leaf_count, .most = INT32_MAX, .reach = t->scale, .vertices = t->vertices, .faces = t->faces,
         .neighbours = t->neighbours, .vertex_normals = t->vertex_normals, .nodes = t->nodes, .leaves = t->leaves};
 }
 
@@ -136,9 +137,11 @@ static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const F
         float slack[2];
         pandis__seem(m, leaf, p, seems, slack);
         for (int i = 0; i < WIDTH; i++) {
-            int32_t face = leaf->face[i];
+            int32_t face = leaf->face[i], four[PANDIS__FOUR] = {face, face, face, face};
+            double squared[PANDIS__FOUR];
             if (face < 0 || seems[i] > pandis__may_seem(reach, slack)) continue;
-            if (!(pandis__face_squared(corner(t, face, 0), corner(t, face, 1), corner(t, face, 2), p) <= limit)) continue;
+            pandis__four_squared(m, four, p, squared);
+            if (!(squared[0] <= limit)) continue;
             Foot second;
             pandis__find_mesh_foot(m, face, p, &second);
             if (dot(second.offset, foot->offset) < cosine * second.distance * foot->distance) return 1;
@@ -200,13 +203,13 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
             continue;
         }
         Foot foot;
-        double n[3];
+        double n[3], clear;
         uint8_t flag = 0;
         /* the closest point before is a bound, with room for rounding */
         double way[3] = {p[0] - closest[0], p[1] - closest[1], p[2] - closest[2]};
         double limit = sqrt(dot(way, way)) * (1 + 1e-9) + 1e-12 * t->scale;
-        last = pandis__nearest(&m, p, limit);
-        if (last == INT32_MAX) last = pandis__nearest(&m, p, INFINITY);
+        last = pandis__nearest(&m, p, limit, &clear);
+        if (last == INT32_MAX) last = pandis__nearest(&m, p, INFINITY, &clear);
         pandis__find_mesh_foot(&m, last, p, &foot);
         for (int k = 0; k < 3; k++) closest[k] = p[k] - foot.offset[k];
         pandis__pseudonormal(&m, last, &foot, n);

@@ -39,8 +39,6 @@ static void pandis__branch_keys(const pandis__branch *branch, const double *p, i
     pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, keys);
 }
 
-#define PANDIS__SOON 192 /* groups and blocks that are looked at before one asks which to look at next */
-
 /* Look for the nearest face, in the nearest branch first and there to the end; for most points that is soon. */
 PANDIS__APART static void pandis__search_depth(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
@@ -68,27 +66,6 @@ PANDIS__APART static void pandis__search_depth(const pandis__compact *t, const d
     }
 }
 
-typedef struct {
-    int32_t key, child;
-} pandis__waiting;
-
-static void pandis__wait(pandis__waiting *heap, int at, pandis__waiting one) {
-    for (; at > 0 && heap[(at - 1) / 2].key > one.key; at = (at - 1) / 2) heap[at] = heap[(at - 1) / 2];
-    heap[at] = one;
-}
-
-static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
-    pandis__waiting first = heap[0], last = heap[count - 1];
-    int at = 0, below = 1;
-    for (; below < count - 1; at = below, below = 2 * at + 1) {
-        if (below + 1 < count - 1 && heap[below + 1].key < heap[below].key) below++;
-        if (heap[below].key >= last.key) break;
-        heap[at] = heap[below];
-    }
-    heap[at] = last;
-    return first;
-}
-
 /* Look for it in whatever seems nearest of all that is left, so that little is missed when the time is up. */
 PANDIS__APART static void pandis__search_best(const pandis__compact *t, const double *p, pandis__near *best) {
     pandis__waiting heap[PANDIS__STACK];
@@ -111,17 +88,9 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
         best->left--;
         pandis__branch_keys(branch, p, keys);
         for (int i = 0; i < branch->count; i++) {
-            pandis__waiting one = {keys[i], branch->child[i]};
-            if (keys[i] > best->key) continue;
-            if (count < PANDIS__STACK) {
-                pandis__wait(heap, count++, one);
-                continue;
-            }
-            /* there is no more room: the farther one of it and the last is left out */
-            pandis__waiting last = heap[count - 1];
-            int32_t out = one.key < last.key ? last.key : one.key;
-            if (one.key < last.key) pandis__wait(heap, count - 1, one);
-            best->unseen = out < best->unseen ? out : best->unseen;
+            int32_t out;
+            if (keys[i] <= best->key && pandis__wait_or_drop(heap, &count, keys[i], branch->child[i], &out))
+                best->unseen = out < best->unseen ? out : best->unseen;
         }
     }
 }
@@ -271,17 +240,14 @@ PANDIS__APART static int pandis__first_side(const pandis__compact *t, const doub
         pandis__unpack(t, ~child, &b);
         int met = pandis__boxes_between(b.boxes, b.groups, b.origin, b.shift, p, way, from);
         for (int place = 0; place < b.face_count; place++) {
-            double c[3][3], u[3], v[3], x[3], across[3], turned[3];
+            double corner[3][3], at;
+            const double *c[3] = {corner[0], corner[1], corner[2]};
             int corners[3];
             if (!(met >> place / PANDIS__WIDTH & 1)) continue;
             if (place % PANDIS__WIDTH == 0 && --left < 0) return own;
-            pandis__face_corners(&b, place, corners, c);
-            for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
-            pandis__cross(way, v, across), pandis__cross(x, u, turned);
-            double det = pandis__dot(u, across), r = pandis__dot(x, across) / det, s = pandis__dot(way, turned) / det;
-            double at = pandis__dot(v, turned) / det;
-            if (!(r >= 0 && s >= 0 && r + s <= 1 && at >= 0 && at < nearest)) continue; /* not if det is 0 */
-            nearest = at, side = det < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
+            pandis__face_corners(&b, place, corners, corner);
+            int sign = pandis__meets(c, p, way, &at);
+            if (sign && at < nearest) nearest = at, side = sign < 0 ? PANDIS__INSIDE : PANDIS__OUTSIDE;
         }
     }
     return side;

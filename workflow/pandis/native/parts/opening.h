@@ -40,8 +40,8 @@
  * the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to pandis_open), ask every
  * field a few points once so that its pages and the caches are filled, and give the thread a real-time
  * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
- * depends on the place, except for meshes: at the worst place (the middle of a finely tessellated ball) a
- * query takes a thousand times as long as usual; of a mesh on a lattice a hundred times, and is cut then.
+ * depends on the place, except for meshes: where very many faces are about equally near (the middle of a finely
+ * tessellated ball) a query takes a hundred times as long as usual, and is cut then: see PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. It needs nothing else of it.

@@ -39,7 +39,8 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
         answer->slope = forces ? 0 : field->kind == PANDIS_SHAPE ? 1 : sqrt(pandis__dot(n, n));
         if (!pandis__normalise(n)) n[0] = n[1] = 0, n[2] = 1;
         answer->distance = d / field->scale;
-        answer->clear = field->kind == PANDIS_COMPACT ? clear / field->scale : fabs(answer->distance);
+        int mesh = field->kind == PANDIS_MESH || field->kind == PANDIS_COMPACT;
+        answer->clear = mesh ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
     answer->flag = flag;
@@ -53,7 +54,7 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
-            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0]); break;
+            case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin->reach, &d, n[0], &clear); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
@@ -63,7 +64,6 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
             default: break;
         }
     }
-    if (flag == PANDIS_BEYOND && field->kind == PANDIS_MESH) clear = begin->reach;
     pandis__tell(field, d, n[0], clear, flag, answer);
 }
 

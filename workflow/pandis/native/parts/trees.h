@@ -47,6 +47,9 @@ static int pandis__open_mesh(pandis_field *f) {
     m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
     m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
     m->reach = pandis__real(f, 0);
+    int32_t most = pandis__whole(f, 4);
+    if (most < 0 || (most > 0 && most < 9)) return 0; /* a leaf and all of its faces, at least */
+    m->most = most ? most : INT32_MAX;
     if (m->vertex_count < 3 || m->face_count < 1 || m->node_count < 1 || m->leaf_count < 1) return 0;
     if (!(m->reach >= 0 && m->reach <= 1e30)) return 0;
     uint64_t v = (uint64_t)m->vertex_count, t = (uint64_t)m->face_count;

@@ -17,6 +17,40 @@ static int32_t pandis__key(float squared) {
     return key | 7;
 }
 
+typedef struct {
+    int32_t key, child;
+} pandis__waiting;
+
+static void pandis__wait(pandis__waiting *heap, int at, pandis__waiting one) {
+    for (; at > 0 && heap[(at - 1) / 2].key > one.key; at = (at - 1) / 2) heap[at] = heap[(at - 1) / 2];
+    heap[at] = one;
+}
+
+static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
+    pandis__waiting first = heap[0], last = heap[count - 1];
+    int at = 0, below = 1;
+    for (; below < count - 1; at = below, below = 2 * at + 1) {
+        if (below + 1 < count - 1 && heap[below + 1].key < heap[below].key) below++;
+        if (heap[below].key >= last.key) break;
+        heap[at] = heap[below];
+    }
+    heap[at] = last;
+    return first;
+}
+
+/* Let a box wait; where there is no room, the farther one of it and the last is left out: 1, and its key. */
+static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
+    pandis__waiting one = {key, child};
+    if (*count < PANDIS__STACK) {
+        pandis__wait(heap, (*count)++, one);
+        return 0;
+    }
+    pandis__waiting last = heap[*count - 1];
+    *out = key < last.key ? last.key : key;
+    if (key < last.key) pandis__wait(heap, *count - 1, one);
+    return 1;
+}
+
 static float pandis__clamp01f(float t) {
     t = t > 0 ? t : 0;
     return t < 1 ? t : 1;
@@ -80,4 +114,15 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
         slack[0] = off[i] > slack[0] ? off[i] : slack[0];
         slack[1] = share[i] > slack[1] ? share[i] : slack[1];
     }
+}
+
+/* Whether a segment from a point meets a triangle, and at which share of the way: -1 from within, 1 from without. */
+static int pandis__meets(const double *const *c, const double *p, const double *way, double *at) {
+    double u[3], v[3], x[3], across[3], turned[3];
+    for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
+    pandis__cross(way, v, across), pandis__cross(x, u, turned);
+    double det = pandis__dot(u, across), r = pandis__dot(x, across) / det, s = pandis__dot(way, turned) / det;
+    *at = pandis__dot(v, turned) / det;
+    if (!(r >= 0 && s >= 0 && r + s <= 1 && *at >= 0)) return 0; /* not if det is 0 */
+    return det < 0 ? -1 : 1;
 }

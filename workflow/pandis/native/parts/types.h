@@ -29,7 +29,7 @@ enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, 
  * and the normal is about to turn; 0 for grids of forces, which have none. */
 typedef struct {
     double distance, normal[3], slope;
-    double clear; /* of a mesh on a lattice: no surface is nearer than this, but for rounding; else |distance| */
+    double clear; /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
     int flag;
 } pandis_answer;
 
@@ -95,6 +95,7 @@ typedef struct {
 
 typedef struct {
     int32_t vertex_count, face_count, node_count, leaf_count;
+    int32_t most; /* nodes, leaves and faces that a query looks at */
     double reach; /* largest coordinate */
     const double *vertices;
     const int32_t *faces;

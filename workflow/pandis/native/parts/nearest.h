@@ -1,0 +1,350 @@
+
+/* ---------------------------------------------------------------- the nearest face of a mesh
+ *
+ * Leaves say in single precision which faces may be the nearest, double precision says which of them is. */
+
+/* The keys of a node's boxes: of lower bounds of the squared distances to what is in them. */
+static void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
+                             int32_t *PANDIS__RESTRICT keys) {
+    float out[PANDIS__WIDTH];
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        float sum = 0;
+        for (int k = 0; k < 3; k++) {
+            float below = n->low[k][i] - p[k], above = p[k] - n->high[k][i];
+            float d = below > above ? below : above;
+            d = d > 0 ? d : 0;
+            sum += d * d;
+        }
+        out[i] = sum * 0.99999f; /* more than the rounding of all of the above */
+    }
+    memcpy(keys, out, sizeof out);
+    for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
+}
+
+/* The key of how far one looks: boxes with larger ones are farther. */
+static int32_t pandis__limit_key(double limit) {
+    double squared = limit * limit * (1 + 1e-6);
+    return squared < 3e38 ? pandis__key((float)squared) : INT32_MAX - 1;
+}
+
+#define PANDIS__FOUR 4
+
+/* The squared distances to four faces, in double precision: among those about equally near the nearest is the one of
+ * which this number is the least. */
+static void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
+                                 double *PANDIS__RESTRICT out) {
+    double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
+    for (int i = 0; i < PANDIS__FOUR; i++)
+        for (int k = 0; k < 3; k++) {
+            a[k][i] = pandis__corner(t, faces[i], 0)[k];
+            b[k][i] = pandis__corner(t, faces[i], 1)[k];
+            c[k][i] = pandis__corner(t, faces[i], 2)[k];
+        }
+    for (int i = 0; i < PANDIS__FOUR; i++) {
+        double x = p[0] - a[0][i], y = p[1] - a[1][i], z = p[2] - a[2][i];
+        double ux = b[0][i] - a[0][i], uy = b[1][i] - a[1][i], uz = b[2][i] - a[2][i];
+        double vx = c[0][i] - a[0][i], vy = c[1][i] - a[1][i], vz = c[2][i] - a[2][i];
+        double sx = c[0][i] - b[0][i], sy = c[1][i] - b[1][i], sz = c[2][i] - b[2][i];
+        double uu = ux * ux + uy * uy + uz * uz, vv = vx * vx + vy * vy + vz * vz, ss = sx * sx + sy * sy + sz * sz;
+        double uv = ux * vx + uy * vy + uz * vz, du = ux * x + uy * y + uz * z, dv = vx * x + vy * y + vz * z;
+        double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
+        double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+        double det = nx * nx + ny * ny + nz * nz;
+        /* 0 / 0 of an edge without length is NaN, which counts as 0; of a face without an area as outside of it */
+        double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
+        double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
+        double best = rx * rx + ry * ry + rz * rz;
+        rx = x - r * vx, ry = y - r * vy, rz = z - r * vz;
+        double d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        r = pandis__clamp01((wx * bx + wy * by + wz * bz) * (1 / ss));
+        rx = bx - r * wx, ry = by - r * wy, rz = bz - r * wz;
+        d = rx * rx + ry * ry + rz * rz;
+        best = d < best ? d : best;
+        s = vv / det * du - uv / det * dv;
+        r = uu / det * dv - uv / det * du;
+        rx = x - s * ux - r * vx, ry = y - s * uy - r * vy, rz = z - s * uz - r * vz;
+        d = rx * rx + ry * ry + rz * rz;
+        int inside = (det > 0) & (s >= 0) & (r >= 0) & (s + r <= 1);
+        out[i] = inside && d < best ? d : best;
+    }
+}
+
+#define PANDIS__MAYBE 12 /* faces that are put off before one looks at them in double precision */
+
+/* What is known while one looks for the nearest face: how far it is at most; which faces may be it, and how far they
+ * seem to be, squared; of those that were looked at in double precision the nearest, and its squared distance; how many
+ * nodes, leaves and faces may still be looked at; and the key of the nearest box that was not. */
+typedef struct {
+    double limit, squared;
+    int32_t face, left, unseen;
+    int count;
+    struct {
+        double seems;
+        float slack[2];
+        int32_t face;
+    } maybe[PANDIS__MAYBE];
+} pandis__seeking;
+
+/* How far a face can seem to be that is no farther than a limit, squared. */
+static double pandis__may_seem(double limit, const float *slack) {
+    double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
+    return most * most * (1 + 1e-6);
+}
+
+/* Look at the faces that were put off. */
+static void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+    double squared[PANDIS__FOUR];
+    int32_t faces[PANDIS__FOUR];
+    for (int i = 0; i < s->count;) {
+        int some = 0;
+        for (; i < s->count && some < PANDIS__FOUR; i++)
+            if (s->maybe[i].seems <= pandis__may_seem(s->limit, s->maybe[i].slack)) faces[some++] = s->maybe[i].face;
+        if (!some) break;
+        for (int k = some; k < PANDIS__FOUR; k++) faces[k] = faces[0];
+        pandis__four_squared(t, faces, p, squared);
+        for (int k = 0; k < some; k++) {
+            if (!(squared[k] < s->squared || (squared[k] == s->squared && faces[k] < s->face))) continue;
+            s->squared = squared[k], s->face = faces[k];
+            double d = sqrt(squared[k]) * (1 + 1e-12);
+            s->limit = d < s->limit ? d : s->limit;
+        }
+    }
+    s->count = 0;
+}
+
+/* The vertices of the triangles of a leaf of a mesh that moves: 24 of them, behind the corners on each vertex. */
+static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
+    return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
+}
+
+/* The triangles of a leaf whose vertices have moved, relative to a point. */
+PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff_t leaf, const double *p,
+                                                  float (*out)[3][PANDIS__WIDTH]) {
+    const int32_t *vertex = pandis__leaf_vertices(t, leaf);
+    for (int i = 0; i < PANDIS__WIDTH; i++)
+        for (int c = 0; c < 3; c++) {
+            const double *at = t->vertices + 3 * (ptrdiff_t)*vertex++;
+            for (int k = 0; k < 3; k++) out[c][k][i] = (float)(at[k] - p[k]);
+        }
+}
+
+/* How far the triangles of a leaf seem to be in single precision, squared, and the least of these; and what such distances
+ * may lose. Zeros, and -1 as the least, where single precision cannot hold squares. */
+static double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
+    float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
+    double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
+    int small = 1;
+    slack[0] = leaf->slack, slack[1] = leaf->share;
+    if (t->around) {
+        pandis__moved_triangles(t, leaf - t->leaves, p, v);
+        memcpy(slack, t->slacks[leaf - t->leaves], sizeof t->slacks[0]);
+        for (int k = 0; k < 3; k++) small &= fabs(p[k]) + t->reach < 1e15;
+    } else {
+        for (int c = 0; c < 9; c++)
+            for (int i = 0; i < PANDIS__WIDTH; i++) v[c / 3][c % 3][i] = (float)(int32_t)leaf->corner[c / 3][c % 3][i];
+        for (int k = 0; k < 3; k++) {
+            double at = (p[k] - (double)leaf->origin[k]) * per_step;
+            q[k] = (float)at, small &= fabs(at) < 1e15;
+        }
+    }
+    if (small) pandis__eight_distances(v, q, d);
+    float least = d[0];
+    for (int i = 0; i < PANDIS__WIDTH; i++) least = d[i] < least ? d[i] : least, seems[i] = (double)d[i] * (step * step);
+    return small ? (double)least * (step * step) : -1;
+}
+
+/* Put off the triangles of a leaf that may be the nearest. */
+static void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
+    double seems[PANDIS__WIDTH], farthest;
+    float slack[2];
+    double least = pandis__seem(t, leaf, p, seems, slack);
+    s->left--;
+    if (least > (farthest = pandis__may_seem(s->limit, slack))) return;
+    double most = least >= 0 ? sqrt(least) * (1 + (double)slack[1]) + (double)slack[0] : (double)INFINITY;
+    if (most < s->limit) s->limit = most, farthest = pandis__may_seem(most, slack);
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        if (seems[i] > farthest || leaf->face[i] < 0) continue;
+        if (s->count == PANDIS__MAYBE) pandis__settle(t, p, s);
+        s->left--;
+        s->maybe[s->count].seems = seems[i], s->maybe[s->count].face = leaf->face[i];
+        memcpy(s->maybe[s->count++].slack, slack, sizeof slack);
+    }
+}
+
+/* Look in the nearest box first and there to the end; for most points that is soon. */
+PANDIS__APART static void pandis__seek_depth(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+    struct {
+        int32_t keys[PANDIS__WIDTH];
+        const pandis__node *node;
+    } path[PANDIS__DEEPEST], *at = path;
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
+    int32_t within = pandis__limit_key(s->limit);
+    at->node = t->nodes;
+    pandis__box_keys(at->node, q, at->keys);
+    for (;;) {
+        int32_t key = pandis__least(at->keys), child = at->node->child[key & 7];
+        if (s->left < 0 && key < s->unseen) s->unseen = key; /* no more: what is left over is at least so far away */
+        if (key > within || s->left < 0) {
+            if (at == path) return;
+            at--;
+            continue;
+        }
+        at->keys[key & 7] = INT32_MAX;
+        if (child >= 0) {
+            s->left--;
+            (++at)->node = t->nodes + child;
+            pandis__box_keys(at->node, q, at->keys);
+        } else {
+            pandis__look_into(t, t->leaves + ~child, p, s);
+            within = pandis__limit_key(s->limit);
+        }
+    }
+}
+
+/* Look in whatever seems nearest of all that is left, so that little is missed when the time is up. */
+PANDIS__APART static void pandis__seek_best(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+    pandis__waiting heap[PANDIS__STACK];
+    float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
+    int count = 1;
+    heap[0].key = heap[0].child = 0;
+    while (count) {
+        pandis__waiting e = pandis__next(heap, count--);
+        int32_t within = pandis__limit_key(s->limit), keys[PANDIS__WIDTH];
+        if (e.key > within) return;
+        if (s->left < 0) {
+            s->unseen = e.key < s->unseen ? e.key : s->unseen;
+            return;
+        }
+        if (e.child < 0) {
+            pandis__look_into(t, t->leaves + ~e.child, p, s);
+            continue;
+        }
+        s->left--;
+        pandis__box_keys(t->nodes + e.child, q, keys);
+        for (int i = 0; i < PANDIS__WIDTH; i++) {
+            int32_t out;
+            if (keys[i] <= within && pandis__wait_or_drop(heap, &count, keys[i], t->nodes[e.child].child[i], &out))
+                s->unseen = out < s->unseen ? out : s->unseen;
+        }
+    }
+}
+
+/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If there were
+ * too many to look at, `clear` is how far all others are at least; else infinite. */
+static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
+    pandis__seeking s;
+    int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
+    int kept = 0;
+    s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0, s.left = soon, s.unseen = INT32_MAX;
+    pandis__seek_depth(t, p, &s);
+    if (s.unseen <= pandis__limit_key(s.limit) && soon < t->most) {
+        s.left = t->most - soon, s.unseen = INT32_MAX;
+        pandis__seek_best(t, p, &s);
+    }
+    for (int i = 0; i < s.count; i++)
+        if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack)) s.maybe[kept++] = s.maybe[i];
+    s.count = kept;
+    /* a face is certainly nearer than the limit, and no other can be it */
+    if (kept == 1 && s.face == INT32_MAX && s.limit < limit)
+        s.face = s.maybe[0].face;
+    else
+        pandis__settle(t, p, &s);
+    *clear = (double)INFINITY;
+    if (s.unseen > pandis__limit_key(s.limit)) return s.face;
+    float squared;
+    s.unseen &= ~7;
+    memcpy(&squared, &s.unseen, sizeof squared);
+    *clear = sqrt((double)squared);
+    return s.face;
+}
+
+/* Which of a node's boxes a segment from a point meets, from some share of it on: a bit each. */
+static int pandis__nodes_between(const pandis__node *node, const double *p, const double *way, double from) {
+    int met = 0;
+    for (int i = 0; i < PANDIS__WIDTH; i++) {
+        double enter = from, leave = 1;
+        for (int k = 0; k < 3; k++) {
+            double low = (double)node->low[k][i] - p[k], high = (double)node->high[k][i] - p[k];
+            double a = low / way[k], b = high / way[k], first = a < b ? a : b, last = a < b ? b : a;
+            if (way[k] == 0) first = low <= 0 && high >= 0 ? from : 2, last = 1;
+            enter = first > enter ? first : enter, leave = last < leave ? last : leave;
+        }
+        met |= (enter <= leave && !(node->low[0][i] > node->high[0][i])) << i;
+    }
+    return met;
+}
+
+/* The side of a point, by the first face that the way to another one meets, of which so much is clear; that one
+ * itself tells if too many are to be looked at: -1 inside. */
+PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const double *p, const double *target,
+                                               const double *n, double from) {
+    int32_t stack[PANDIS__STACK], left = t->most;
+    double way[3], nearest = 1;
+    int top = 1;
+    for (int k = 0; k < 3; k++) way[k] = target[k] - p[k];
+    double own = pandis__dot(n, way) > 0 ? -1 : 1, sign = own;
+    stack[0] = 0;
+    while (top) {
+        int32_t child = stack[--top];
+        if (--left < 0) return own;
+        if (child >= 0) {
+            int met = pandis__nodes_between(t->nodes + child, p, way, from);
+            for (int i = 0; i < PANDIS__WIDTH; i++)
+                if (met >> i & 1) stack[top++] = t->nodes[child].child[i];
+            continue;
+        }
+        const pandis__leaf *leaf = t->leaves + ~child;
+        for (int i = 0; i < PANDIS__WIDTH && leaf->face[i] >= 0; i++) {
+            const double *c[3];
+            double at;
+            for (int k = 0; k < 3; k++) c[k] = pandis__corner(t, leaf->face[i], k);
+            int side = pandis__meets(c, p, way, &at);
+            if (side && at < nearest) nearest = at, sign = side;
+        }
+    }
+    return sign;
+}
+
+/* The sign of a point next to whose nearest face others may be nearer: of the way there, so much is clear. */
+static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot,
+                               double clear) {
+    double target[3], n[3]; /* next to the foot, within the face */
+    if (!(foot->distance > 0) || !pandis__face_normal(t, face, n)) return 1;
+    for (int k = 0; k < 3; k++) {
+        double middle = (pandis__corner(t, face, 0)[k] + pandis__corner(t, face, 1)[k] + pandis__corner(t, face, 2)[k]) / 3;
+        double at = p[k] - foot->offset[k];
+        target[k] = at + 1e-3 * (middle - at);
+    }
+    return pandis__first_sign(t, p, target, n, 0.999 * clear / foot->distance);
+}
+
+PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
+                                             double *distance, double *normal, double *clear) {
+    pandis__foot foot;
+    double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with room for rounding */
+    /* a reach, with room for what leaves lose on slivers */
+    int beyond = begin->reach < 1e18 && begin->reach < limit;
+    if (beyond) limit = begin->reach * (1 + 1e-6) + 1e-5 * t->reach;
+    int32_t face = pandis__nearest(t, u, limit, clear);
+    int cut = *clear < (double)INFINITY;
+    if (face == INT32_MAX && beyond && !cut) {
+        *clear = begin->reach;
+        return PANDIS_BEYOND;
+    }
+    /* with too much to look at, a search that knows more takes another way and ends elsewhere */
+    if ((face == INT32_MAX || cut) && limit < (double)INFINITY) face = pandis__nearest(t, u, (double)INFINITY, clear);
+    if (face == INT32_MAX) return PANDIS_INVALID;
+    double n[3], sign;
+    cut = *clear < (double)INFINITY;
+    pandis__find_mesh_foot(t, face, u, &foot);
+    for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
+    pandis__pseudonormal(t, face, &foot, n);
+    sign = pandis__sign(t, u, &foot, n);
+    if (cut && pandis__within(t, u)) sign = pandis__cut_sign(t, u, face, &foot, *clear);
+    *distance = sign * foot.distance;
+    *clear = *clear < foot.distance ? *clear : foot.distance;
+    /* closer than this the quotient has lost too many digits */
+    for (int k = 0; k < 3; k++) normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
+    return !(fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1) ? PANDIS_BOUND : cut ? PANDIS_CUT : PANDIS_OK;
+}
