@@ -103,12 +103,12 @@ def without_compact(monkeypatch):
 @pytest.mark.usefixtures("untrained")
 def test_a_mesh_too_large_for_its_budget_is_packed(tmp_path):
     exact = TORUS.engine.tree_bytes
-    held = choose(TORUS, tmp_path, force_error="1 %", bytes=exact // 20)
+    held = choose(TORUS, tmp_path, force_error="1 %", bytes=exact // 8)
     made, limits = held.attributes["choice"], held.attributes["limits"]
     assert made["field"] == "compact-auto"
     assert [one["field"] for one in held.attributes["considered"]] == ["exact"]
     (field,) = open_fields(["auto"], TORUS.mesh, [held])
-    assert made["bytes"] == field.bytes <= exact // 20
+    assert made["bytes"] == field.bytes <= exact // 8
     fresh = figures_of(held, TORUS)
     assert fresh["mean"] <= limits["mean"]
     assert fresh["p99"] <= limits["tail"]

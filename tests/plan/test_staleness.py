@@ -96,7 +96,7 @@ def test_the_header_makes_stale_what_answers_and_its_trees_what_is_labelled(tree
     assert grids == ANSWER
     version = rejoined(tree, "opening", 'PANDIS_VERSION "', 'PANDIS_VERSION "9.')
     assert version <= ANSWER
-    trees = rejoined(tree, "mesh", "s = pandis__clamp01(", "s = 1 * pandis__clamp01(")
+    trees = rejoined(tree, "mesh", "s += (vv * du", "s += 1 * (vv * du")
     assert trees > ANSWER | {"mesh", "sample", "bake", "train"}
     sines = rejoined(tree, "sines", "PANDIS__PART1 1.5703125f", "PANDIS__PART1 1.5703126f")
     assert sines == ANSWER | {"train", "choose", "export_network"}
