@@ -38,9 +38,10 @@ from pandis.run.catalogue import BOX
 _LANES = 16
 #: The first version of the format that knows these kinds, as they are written now.
 VERSIONS = {COMPACT: 3, MESH: 4}
-#: Nodes, leaves and faces of an exact mesh that one query looks at: what takes about a tenth of a
-#: tick. No query is cut by it at a million points of the box of three scans.
-MOST = 1000
+#: Nodes, leaves and faces of an exact mesh that one query looks at; 0 is no limit. A thousand would
+#: take a tenth of a tick, and cut nothing on scans; but around a corner of very many narrow faces,
+#: whose boxes all hold it, what is cut may be wrong by the size of the object: late is better.
+MOST = 0
 #: By how much distances of an exact mesh may differ from the library's (unit frame).
 _ROUNDING = 1e-12
 #: Steps of 16-bit weights to either side of zero.

@@ -41,7 +41,8 @@
  * field a few points once so that its pages and the caches are filled, and give the thread a real-time
  * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
  * depends on the place, except for meshes: where very many faces are about equally near (the middle of a finely
- * tessellated ball) a query takes a hundred times as long as usual, and is cut then: see PANDIS_CUT.
+ * tessellated ball) a query takes a thousand times as long as usual, or is cut after so much as its file says: see
+ * PANDIS_CUT. Files of meshes on a lattice say so, those of exact meshes have no limit.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. It needs nothing else of it.
