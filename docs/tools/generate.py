@@ -148,6 +148,7 @@ def generated():
             compact=tables.compact_table(),
             small=tables.small_table(),
             refit=tables.refit_table(),
+            worst=tables.worst_table(),
             order=tables.order_table(),
             full=tables.full_table(),
             native=tables.native_table(),

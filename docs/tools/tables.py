@@ -266,6 +266,24 @@ def refit_table():
     return _noted(table, notes)
 
 
+def worst_table():
+    """Return the table of the worst queries of meshes."""
+    notes, rows = _figures("worst")
+    table = [
+        "| body, faces | field | slowest query (µs) | in the box, median (µs) "
+        "| cut of the contact set | of the box | too far by, contact set and box |",
+        "|---|---|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        cells = [f"{row['mesh']}, {int(row['faces']):,}", f"`{row['field']}`"]
+        cells += [f"{float(row['slowest_us']):.0f}", f"{float(row['box_us']):.1f}"]
+        for where in ("contact", "box"):
+            cells.append(_percent(int(row[f"cut_{where}"]) / int(row[where])))
+        cells.append(" and ".join(f"{float(row[f'off_{w}']):.1e}" for w in ("contact", "box")))
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
 def distance_table():
     """Return the table of speed and memory."""
     notes, rows = _figures("distances")
