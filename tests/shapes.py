@@ -46,6 +46,15 @@ def box(sides, cuts):
     return whole
 
 
+def cone(sectors):
+    """Return vertices and faces of a cone (unit frame), both of whose ends are fans.
+
+    The boxes around the narrow faces of its side all hold the middle of its base.
+    """
+    mesh = trimesh.creation.cone(0.5, 1.8, sections=sectors)
+    return np.asarray(mesh.vertices) - (0, 0, 0.9), np.asarray(mesh.faces, np.int32)
+
+
 def union(parts):
     """Return the exact union of closed meshes, as the repair makes it."""
     whole = trimesh.util.concatenate(parts)

@@ -12,8 +12,9 @@ from pandis.fields.exported import ExportedField
 from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance
 from pandis.geometry.frame import Frame
-from pandis.grids.compact import build_compact, file_parts
+from pandis.grids.compact import build_compact, file_parts, limited, pack_body
 from pandis.grids.lattice import snap, step_of, to_unit
+from pandis.grids.limits import near_surface
 from pandis.grids.sides import find_sides
 from pandis.grids.unpacking import unpack
 from pandis.native.packing import (
@@ -29,7 +30,7 @@ from pandis.native.packing import (
 from pandis.native.runtime import COMPACT, NativeField, pack
 from pandis.run.catalogue import parse_field
 from pandis.run.faults import near_field
-from shapes import open_shape
+from shapes import cone, open_shape
 from support import artifact, box_mesh
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -77,7 +78,9 @@ def native(vertices, faces, bits, sides=None):
     """Return the field of a mesh on the lattice."""
     packed = pack_mesh(vertices, faces, sides or find_sides(vertices, faces))
     arrays = packed._asdict()
-    record = type("Record", (), {"bits": bits, "reach": 0.91, "deviation": 0, "rounding": 0})
+    record = type(
+        "Record", (), {"bits": bits, "most": 704, "reach": 0.91, "deviation": 0, "rounding": 0}
+    )
     return NativeField(pack(COMPACT, UNIT, *file_parts(arrays, record), {}, 3)), arrays
 
 
@@ -323,12 +326,32 @@ def test_a_query_that_has_too_much_to_look_at_is_cut_and_says_so():
         clear = field.clear(points)
         assert (clear <= exact + 1e-6).all()
         assert (clear[cut] > 0.9 * exact[cut]).all()
-        assert distances(arrays, 16, points) == pytest.approx(-exact, abs=1e-6)
+        assert distances(arrays, 16, points)[0] == pytest.approx(-exact, abs=1e-6)
     # next to the surface nothing is cut, and what is clear is the distance
     near = 0.99 * engine.vertices[:2000]
     distance, _, flag = field.query(near)
     assert not flag.any()
     assert np.array_equal(field.clear(near), np.abs(distance))
+
+
+def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
+    """The boxes of all faces hold it: what is cut there is wrong by the size of the object."""
+    body = Body(*cone(2000), UNIT)
+    arrays, record = pack_body(body, 16)
+    larger = limited(arrays, record)
+    vertices, faces = unpack(arrays)
+    engine = MeshDistance(to_unit(vertices, 16), faces)
+    rng = np.random.default_rng(1)
+    base = rng.normal(0, (0.01, 0.01, 0.001), (1000, 3)) - (0, 0, 0.9)
+    points = np.concatenate([base, near_surface(engine.vertices, faces, 20_000, rng)])
+    exact = np.abs(engine.distance_and_normal(points, check=False)[0])
+    wrong, few = [
+        (np.abs(distances(arrays, 16, points, limit)[0]) - exact).max()
+        for limit in (larger.most, record.most)
+    ]
+    assert record.most < larger.most <= 4 * record.most
+    assert wrong < 1e-5
+    assert few > 1e-4
 
 
 def test_within_a_reach_a_cut_query_answers_the_same():

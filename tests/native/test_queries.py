@@ -12,7 +12,9 @@ from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
 from pandis.geometry.frame import Frame
 from pandis.geometry.shapes import SHAPES
+from pandis.grids.limits import near_surface
 from pandis.native.runtime import NativeField, library
+from shapes import cone
 
 BEYOND = 4
 
@@ -95,7 +97,7 @@ def ball(most, monkeypatch, shell=False):
         faces = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
         vertices = np.concatenate([vertices, 0.98 * vertices])
     body = Body(0.9 * vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
-    monkeypatch.setattr(export, "MOST", most)
+    monkeypatch.setattr(export, "least_limit", lambda *given: most)
     return NativeField(export.native_bytes(ExactField("exact", body), "exact", {})), body
 
 
@@ -145,6 +147,32 @@ def test_a_reach_or_a_hint_cuts_no_earlier(monkeypatch):
         assert same([c[~beyond] for c in found], [c[~beyond] for c in wanted])
         assert (clear[beyond] == reach).all()
         assert (np.abs(wanted.distance[beyond]) >= reach).all()
+
+
+def limit_of(data):
+    """Return how much a query of an exact mesh looks at, as its file has it."""
+    return int(np.frombuffer(data, np.int32, 5, 72)[4])
+
+
+def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
+    """What is cut there could be wrong by the size of the object."""
+    body = Body(*cone(1000), Frame((0.0, 0.0, 0.0), 1.0))
+    data = export.native_bytes(ExactField("exact", body), "exact", {})
+    assert export.MOST < limit_of(data) <= 4 * export.MOST
+    field, rng = NativeField(data), np.random.default_rng(2)
+    base = rng.normal(0, (0.01, 0.01, 0.001), (2000, 3)) - (0, 0, 0.9)
+    points = np.concatenate([base, near_surface(body.corners, body.faces, 20_000, rng)])
+    found = field.query(points)
+    assert not (found.flag == CUT).any()
+    assert np.array_equal(found.distance, body.distance.distance_and_normal(points)[0])
+
+
+def test_the_middle_of_a_ball_does_not_make_the_limit_larger():
+    vertices, faces = SHAPES["sphere"].tessellation()
+    body = Body(0.9 * vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
+    data = export.native_bytes(ExactField("exact", body), "exact", {})
+    assert limit_of(data) == export.MOST
+    assert (NativeField(data).query(middle(100, 1e-9)).flag == CUT).all()
 
 
 def test_without_a_limit_nothing_is_cut(monkeypatch):

@@ -8,7 +8,14 @@ from pandis.errors import PandisError
 from pandis.fields.compact import CompactField
 from pandis.fields.sizing import Candidate
 from pandis.geometry.measure import promise
-from pandis.grids.compact import bound_deviation, compare_sides, pack_body, size_of, told
+from pandis.grids.compact import (
+    bound_deviation,
+    compare_sides,
+    limited,
+    pack_body,
+    size_of,
+    told,
+)
 from pandis.mesh.tools import ToolError, call
 from pandis.mesh.topology import EdgeTable
 from pandis.run.artifact import Artifact
@@ -85,6 +92,7 @@ class Packer:
             record = bound_deviation(self.body, candidate.arrays, candidate.field.record)
             known = f"; mean error of the force {error:.2g}" if error < inf else ""
             self.log(f"{told(candidate.arrays, record)}{known}")
+            record = limited(candidate.arrays, record)
             try:
                 compare_sides(self.body, candidate.arrays, record, self.seed)
             except PandisError as wrong:

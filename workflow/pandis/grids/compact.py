@@ -5,20 +5,19 @@ import numpy as np
 from pandis.errors import PandisError
 from pandis.geometry.distance import MeshDistance
 from pandis.geometry.hausdorff import farthest
-from pandis.geometry.sampling import Surface
 from pandis.grids.lattice import snap, step_of, to_unit
+from pandis.grids.limits import least_limit, near_surface
 from pandis.grids.sides import find_sides
 from pandis.grids.unpacking import unpack
 from pandis.native.packing import BLOCK_BYTES, BRANCH_BYTES, distances, pack_mesh
 from pandis.run.records.compact import CompactRecord
 
-#: Groups of eight faces, and blocks, that one query looks at: what takes about a tenth of a tick.
-#: How many queries of scans are cut by it: tests/benchmarks/compact.py.
+#: Groups of eight faces, and blocks, that one query looks at, if none next to the surface needs
+#: more: what takes about a tenth of a tick. How many queries of scans are cut by it:
+#: tests/benchmarks/compact.py.
 MOST = 704
 #: Points at which sides are compared with the body's: half in the box, half near the surface.
 SIDES = 1_000_000
-#: Heights of the latter above and below the surface (unit frame), spread by logarithm.
-_HEIGHTS = 1e-5, 0.1
 
 
 def build_compact(body, bits, seed, log):
@@ -46,6 +45,7 @@ def build_compact(body, bits, seed, log):
     """
     arrays, record = pack_body(body, bits)
     log(told(arrays, record))
+    record = limited(arrays, record)
     compare_sides(body, arrays, record, seed)
     return arrays, record
 
@@ -84,6 +84,7 @@ def pack_body(body, bits, surface=None):
         deviation=snapped.deviation,
         rounding=_rounding(packed, snapped, bits),
         turned=snapped.turned,
+        most=MOST,
         reach=float(np.abs(places).max()),
         low=tuple(places.min(axis=0)),
         high=tuple(places.max(axis=0)),
@@ -100,6 +101,20 @@ def bound_deviation(body, arrays, record):
     there = farthest(vertices, faces, mesh)
     back = farthest(mesh.vertices, mesh.faces, MeshDistance(vertices, faces))
     return record.model_copy(update={"deviation": max(there, back)})
+
+
+def limited(arrays, record):
+    """Return the record with a limit of what a query looks at that cuts none next to the surface.
+
+    See `pandis.grids.limits`.
+    """
+    vertices, faces = unpack(arrays)
+
+    def query(points, most):
+        return distances(arrays, record.bits, points, most)
+
+    most = least_limit(record.most, to_unit(vertices, record.bits), faces, query)
+    return record.model_copy(update={"most": most})
 
 
 def _mesh_distance(body):
@@ -128,7 +143,7 @@ def file_parts(arrays, record):
         len(arrays["branches"]) // BRANCH_BYTES,
         len(arrays["blocks"]) // BLOCK_BYTES,
         len(arrays["packed"]),
-        MOST,
+        record.most,
     ]
     sections = {"BRCH": arrays["branches"], "BLCK": arrays["blocks"], "PACK": arrays["packed"]}
     sections["BOND"] = np.array([record.deviation, record.rounding])
@@ -179,13 +194,10 @@ def compare_sides(body, arrays, record, seed):
     half = SIDES // 2
     box = rng.uniform(-1, 1, (half, 3))
     engine = _mesh_distance(body)
-    feet = Surface(engine.vertices, engine.faces).draw(half, rng)[0]
-    height = np.exp(rng.uniform(*np.log(_HEIGHTS), half)) * rng.choice((-1, 1), half)
-    away = rng.normal(size=(half, 3))
-    away *= (height / np.linalg.norm(away, axis=1))[:, None]
-    points = np.concatenate([box, feet + away])
+    near = near_surface(engine.vertices, engine.faces, half, rng)
+    points = np.concatenate([box, near])
     exact, _ = engine.distance_and_normal(points)
-    distance = distances(arrays, record.bits, points, MOST)
+    distance, _ = distances(arrays, record.bits, points, record.most)
     wrong = (exact < 0) != (distance < 0)
     wrong &= np.abs(exact) > record.deviation + record.rounding
     if wrong.any():

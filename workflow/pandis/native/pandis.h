@@ -411,7 +411,7 @@ PANDIS_API const char *pandis_error(int error);
 #define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-#define PANDIS__SOON 192 /* boxes and groups of faces that are looked at before one asks which to look at next */
+#define PANDIS__SOON 192 /* boxes and faces, at least, that are looked at before one asks which to look at next */
 #define PANDIS__SLACK 16 /* bytes behind the last block, which are read and not used */
 #define PANDIS__BLOCK 64 /* most faces, and most corners, of a block of a packed mesh */
 
@@ -596,6 +596,12 @@ static int32_t pandis__key(float squared) {
     int32_t key;
     memcpy(&key, &squared, sizeof key);
     return key | 7;
+}
+
+/* Of how much may be looked at, what is looked at in the order of the tree, for which most queries have no more to do. */
+static int32_t pandis__soon(int32_t most) {
+    int32_t soon = most / 4 > PANDIS__SOON ? most / 4 : PANDIS__SOON;
+    return most < INT32_MAX && most > soon ? soon : most;
 }
 
 typedef struct {
@@ -1093,7 +1099,7 @@ PANDIS__APART static void pandis__seek_best(const pandis__mesh *t, const double 
  * too many to look at, `clear` is how far all others are at least; else infinite. */
 static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
-    int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
+    int32_t soon = pandis__soon(t->most);
     int kept = 0;
     s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0, s.left = soon, s.unseen = INT32_MAX;
     pandis__seek_depth(t, p, &s);
@@ -1421,7 +1427,7 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
  * reach (steps). If there were too many to look at, `clear` is how far all others are at least, squared; else
  * infinite. */
 static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
-    int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
+    int32_t soon = pandis__soon(t->most);
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
     if (reach < 1e18) best.squared = (float)(reach * reach), best.key = pandis__key(best.squared);
     pandis__search_depth(t, p, &best);
@@ -2338,6 +2344,7 @@ PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field
     own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
     own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
+    own->most = INT32_MAX; /* nothing is known of what its shapes would cut */
     return 0;
 }
 

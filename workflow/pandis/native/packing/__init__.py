@@ -119,7 +119,7 @@ def pack_mesh(vertices, faces, sides):
 
 
 def distances(arrays, bits, points, most=0):
-    """Return the distances (n,) at points (n, 3) as ``pandis.h`` answers them (unit frame).
+    """Return distances as ``pandis.h`` answers them, and how far the surface is at least.
 
     Parameters
     ----------
@@ -129,19 +129,24 @@ def distances(arrays, bits, points, most=0):
     points : ndarray, shape (n, 3)
     most : int
         Groups of faces and blocks that a query may look at; 0: all.
+
+    Returns
+    -------
+    distance, clear : ndarray, shape (n,), unit frame
+        Where the latter is the smaller, the query is cut.
     """
     points = np.ascontiguousarray(points, np.float64)
     parts = [np.ascontiguousarray(arrays[name]) for name in Packed._fields]
-    distance = np.empty(len(points))
+    distance, clear = np.empty(len(points)), np.empty(len(points))
 
     def part(low, high):
-        start, out = points[low:].ctypes.data, distance[low:].ctypes.data
+        start, *out = (array[low:].ctypes.data for array in (points, distance, clear))
         where = [array.ctypes.data for array in parts]
-        library.packing_distances(*where, bits, most, start, high - low, out)
+        library.packing_distances(*where, bits, most, start, high - low, *out)
 
     library = _library()
     in_threads(part, len(points))
-    return distance
+    return distance, clear
 
 
 def _checked(vertices, faces):
@@ -158,14 +163,14 @@ def _checked(vertices, faces):
 
 def _library():
     lib = load(Path(__file__).with_name("packing.c"))
-    pointer, i32 = ctypes.c_void_p, ctypes.c_int32
+    pointer, i32, i64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64
     lib.packing_build.restype = pointer
     lib.packing_build.argtypes = [pointer, i32, pointer, i32, pointer, pointer, pointer]
     lib.packing_part.restype, lib.packing_part.argtypes = pointer, [pointer, i32, pointer]
-    lib.packing_distances.argtypes = [pointer] * 3 + [i32, i32, pointer, ctypes.c_int64, pointer]
+    lib.packing_distances.argtypes = [*[pointer] * 3, i32, i32, pointer, i64, pointer, pointer]
     lib.packing_free.argtypes = lib.packing_free_rays.argtypes = [pointer]
     lib.packing_rays.restype, lib.packing_rays.argtypes = pointer, [pointer, i32, pointer, i32]
-    lib.packing_ray_count.restype = ctypes.c_int64
+    lib.packing_ray_count.restype = i64
     lib.packing_ray_count.argtypes = [pointer]
     lib.packing_copy_rays.argtypes = [pointer, pointer, pointer]
     return lib

@@ -354,13 +354,14 @@ const void *packing_part(const Packing *m, int32_t which, int64_t *bytes) {
     }
 }
 
-/* Distances at points of the unit frame, as pandis.h answers them when it may look at so much. */
+/* Distances at points of the unit frame, as pandis.h answers them when it may look at so much, and how far the surface
+ * is at least. */
 void packing_distances(const void *branches, const void *blocks, const void *packed, int32_t bits, int32_t most,
-                       const double *points, int64_t count, double *distance) {
+                       const double *points, int64_t count, double *distance, double *clear) {
     pandis__compact t = {.bits = bits, .step = 2 * PANDIS__HALF / ((1 << bits) - 1), .reach = 1, .most = most ? most : INT32_MAX,
                          .branches = branches, .blocks = blocks, .packed = packed};
     for (int64_t i = 0; i < count; i++) {
-        double normal[3], clear;
-        pandis__answer_compact(&t, points + 3 * i, (double)INFINITY, distance + i, normal, &clear);
+        double normal[3];
+        pandis__answer_compact(&t, points + 3 * i, (double)INFINITY, distance + i, normal, clear + i);
     }
 }

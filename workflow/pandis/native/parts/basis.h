@@ -54,7 +54,7 @@
 #define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-#define PANDIS__SOON 192 /* boxes and groups of faces that are looked at before one asks which to look at next */
+#define PANDIS__SOON 192 /* boxes and faces, at least, that are looked at before one asks which to look at next */
 #define PANDIS__SLACK 16 /* bytes behind the last block, which are read and not used */
 #define PANDIS__BLOCK 64 /* most faces, and most corners, of a block of a packed mesh */
 

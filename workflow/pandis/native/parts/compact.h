@@ -99,7 +99,7 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
  * reach (steps). If there were too many to look at, `clear` is how far all others are at least, squared; else
  * infinite. */
 static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
-    int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
+    int32_t soon = pandis__soon(t->most);
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
     if (reach < 1e18) best.squared = (float)(reach * reach), best.key = pandis__key(best.squared);
     pandis__search_depth(t, p, &best);

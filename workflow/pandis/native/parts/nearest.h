@@ -234,7 +234,7 @@ PANDIS__APART static void pandis__seek_best(const pandis__mesh *t, const double 
  * too many to look at, `clear` is how far all others are at least; else infinite. */
 static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
-    int32_t soon = t->most < INT32_MAX && t->most > PANDIS__SOON ? PANDIS__SOON : t->most;
+    int32_t soon = pandis__soon(t->most);
     int kept = 0;
     s.limit = limit, s.squared = limit * limit, s.face = INT32_MAX, s.count = 0, s.left = soon, s.unseen = INT32_MAX;
     pandis__seek_depth(t, p, &s);

@@ -91,6 +91,7 @@ PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field
     own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
     own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
+    own->most = INT32_MAX; /* nothing is known of what its shapes would cut */
     return 0;
 }
 

@@ -17,6 +17,12 @@ static int32_t pandis__key(float squared) {
     return key | 7;
 }
 
+/* Of how much may be looked at, what is looked at in the order of the tree, for which most queries have no more to do. */
+static int32_t pandis__soon(int32_t most) {
+    int32_t soon = most / 4 > PANDIS__SOON ? most / 4 : PANDIS__SOON;
+    return most < INT32_MAX && most > soon ? soon : most;
+}
+
 typedef struct {
     int32_t key, child;
 } pandis__waiting;

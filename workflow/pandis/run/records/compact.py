@@ -6,8 +6,8 @@ from pandis.run.records.record import Record
 class CompactRecord(Record):
     """A compact mesh: bits of a coordinate; how many faces and vertices it has, and how many faces
     the mesh had; how far the two surfaces lie apart at most, and by how much rounding can make a
-    distance too large; faces that look to the other side than before; its largest coordinate, and
-    its box (unit frame).
+    distance too large; faces that look to the other side than before; groups of faces, and blocks,
+    that a query looks at; its largest coordinate, and its box (unit frame).
     """
 
     bits: int
@@ -17,6 +17,7 @@ class CompactRecord(Record):
     deviation: float
     rounding: float
     turned: int
+    most: int
     reach: float
     low: tuple[float, float, float]
     high: tuple[float, float, float]
