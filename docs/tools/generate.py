@@ -40,6 +40,7 @@ PARTS = (
         "types",
         "interface",
         "basis",
+        "vectors",
         "sines",
         "bsplines",
         "triangles",

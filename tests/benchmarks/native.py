@@ -15,6 +15,7 @@ rate of a loop that does nothing else.
 import ctypes
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 import igl
@@ -35,9 +36,9 @@ from pandis.geometry.sampling import Surface
 from pandis.geometry.trajectories import trace
 from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
-from pandis.mesh.build import build
-from pandis.native.compiler import load
-from pandis.native.runtime import NativeField
+from pandis.mesh.build import build as build_mesh
+from pandis.native.compiler import build, find_compiler, load
+from pandis.native.runtime import SOURCE, NativeField, declared
 from pandis.run.artifact import Artifact
 from pandis.run.catalogue import GRID_FIELDS, parse_field
 from pandis.run.options import TrajectoryOptions
@@ -53,7 +54,7 @@ COLUMNS = ("field", "way", "median_us", "p999_us", "bytes", "of_native")
 def bunny():
     """Return the bunny's vertices and faces in the unit frame."""
     task = MeshTask(source="pymeshlab:bunny.obj", sha256=None, seed=0)
-    arrays, _ = build(task, None, lambda text: None)
+    arrays, _ = build_mesh(task, None, lambda text: None)
     frame = Frame.of_bounds(arrays["vertices"].min(0), arrays["vertices"].max(0))
     return frame.to_unit(arrays["vertices"]), arrays["faces"]
 
@@ -110,6 +111,13 @@ def floors():
         yield name, "floor: its arithmetic", 1e6 * passes * 2 * hidden / rate
 
 
+@cache
+def compiled_plainly():
+    """Return what asks pandis.h, as a user compiles it who gives no flags but -O2."""
+    command = [find_compiler(), "-std=c99", "-O2", "-fPIC", "-shared"]
+    return declared(ctypes.CDLL(build(command, SOURCE, ["-lm", "-lpthread"], "plain.so")))
+
+
 def one_by_one(answer, points):
     """Return the seconds of single queries."""
     clock, taken = time.perf_counter, np.empty(QUERIES)
@@ -151,6 +159,9 @@ def ways(vertices, faces):
             native = NativeField(data)
             way = "pandis.h" if bits == 32 else "pandis.h, 16-bit weights"
             yield name, way, len(data), lambda n=native, p=points: n.time(p, QUERIES)
+            plain = NativeField(data)
+            plain._library = compiled_plainly()
+            yield name, f"{way}, by -O2 alone", "", lambda n=plain, p=points: n.time(p, QUERIES)
         if name == "exact":
             tree = igl.AABB()
             mesh = vertices, faces.astype(np.int64)

@@ -218,6 +218,8 @@ SETS = (
     ("-O3", "-march=x86-64-v3"),
     ("-O3", "-march=native"),
     ("-O3", "-DPANDIS_NO_VECTORS"),
+    ("-O2", "-DPANDIS_NO_DISPATCH"),
+    ("-O2", "-march=native", "-std=gnu11"),  # where products and sums are fused by default
 )
 
 
@@ -235,7 +237,7 @@ def test_every_compiler_and_vector_width_gives_the_same_bits(files, points_file,
     seen = {}
     for compiler, flags in itertools.product(COMPILERS, SETS):
         program = tmp_path / "probe"
-        command = [compiler, "-std=c99", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", *flags]
+        command = [compiler, "-std=c99", "-D_POSIX_C_SOURCE=200809L", *flags]
         source = [HERE / "probe.c", "-lm", *wraps, "-o", program]
         done = subprocess.run([*command, "-I", NATIVE, *source], capture_output=True, check=False)
         if b"march" in done.stderr:
@@ -455,7 +457,8 @@ def test_a_query_needs_little_stack(compiler, level, files, points_file, tmp_pat
         run = [program, path, points_file]
         used = int(subprocess.run(run, capture_output=True, text=True, check=True).stdout)
         network = name.startswith(("network", "gradient", "shallow"))
-        assert 100 < used <= (90_000 if network else 8192), (name, used)
+        most = 90_000 if network else 9216 if level == "-O0" else 8192
+        assert 100 < used <= most, (name, used)
 
 
 #: Machines on which a program gives the same bits: compiler, flags, what runs it.
@@ -490,7 +493,7 @@ def other_machine(target, files, points, folder):
     seen = []
     for own, more, by in (("gcc", (), ()), (compiler, flags, runner)):
         program = folder / f"probe-{own}.exe"
-        command = [own, "-std=c99", "-O2", "-static", "-ffp-contract=off", "-DNO_COUNT", *more]
+        command = [own, "-std=c99", "-O2", "-static", "-DNO_COUNT", *more]
         subprocess.run(
             [*command, "-I", NATIVE, HERE / "probe.c", "-lm", "-o", program],
             check=True, capture_output=True,

@@ -26,11 +26,12 @@
  * negative inside, normals point outward and have unit length. A field is only read: any number of
  * threads may ask it. The format of the file: docs/format.md of pandis.
  *
- * C99 or later, or C++11 or later. For speed: -O3 -march=native -fno-math-errno -fno-trapping-math
- * (without the last two compilers use no vectors for much of it). With -ffp-contract=off every compiler
- * and every vector width gives the same bits. With -ffast-math or x87 arithmetic it does not compile,
+ * C99 or later, or C++11 or later. It needs no flags: with -O2 alone it is about as fast as with -O3
+ * -march=native, since GCC and clang compile what takes most time for AVX2, too, which is taken on x86-64
+ * machines that have it (not on Windows; PANDIS_NO_DISPATCH leaves it out). Every compiler, every machine
+ * and every vector width gives the same bits (clang not with -ffp-contract=fast). With -ffast-math or x87 arithmetic it does not compile,
  * for it would answer wrongly; parts of -ffast-math that no macro shows are found by a test of the
- * arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network 80 KB: define a
+ * arithmetic in pandis_open. A query needs 8 KB of stack at most (9 KB without optimisation), and one of a network 80 KB: define a
  * smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16), and it needs four bytes times
  * (depth + 2) times width. Define PANDIS_API as `static inline` to keep the names to one source file,
  * PANDIS_NO_FILE to leave out what opens files.
@@ -41,8 +42,8 @@
  * field a few points once so that its pages and the caches are filled, and give the thread a real-time
  * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
  * depends on the place, except for meshes: where very many faces are about equally near (the middle of a finely
- * tessellated ball) a query takes a thousand times as long as usual, or is cut after so much as its file says: see
- * PANDIS_CUT. Files of meshes on a lattice say so, those of exact meshes have no limit.
+ * tessellated ball) a query takes a hundred times as long as usual, and is cut after so much as its file says: see
+ * PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. It needs nothing else of it.
@@ -89,9 +90,8 @@ extern "C" {
  * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
  * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
  * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
- * may be too large, by some thousandths of the object there, next to corners of thousands of narrow faces by more: see
- * `clear`. BEYOND: of pandis_query_within alone, no
- * surface is within its reach. */
+ * may be too large, by some hundredths of the object: see `clear`. Files are made so that next to the surface nothing
+ * is cut. BEYOND: of pandis_query_within alone, no surface is within its reach. */
 enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3, PANDIS_BEYOND = 4 };
 
 /* Why a field cannot be opened. */
@@ -385,6 +385,23 @@ PANDIS_API const char *pandis_error(int error);
 #define PANDIS__RESTRICT restrict
 #endif
 
+/* A plain -O2 is enough for all that follows. GCC uses few vectors then, and fewer still as long as an operation might
+ * trap, so it is told here; clang knows by itself. Products and sums are rounded one by one, whatever the flags say, so
+ * that every compiler, every machine and every vector width gives the same bits. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__) && !defined(__INTEL_COMPILER)
+#pragma GCC push_options
+#pragma GCC optimize("O3", "no-trapping-math", "no-math-errno", "fp-contract=off")
+#define PANDIS__PUSHED
+#endif
+
+#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* whose stack would grow */
+#define PANDIS__INLINE static inline __attribute__((always_inline))
+#else
+#define PANDIS__INLINE static inline
+#endif
+
 /* A function that keeps its stack to itself. */
 #if defined(__GNUC__)
 #define PANDIS__APART __attribute__((noinline))
@@ -407,6 +424,7 @@ PANDIS_API const char *pandis_error(int error);
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
+#define PANDIS__HEAP 512 /* boxes that wait to be looked at, at most: of more, the farthest are not */
 #define PANDIS__STACK 704
 #define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
@@ -451,6 +469,61 @@ static double pandis__clamp(const double *u, double *inside) {
     return pandis__clamp_to(low, high, u, inside);
 }
 
+
+/* ---------------------------------------------------------------- vectors
+ *
+ * Sums run in lanes, in vectors where the compiler has them: it would not see by itself that these can stay in registers.
+ * Elsewhere a vector is one number. What is added to what, and in which order, is the same for every width. */
+#if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
+#if defined(__AVX512F__)
+#define PANDIS__VECTOR 16
+#elif defined(__AVX__) || (defined(__x86_64__) && !defined(_WIN32))
+#define PANDIS__VECTOR 8
+#else
+#define PANDIS__VECTOR 4
+#endif
+typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
+typedef float pandis__floats __attribute__((vector_size(4 * PANDIS__VECTOR), aligned(4), may_alias));
+typedef int16_t pandis__shorts __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
+typedef int32_t pandis__ints __attribute__((vector_size(4 * PANDIS__VECTOR)));
+/* no functions, for a vector that one returns is a matter of the ABI */
+#define pandis__load(p) (*(const pandis__floats *)(p))
+#define pandis__load16(p) __builtin_convertvector(*(const pandis__shorts *)(p), pandis__vector)
+#else
+#define PANDIS__VECTOR 1
+typedef float pandis__vector;
+#define pandis__load(p) (*(p))
+#define pandis__load16(p) ((float)*(p))
+#endif
+#if PANDIS__VECTOR == 8 && defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) /* which does so by itself */
+#define pandis__load16_wide(p) \
+    __builtin_convertvector((pandis__ints)__builtin_ia32_pmovsxwd256(*(const pandis__shorts *)(p)), pandis__vector)
+#ifdef __AVX2__
+#undef pandis__load16
+#define pandis__load16 pandis__load16_wide
+#endif
+#else
+#define pandis__load16_wide pandis__load16
+#endif
+#define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
+
+/* What takes most time is compiled twice where the program is for any x86-64 machine: as `name_plain`, and as `name_wide`
+ * for AVX2, which is taken where the machine has it. Windows keeps no stack aligned for such vectors. */
+#if PANDIS__VECTOR == 8 && defined(__x86_64__) && !defined(__AVX2__) && !defined(_WIN32) && !defined(PANDIS_NO_DISPATCH)
+#define PANDIS__WIDE __attribute__((target("avx2")))
+#define PANDIS__TWICE(plain, wide) plain wide
+#define PANDIS__CHOOSE(name) (__builtin_cpu_supports("avx2") ? name##_wide : name##_plain)
+#else
+#define PANDIS__WIDE
+#define PANDIS__TWICE(plain, wide) plain
+#define PANDIS__CHOOSE(name) name##_plain
+#endif
+
+/* A function that keeps its stack to itself, of the body of its name. */
+#define PANDIS__COMPILE(name, parameters, arguments)                                            \
+    PANDIS__TWICE(PANDIS__APART static void name##_plain parameters { name##_body arguments; }, \
+                  PANDIS__WIDE PANDIS__APART static void name##_wide parameters { name##_body arguments; }) \
+    static void name parameters { PANDIS__CHOOSE(name) arguments; }
 /* ---------------------------------------------------------------- sines */
 
 /* pi / 2 in three parts, the first two of few bits: whole multiples of them are exact. */
@@ -460,7 +533,7 @@ static double pandis__clamp(const double *u, double *inside) {
 
 /* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, as of
  * 0; NaN of what is no finite number. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
-static inline void pandis__sine_cosine(float x, float *sine, float *cosine) {
+PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN of what is no finite number */
     x = fabsf(x) <= 1e4f ? x : 0.0f;
@@ -585,7 +658,7 @@ static int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
  * Squared distances are sorted as whole numbers, their keys: a float that is not negative sorts as the number that
  * has its bits. The last three bits say of which box it is. */
 
-static int32_t pandis__least(const int32_t *keys) {
+PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     int32_t least = keys[0];
     for (int i = 1; i < PANDIS__WIDTH; i++) least = keys[i] < least ? keys[i] : least;
     return least;
@@ -628,7 +701,7 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
 /* Let a box wait; where there is no room, the farther one of it and the last is left out: 1, and its key. */
 static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
-    if (*count < PANDIS__STACK) {
+    if (*count < PANDIS__HEAP) {
         pandis__wait(heap, (*count)++, one);
         return 0;
     }
@@ -638,14 +711,14 @@ static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, 
     return 1;
 }
 
-static float pandis__clamp01f(float t) {
+PANDIS__INLINE float pandis__clamp01f(float t) {
     t = t > 0 ? t : 0;
     return t < 1 ? t : 1;
 }
 
 /* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that of some point
  * of the triangle, and so never too small but for rounding. By how much it can be too large: pandis__slacks. */
-static void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
+PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
                                     float *PANDIS__RESTRICT out) {
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];
@@ -869,7 +942,7 @@ static double pandis__sign(const pandis__mesh *t, const double *p, const pandis_
  * Leaves say in single precision which faces may be the nearest, double precision says which of them is. */
 
 /* The keys of a node's boxes: of lower bounds of the squared distances to what is in them. */
-static void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
+PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
                              int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
     for (int i = 0; i < PANDIS__WIDTH; i++) {
@@ -896,7 +969,7 @@ static int32_t pandis__limit_key(double limit) {
 
 /* The squared distances to four faces, in double precision: among those about equally near the nearest is the one of
  * which this number is the least. */
-static void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
+PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
                                  double *PANDIS__RESTRICT out) {
     double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
     for (int i = 0; i < PANDIS__FOUR; i++)
@@ -958,7 +1031,7 @@ static double pandis__may_seem(double limit, const float *slack) {
 }
 
 /* Look at the faces that were put off. */
-static void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     double squared[PANDIS__FOUR];
     int32_t faces[PANDIS__FOUR];
     for (int i = 0; i < s->count;) {
@@ -996,7 +1069,7 @@ PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff
 
 /* How far the triangles of a leaf seem to be in single precision, squared, and the least of these; and what such distances
  * may lose. Zeros, and -1 as the least, where single precision cannot hold squares. */
-static double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
+PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
     double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
     int small = 1;
@@ -1020,7 +1093,7 @@ static double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, cons
 }
 
 /* Put off the triangles of a leaf that may be the nearest. */
-static void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
     double least = pandis__seem(t, leaf, p, seems, slack);
@@ -1038,7 +1111,7 @@ static void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, c
 }
 
 /* Look in the nearest box first and there to the end; for most points that is soon. */
-PANDIS__APART static void pandis__seek_depth(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH];
         const pandis__node *node;
@@ -1067,9 +1140,11 @@ PANDIS__APART static void pandis__seek_depth(const pandis__mesh *t, const double
     }
 }
 
+PANDIS__COMPILE(pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
+
 /* Look in whatever seems nearest of all that is left, so that little is missed when the time is up. */
-PANDIS__APART static void pandis__seek_best(const pandis__mesh *t, const double *p, pandis__seeking *s) {
-    pandis__waiting heap[PANDIS__STACK];
+PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+    pandis__waiting heap[PANDIS__HEAP];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
     int count = 1;
     heap[0].key = heap[0].child = 0;
@@ -1094,6 +1169,8 @@ PANDIS__APART static void pandis__seek_best(const pandis__mesh *t, const double 
         }
     }
 }
+
+PANDIS__COMPILE(pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
 /* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If there were
  * too many to look at, `clear` is how far all others are at least; else infinite. */
@@ -1239,7 +1316,7 @@ typedef struct {
 /* How far the low byte of a box's place is shifted, where extents need so many bits. */
 static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
-static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
+PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
     const pandis__block_record *record = t->blocks + block;
     b->face_count = (int)(record->counts & 63) + 1, b->corner_count = (int)(record->counts >> 6 & 63) + 1;
     b->groups = (b->face_count + PANDIS__WIDTH - 1) / PANDIS__WIDTH;
@@ -1256,7 +1333,7 @@ static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__pack
 }
 
 /* The corners of eight faces, as numbers of the block's: six bits each, for one of the three corners. */
-static uint64_t pandis__six_bits(const unsigned char *bytes) {
+PANDIS__INLINE uint64_t pandis__six_bits(const unsigned char *bytes) {
     uint32_t low;
     uint16_t high;
     memcpy(&low, bytes, sizeof low), memcpy(&high, bytes + 4, sizeof high);
@@ -1264,14 +1341,14 @@ static uint64_t pandis__six_bits(const unsigned char *bytes) {
 }
 
 /* A corner's word: its coordinates one after the other, x from the lowest bit on. */
-static uint64_t pandis__word(const pandis__packed *b, int corner) {
+PANDIS__INLINE uint64_t pandis__word(const pandis__packed *b, int corner) {
     uint64_t word;
     memcpy(&word, b->words + b->stride * corner, sizeof word);
     return word;
 }
 
 /* Where the corners of eight faces lie, relative to the block's origin: (3 corners, 3 axes, 8). */
-static void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
+PANDIS__INLINE void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
     const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * group;
     uint32_t xy[PANDIS__WIDTH], z[PANDIS__WIDTH], mask[3];
     int second = b->bits[0], third = second + b->bits[1];
@@ -1294,7 +1371,7 @@ static void pandis__group_corners(const pandis__packed *b, int group, float (*ou
 }
 
 /* The keys of eight boxes: of lower bounds of the squared distances at which faces can be found in them. */
-static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
+PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
                                 const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
     float place[6 * PANDIS__WIDTH], scale[3], low[3], high[3];
@@ -1320,7 +1397,7 @@ static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int
 
 /* Squared distances to the eight triangles of a group. Their normals are exact as long as sides are shorter than 2^12
  * steps; the closest point inside a triangle is off by rounding over the sine of its narrowest corner. */
-static void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
+PANDIS__INLINE void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
                                     float *PANDIS__RESTRICT out) {
     float v[3][3][PANDIS__WIDTH];
     pandis__group_corners(b, group, v);
@@ -1335,7 +1412,7 @@ typedef struct {
     int32_t key, face, left, unseen;
 } pandis__near;
 
-static void pandis__search_block(const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
+PANDIS__INLINE void pandis__search_block(const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
     pandis__packed b;
     float q[3], d[PANDIS__WIDTH];
     int32_t keys[PANDIS__WIDTH], key, nearest[PANDIS__WIDTH];
@@ -1360,7 +1437,7 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     }
 }
 
-static void pandis__branch_keys(const pandis__branch *branch, const double *p, int32_t *keys) {
+PANDIS__INLINE void pandis__branch_keys(const pandis__branch *branch, const double *p, int32_t *keys) {
     float q[3];
     int shift[3];
     for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
@@ -1368,7 +1445,7 @@ static void pandis__branch_keys(const pandis__branch *branch, const double *p, i
 }
 
 /* Look for the nearest face, in the nearest branch first and there to the end; for most points that is soon. */
-PANDIS__APART static void pandis__search_depth(const pandis__compact *t, const double *p, pandis__near *best) {
+PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
         const pandis__branch *branch;
@@ -1394,9 +1471,11 @@ PANDIS__APART static void pandis__search_depth(const pandis__compact *t, const d
     }
 }
 
+PANDIS__COMPILE(pandis__search_depth, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
+
 /* Look for it in whatever seems nearest of all that is left, so that little is missed when the time is up. */
-PANDIS__APART static void pandis__search_best(const pandis__compact *t, const double *p, pandis__near *best) {
-    pandis__waiting heap[PANDIS__STACK];
+PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const double *p, pandis__near *best) {
+    pandis__waiting heap[PANDIS__HEAP];
     int count = 1;
     heap[0].key = heap[0].child = 0;
     best->unseen = INT32_MAX;
@@ -1422,6 +1501,8 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
         }
     }
 }
+
+PANDIS__COMPILE(pandis__search_best, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
 /* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none within the
  * reach (steps). If there were too many to look at, `clear` is how far all others are at least, squared; else
@@ -1654,45 +1735,6 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
 
 /* ---------------------------------------------------------------- networks */
 
-/* Vectors as wide as the machine's, where the compiler has them: it would not see by itself that the
- * lanes of a sum can stay in registers. Elsewhere a vector is one number. What is added to what, and
- * in which order, is the same for every width. */
-#if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
-#if defined(__AVX512F__)
-#define PANDIS__VECTOR 16
-#elif defined(__AVX__)
-#define PANDIS__VECTOR 8
-#else
-#define PANDIS__VECTOR 4
-#endif
-typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
-typedef int16_t pandis__vector16 __attribute__((vector_size(2 * PANDIS__VECTOR)));
-
-static inline pandis__vector pandis__load16(const int16_t *p) {
-    pandis__vector16 v;
-    memcpy(&v, p, sizeof v);
-    return __builtin_convertvector(v, pandis__vector);
-}
-
-static inline pandis__vector pandis__splat(float x) {
-    pandis__vector v = {0};
-    for (int k = 0; k < PANDIS__VECTOR; k++) v[k] = x;
-    return v;
-}
-#else
-#define PANDIS__VECTOR 1
-typedef float pandis__vector;
-static inline float pandis__load16(const int16_t *p) { return (float)*p; }
-static inline float pandis__splat(float x) { return x; }
-#endif
-#define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
-
-static inline pandis__vector pandis__load(const float *p) {
-    pandis__vector v;
-    memcpy(&v, p, sizeof v);
-    return v;
-}
-
 /* A network is as fast as its weights come: ask for the next rows while these are worked on. */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
@@ -1701,15 +1743,17 @@ static inline pandis__vector pandis__load(const float *p) {
 #endif
 
 /* Each of the following for weights of 32 and of 16 bits. */
-#define PANDIS__KINDS(make) make(pandis__load, float, f) make(pandis__load16, int16_t, h)
+#define PANDIS__KINDS(make)                                                                                      \
+    PANDIS__TWICE(make(pandis__load, float, f_plain, static) make(pandis__load16, int16_t, h_plain, static),     \
+                  make(pandis__load, float, f_wide, PANDIS__WIDE static)                                         \
+                      make(pandis__load16_wide, int16_t, h_wide, PANDIS__WIDE static))
 
 /* out <- out + the sum over rows of h[i] * weights[i], four rows at once. */
-#define PANDIS__ADD(load, type, tail)                                                                            \
-    static void pandis__add_##tail(const type *w, const float *h, int rows, int stride, float *out) {            \
+#define PANDIS__ADD(load, type, tail, how)                                                                       \
+    how void pandis__add_##tail(const type *w, const float *h, int rows, int stride, float *out) {               \
         int i = 0;                                                                                               \
         for (; i + 4 <= rows; i += 4, w += 4 * (ptrdiff_t)stride) {                                              \
-            pandis__vector a = pandis__splat(h[i]), b = pandis__splat(h[i + 1]), c = pandis__splat(h[i + 2]),    \
-                           d = pandis__splat(h[i + 3]);                                                          \
+            float a = h[i], b = h[i + 1], c = h[i + 2], d = h[i + 3];                                            \
             const type *next = i + 8 <= rows ? w + 4 * (ptrdiff_t)stride : w;                                    \
             for (int j = 0; j < stride; j += PANDIS__VECTOR) {                                                   \
                 for (int r = 0; r < 4; r++) PANDIS__FETCH(next + r * (ptrdiff_t)stride + j);                     \
@@ -1726,8 +1770,8 @@ PANDIS__KINDS(PANDIS__ADD)
 
 /* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and every
  * weight is read once for the four. What is added to what is the same as above. */
-#define PANDIS__ADD_FOUR(load, type, tail)                                                                       \
-    static void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {       \
+#define PANDIS__ADD_FOUR(load, type, tail, how)                                                                  \
+    how void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {          \
         for (int j = 0; j < stride; j += PANDIS__LANES) {                                                        \
             pandis__vector sum[4][PANDIS__PARTS];                                                                \
             const type *row = w + j;                                                                             \
@@ -1755,7 +1799,7 @@ PANDIS__KINDS(PANDIS__ADD)
 PANDIS__KINDS(PANDIS__ADD_FOUR)
 
 /* Sum the lanes of four sums by halves. */
-static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
+PANDIS__INLINE void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
     for (int n = PANDIS__LANES / 2; n; n /= 2)
         for (int r = 0; r < 4; r++)
             for (int k = 0; k < n; k++) lanes[r][k] += lanes[r][k + n];
@@ -1763,8 +1807,8 @@ static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
 }
 
 /* out[i] <- the product of row i and y, each summed in PANDIS__LANES lanes, four rows at once. */
-#define PANDIS__DOT(load, type, tail)                                                                            \
-    static void pandis__dots_##tail(const type *w, const float *y, int rows, int stride, float *out) {           \
+#define PANDIS__DOT(load, type, tail, how)                                                                       \
+    how void pandis__dots_##tail(const type *w, const float *y, int rows, int stride, float *out) {              \
         for (int i = 0; i < rows; i += 4) {                                                                      \
             const type *row[4];                                                                                  \
             ptrdiff_t next = i + 8 <= rows ? 4 * (ptrdiff_t)stride : 0;                                          \
@@ -1786,8 +1830,8 @@ static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
 PANDIS__KINDS(PANDIS__DOT)
 
 /* out[p][i] <- the product of row i and y of point p, for four points `stride` apart. */
-#define PANDIS__DOT_FOUR(load, type, tail)                                                                       \
-    static void pandis__dots_four_##tail(const type *w, const float *y, int rows, int stride, float *out,        \
+#define PANDIS__DOT_FOUR(load, type, tail, how)                                                                  \
+    how void pandis__dots_four_##tail(const type *w, const float *y, int rows, int stride, float *out,           \
                                          int apart) {                                                            \
         for (int i = 0; i < rows; i++, w += stride) {                                                            \
             pandis__vector sum[4][PANDIS__PARTS];                                                                \
@@ -1807,14 +1851,14 @@ PANDIS__KINDS(PANDIS__DOT)
 PANDIS__KINDS(PANDIS__DOT_FOUR)
 
 /* One of the above, for one point or for four. */
-#define PANDIS__EITHER(load, type, tail)                                                                         \
-    static void pandis__sums_##tail(const type *w, const float *h, int rows, int stride, float *out, int count) { \
+#define PANDIS__EITHER(load, type, tail, how)                                                                    \
+    how void pandis__sums_##tail(const type *w, const float *h, int rows, int stride, float *out, int count) {   \
         if (count == 4)                                                                                          \
             pandis__add_four_##tail(w, h, rows, stride, out);                                                    \
         else                                                                                                     \
             pandis__add_##tail(w, h, rows, stride, out);                                                         \
     }                                                                                                            \
-    static void pandis__products_##tail(const type *w, const float *y, int rows, int stride, float *out,         \
+    how void pandis__products_##tail(const type *w, const float *y, int rows, int stride, float *out,            \
                                         int apart, int count) {                                                  \
         if (count == 4)                                                                                          \
             pandis__dots_four_##tail(w, y, rows, stride, out, apart);                                            \
@@ -1836,8 +1880,8 @@ static int pandis__fits_four(const pandis__network *n) {
 
 /* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Of one point or
  * of four, which read every weight together; what a point gets is the same. */
-PANDIS__APART static void pandis__answer_network(const pandis__network *n, int count, double (*u)[3], double *distance,
-                                                 double (*normal)[3], int *flag) {
+PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
+                                                double (*normal)[3], int *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
     double inside[4][3], outside[4];
     int stride = n->stride, own = n->outputs == 1;
@@ -1856,18 +1900,18 @@ PANDIS__APART static void pandis__answer_network(const pandis__network *n, int c
             for (int p = 0; p < count; p++)
                 for (int i = 0; i < n->width; i++) h[p * (ptrdiff_t)stride + i] *= n->scales[at + i];
         if (layer == 0)
-            pandis__sums_f(n->first, h, 3, stride, z, count);
+            PANDIS__CHOOSE(pandis__sums_f)(n->first, h, 3, stride, z, count);
         else if (n->hidden)
-            pandis__sums_f(n->hidden + at * stride, h, n->width, stride, z, count);
+            PANDIS__CHOOSE(pandis__sums_f)(n->hidden + at * stride, h, n->width, stride, z, count);
         else
-            pandis__sums_h(n->hidden16 + at * stride, h, n->width, stride, z, count);
+            PANDIS__CHOOSE(pandis__sums_h)(n->hidden16 + at * stride, h, n->width, stride, z, count);
         for (int p = 0; p < count; p++, z += stride, slope += stride)
             for (int j = 0; j < stride; j++) pandis__sine_cosine(z[j] + bias[j], z + j, slope + j);
         z -= all;
         float *swap = h;
         h = z, z = swap;
     }
-    pandis__products_f(n->last, h, n->outputs, stride, result[0], 4, count);
+    PANDIS__CHOOSE(pandis__products_f)(n->last, h, n->outputs, stride, result[0], 4, count);
     for (int p = 0; p < count; p++) {
         for (int k = 0; k < n->outputs; k++) result[p][k] += n->biases[(ptrdiff_t)n->depth * stride + k];
         distance[p] = (double)result[p][0];
@@ -1881,9 +1925,9 @@ PANDIS__APART static void pandis__answer_network(const pandis__network *n, int c
             ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
             const float *slope = slopes + (layer - 1) * all;
             if (n->hidden)
-                pandis__products_f(n->hidden + at * stride, h, n->width, stride, z, stride, count);
+                PANDIS__CHOOSE(pandis__products_f)(n->hidden + at * stride, h, n->width, stride, z, stride, count);
             else
-                pandis__products_h(n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
+                PANDIS__CHOOSE(pandis__products_h)(n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
             for (int p = 0; p < count; p++, z += stride, slope += stride) {
                 for (int i = 0; i < n->width; i++) z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
                 for (int i = n->width; i < stride; i++) z[i] = 0;
@@ -1892,7 +1936,7 @@ PANDIS__APART static void pandis__answer_network(const pandis__network *n, int c
             float *swap = h;
             h = z, z = swap;
         }
-        pandis__products_f(n->first, h, 3, stride, result[0], 4, count);
+        PANDIS__CHOOSE(pandis__products_f)(n->first, h, 3, stride, result[0], 4, count);
         for (int p = 0; p < count; p++)
             for (int k = 0; k < 3; k++) normal[p][k] = (double)result[p][k];
     }
@@ -1907,6 +1951,10 @@ PANDIS__APART static void pandis__answer_network(const pandis__network *n, int c
         flag[p] = outside[p] > 0 ? PANDIS_BOUND : PANDIS_OK;
     }
 }
+
+PANDIS__COMPILE(pandis__answer_network,
+                (const pandis__network *n, int count, double (*u)[3], double *distance, double (*normal)[3], int *flag),
+                (n, count, u, distance, normal, flag))
 /* ---------------------------------------------------------------- grids */
 
 enum { PANDIS__NEAREST, PANDIS__TRILINEAR, PANDIS__NORMAL, PANDIS__GRADIENT, PANDIS__TRICUBIC };
@@ -2995,5 +3043,9 @@ PANDIS_API const char *pandis_error(int error) {
         default: return "unknown error";
     }
 }
+
+#ifdef PANDIS__PUSHED
+#pragma GCC pop_options
+#endif
 
 #endif /* PANDIS_IMPLEMENTATION */

@@ -18,6 +18,7 @@
 
 #include "../parts/types.h"
 #include "../parts/basis.h"
+#include "../parts/vectors.h"
 #include "../parts/triangles.h"
 #include "../parts/mesh.h"
 #include "../parts/nearest.h"

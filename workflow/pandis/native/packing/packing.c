@@ -11,6 +11,7 @@
 
 #include "../parts/types.h"
 #include "../parts/basis.h"
+#include "../parts/vectors.h"
 #include "../parts/triangles.h"
 #include "../parts/mesh.h"
 #include "../parts/packed.h"

@@ -28,6 +28,23 @@
 #define PANDIS__RESTRICT restrict
 #endif
 
+/* A plain -O2 is enough for all that follows. GCC uses few vectors then, and fewer still as long as an operation might
+ * trap, so it is told here; clang knows by itself. Products and sums are rounded one by one, whatever the flags say, so
+ * that every compiler, every machine and every vector width gives the same bits. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__) && !defined(__INTEL_COMPILER)
+#pragma GCC push_options
+#pragma GCC optimize("O3", "no-trapping-math", "no-math-errno", "fp-contract=off")
+#define PANDIS__PUSHED
+#endif
+
+#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* whose stack would grow */
+#define PANDIS__INLINE static inline __attribute__((always_inline))
+#else
+#define PANDIS__INLINE static inline
+#endif
+
 /* A function that keeps its stack to itself. */
 #if defined(__GNUC__)
 #define PANDIS__APART __attribute__((noinline))
@@ -50,6 +67,7 @@
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
+#define PANDIS__HEAP 512 /* boxes that wait to be looked at, at most: of more, the farthest are not */
 #define PANDIS__STACK 704
 #define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535

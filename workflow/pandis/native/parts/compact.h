@@ -7,7 +7,7 @@ typedef struct {
     int32_t key, face, left, unseen;
 } pandis__near;
 
-static void pandis__search_block(const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
+PANDIS__INLINE void pandis__search_block(const pandis__compact *t, int32_t block, const double *p, pandis__near *best) {
     pandis__packed b;
     float q[3], d[PANDIS__WIDTH];
     int32_t keys[PANDIS__WIDTH], key, nearest[PANDIS__WIDTH];
@@ -32,7 +32,7 @@ static void pandis__search_block(const pandis__compact *t, int32_t block, const 
     }
 }
 
-static void pandis__branch_keys(const pandis__branch *branch, const double *p, int32_t *keys) {
+PANDIS__INLINE void pandis__branch_keys(const pandis__branch *branch, const double *p, int32_t *keys) {
     float q[3];
     int shift[3];
     for (int k = 0; k < 3; k++) q[k] = (float)(p[k] - branch->origin[k]), shift[k] = branch->shift[k];
@@ -40,7 +40,7 @@ static void pandis__branch_keys(const pandis__branch *branch, const double *p, i
 }
 
 /* Look for the nearest face, in the nearest branch first and there to the end; for most points that is soon. */
-PANDIS__APART static void pandis__search_depth(const pandis__compact *t, const double *p, pandis__near *best) {
+PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
         const pandis__branch *branch;
@@ -66,9 +66,11 @@ PANDIS__APART static void pandis__search_depth(const pandis__compact *t, const d
     }
 }
 
+PANDIS__COMPILE(pandis__search_depth, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
+
 /* Look for it in whatever seems nearest of all that is left, so that little is missed when the time is up. */
-PANDIS__APART static void pandis__search_best(const pandis__compact *t, const double *p, pandis__near *best) {
-    pandis__waiting heap[PANDIS__STACK];
+PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const double *p, pandis__near *best) {
+    pandis__waiting heap[PANDIS__HEAP];
     int count = 1;
     heap[0].key = heap[0].child = 0;
     best->unseen = INT32_MAX;
@@ -94,6 +96,8 @@ PANDIS__APART static void pandis__search_best(const pandis__compact *t, const do
         }
     }
 }
+
+PANDIS__COMPILE(pandis__search_best, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
 /* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none within the
  * reach (steps). If there were too many to look at, `clear` is how far all others are at least, squared; else

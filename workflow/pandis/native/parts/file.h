@@ -271,4 +271,8 @@ PANDIS_API const char *pandis_error(int error) {
     }
 }
 
+#ifdef PANDIS__PUSHED
+#pragma GCC pop_options
+#endif
+
 #endif /* PANDIS_IMPLEMENTATION */

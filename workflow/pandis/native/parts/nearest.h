@@ -4,7 +4,7 @@
  * Leaves say in single precision which faces may be the nearest, double precision says which of them is. */
 
 /* The keys of a node's boxes: of lower bounds of the squared distances to what is in them. */
-static void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
+PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
                              int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
     for (int i = 0; i < PANDIS__WIDTH; i++) {
@@ -31,7 +31,7 @@ static int32_t pandis__limit_key(double limit) {
 
 /* The squared distances to four faces, in double precision: among those about equally near the nearest is the one of
  * which this number is the least. */
-static void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
+PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
                                  double *PANDIS__RESTRICT out) {
     double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
     for (int i = 0; i < PANDIS__FOUR; i++)
@@ -93,7 +93,7 @@ static double pandis__may_seem(double limit, const float *slack) {
 }
 
 /* Look at the faces that were put off. */
-static void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     double squared[PANDIS__FOUR];
     int32_t faces[PANDIS__FOUR];
     for (int i = 0; i < s->count;) {
@@ -131,7 +131,7 @@ PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff
 
 /* How far the triangles of a leaf seem to be in single precision, squared, and the least of these; and what such distances
  * may lose. Zeros, and -1 as the least, where single precision cannot hold squares. */
-static double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
+PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
     double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
     int small = 1;
@@ -155,7 +155,7 @@ static double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, cons
 }
 
 /* Put off the triangles of a leaf that may be the nearest. */
-static void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
     double least = pandis__seem(t, leaf, p, seems, slack);
@@ -173,7 +173,7 @@ static void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, c
 }
 
 /* Look in the nearest box first and there to the end; for most points that is soon. */
-PANDIS__APART static void pandis__seek_depth(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH];
         const pandis__node *node;
@@ -202,9 +202,11 @@ PANDIS__APART static void pandis__seek_depth(const pandis__mesh *t, const double
     }
 }
 
+PANDIS__COMPILE(pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
+
 /* Look in whatever seems nearest of all that is left, so that little is missed when the time is up. */
-PANDIS__APART static void pandis__seek_best(const pandis__mesh *t, const double *p, pandis__seeking *s) {
-    pandis__waiting heap[PANDIS__STACK];
+PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
+    pandis__waiting heap[PANDIS__HEAP];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
     int count = 1;
     heap[0].key = heap[0].child = 0;
@@ -229,6 +231,8 @@ PANDIS__APART static void pandis__seek_best(const pandis__mesh *t, const double 
         }
     }
 }
+
+PANDIS__COMPILE(pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
 /* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If there were
  * too many to look at, `clear` is how far all others are at least; else infinite. */

@@ -1,44 +1,5 @@
 /* ---------------------------------------------------------------- networks */
 
-/* Vectors as wide as the machine's, where the compiler has them: it would not see by itself that the
- * lanes of a sum can stay in registers. Elsewhere a vector is one number. What is added to what, and
- * in which order, is the same for every width. */
-#if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
-#if defined(__AVX512F__)
-#define PANDIS__VECTOR 16
-#elif defined(__AVX__)
-#define PANDIS__VECTOR 8
-#else
-#define PANDIS__VECTOR 4
-#endif
-typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
-typedef int16_t pandis__vector16 __attribute__((vector_size(2 * PANDIS__VECTOR)));
-
-static inline pandis__vector pandis__load16(const int16_t *p) {
-    pandis__vector16 v;
-    memcpy(&v, p, sizeof v);
-    return __builtin_convertvector(v, pandis__vector);
-}
-
-static inline pandis__vector pandis__splat(float x) {
-    pandis__vector v = {0};
-    for (int k = 0; k < PANDIS__VECTOR; k++) v[k] = x;
-    return v;
-}
-#else
-#define PANDIS__VECTOR 1
-typedef float pandis__vector;
-static inline float pandis__load16(const int16_t *p) { return (float)*p; }
-static inline float pandis__splat(float x) { return x; }
-#endif
-#define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
-
-static inline pandis__vector pandis__load(const float *p) {
-    pandis__vector v;
-    memcpy(&v, p, sizeof v);
-    return v;
-}
-
 /* A network is as fast as its weights come: ask for the next rows while these are worked on. */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
@@ -47,15 +8,17 @@ static inline pandis__vector pandis__load(const float *p) {
 #endif
 
 /* Each of the following for weights of 32 and of 16 bits. */
-#define PANDIS__KINDS(make) make(pandis__load, float, f) make(pandis__load16, int16_t, h)
+#define PANDIS__KINDS(make)                                                                                      \
+    PANDIS__TWICE(make(pandis__load, float, f_plain, static) make(pandis__load16, int16_t, h_plain, static),     \
+                  make(pandis__load, float, f_wide, PANDIS__WIDE static)                                         \
+                      make(pandis__load16_wide, int16_t, h_wide, PANDIS__WIDE static))
 
 /* out <- out + the sum over rows of h[i] * weights[i], four rows at once. */
-#define PANDIS__ADD(load, type, tail)                                                                            \
-    static void pandis__add_##tail(const type *w, const float *h, int rows, int stride, float *out) {            \
+#define PANDIS__ADD(load, type, tail, how)                                                                       \
+    how void pandis__add_##tail(const type *w, const float *h, int rows, int stride, float *out) {               \
         int i = 0;                                                                                               \
         for (; i + 4 <= rows; i += 4, w += 4 * (ptrdiff_t)stride) {                                              \
-            pandis__vector a = pandis__splat(h[i]), b = pandis__splat(h[i + 1]), c = pandis__splat(h[i + 2]),    \
-                           d = pandis__splat(h[i + 3]);                                                          \
+            float a = h[i], b = h[i + 1], c = h[i + 2], d = h[i + 3];                                            \
             const type *next = i + 8 <= rows ? w + 4 * (ptrdiff_t)stride : w;                                    \
             for (int j = 0; j < stride; j += PANDIS__VECTOR) {                                                   \
                 for (int r = 0; r < 4; r++) PANDIS__FETCH(next + r * (ptrdiff_t)stride + j);                     \
@@ -72,8 +35,8 @@ PANDIS__KINDS(PANDIS__ADD)
 
 /* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and every
  * weight is read once for the four. What is added to what is the same as above. */
-#define PANDIS__ADD_FOUR(load, type, tail)                                                                       \
-    static void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {       \
+#define PANDIS__ADD_FOUR(load, type, tail, how)                                                                  \
+    how void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {          \
         for (int j = 0; j < stride; j += PANDIS__LANES) {                                                        \
             pandis__vector sum[4][PANDIS__PARTS];                                                                \
             const type *row = w + j;                                                                             \
@@ -101,7 +64,7 @@ PANDIS__KINDS(PANDIS__ADD)
 PANDIS__KINDS(PANDIS__ADD_FOUR)
 
 /* Sum the lanes of four sums by halves. */
-static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
+PANDIS__INLINE void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
     for (int n = PANDIS__LANES / 2; n; n /= 2)
         for (int r = 0; r < 4; r++)
             for (int k = 0; k < n; k++) lanes[r][k] += lanes[r][k + n];
@@ -109,8 +72,8 @@ static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
 }
 
 /* out[i] <- the product of row i and y, each summed in PANDIS__LANES lanes, four rows at once. */
-#define PANDIS__DOT(load, type, tail)                                                                            \
-    static void pandis__dots_##tail(const type *w, const float *y, int rows, int stride, float *out) {           \
+#define PANDIS__DOT(load, type, tail, how)                                                                       \
+    how void pandis__dots_##tail(const type *w, const float *y, int rows, int stride, float *out) {              \
         for (int i = 0; i < rows; i += 4) {                                                                      \
             const type *row[4];                                                                                  \
             ptrdiff_t next = i + 8 <= rows ? 4 * (ptrdiff_t)stride : 0;                                          \
@@ -132,8 +95,8 @@ static inline void pandis__fold(float (*lanes)[PANDIS__LANES], float *out) {
 PANDIS__KINDS(PANDIS__DOT)
 
 /* out[p][i] <- the product of row i and y of point p, for four points `stride` apart. */
-#define PANDIS__DOT_FOUR(load, type, tail)                                                                       \
-    static void pandis__dots_four_##tail(const type *w, const float *y, int rows, int stride, float *out,        \
+#define PANDIS__DOT_FOUR(load, type, tail, how)                                                                  \
+    how void pandis__dots_four_##tail(const type *w, const float *y, int rows, int stride, float *out,           \
                                          int apart) {                                                            \
         for (int i = 0; i < rows; i++, w += stride) {                                                            \
             pandis__vector sum[4][PANDIS__PARTS];                                                                \
@@ -153,14 +116,14 @@ PANDIS__KINDS(PANDIS__DOT)
 PANDIS__KINDS(PANDIS__DOT_FOUR)
 
 /* One of the above, for one point or for four. */
-#define PANDIS__EITHER(load, type, tail)                                                                         \
-    static void pandis__sums_##tail(const type *w, const float *h, int rows, int stride, float *out, int count) { \
+#define PANDIS__EITHER(load, type, tail, how)                                                                    \
+    how void pandis__sums_##tail(const type *w, const float *h, int rows, int stride, float *out, int count) {   \
         if (count == 4)                                                                                          \
             pandis__add_four_##tail(w, h, rows, stride, out);                                                    \
         else                                                                                                     \
             pandis__add_##tail(w, h, rows, stride, out);                                                         \
     }                                                                                                            \
-    static void pandis__products_##tail(const type *w, const float *y, int rows, int stride, float *out,         \
+    how void pandis__products_##tail(const type *w, const float *y, int rows, int stride, float *out,            \
                                         int apart, int count) {                                                  \
         if (count == 4)                                                                                          \
             pandis__dots_four_##tail(w, y, rows, stride, out, apart);                                            \
@@ -182,8 +145,8 @@ static int pandis__fits_four(const pandis__network *n) {
 
 /* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Of one point or
  * of four, which read every weight together; what a point gets is the same. */
-PANDIS__APART static void pandis__answer_network(const pandis__network *n, int count, double (*u)[3], double *distance,
-                                                 double (*normal)[3], int *flag) {
+PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
+                                                double (*normal)[3], int *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
     double inside[4][3], outside[4];
     int stride = n->stride, own = n->outputs == 1;
@@ -202,18 +165,18 @@ PANDIS__APART static void pandis__answer_network(const pandis__network *n, int c
             for (int p = 0; p < count; p++)
                 for (int i = 0; i < n->width; i++) h[p * (ptrdiff_t)stride + i] *= n->scales[at + i];
         if (layer == 0)
-            pandis__sums_f(n->first, h, 3, stride, z, count);
+            PANDIS__CHOOSE(pandis__sums_f)(n->first, h, 3, stride, z, count);
         else if (n->hidden)
-            pandis__sums_f(n->hidden + at * stride, h, n->width, stride, z, count);
+            PANDIS__CHOOSE(pandis__sums_f)(n->hidden + at * stride, h, n->width, stride, z, count);
         else
-            pandis__sums_h(n->hidden16 + at * stride, h, n->width, stride, z, count);
+            PANDIS__CHOOSE(pandis__sums_h)(n->hidden16 + at * stride, h, n->width, stride, z, count);
         for (int p = 0; p < count; p++, z += stride, slope += stride)
             for (int j = 0; j < stride; j++) pandis__sine_cosine(z[j] + bias[j], z + j, slope + j);
         z -= all;
         float *swap = h;
         h = z, z = swap;
     }
-    pandis__products_f(n->last, h, n->outputs, stride, result[0], 4, count);
+    PANDIS__CHOOSE(pandis__products_f)(n->last, h, n->outputs, stride, result[0], 4, count);
     for (int p = 0; p < count; p++) {
         for (int k = 0; k < n->outputs; k++) result[p][k] += n->biases[(ptrdiff_t)n->depth * stride + k];
         distance[p] = (double)result[p][0];
@@ -227,9 +190,9 @@ PANDIS__APART static void pandis__answer_network(const pandis__network *n, int c
             ptrdiff_t at = (ptrdiff_t)(layer - 1) * n->width;
             const float *slope = slopes + (layer - 1) * all;
             if (n->hidden)
-                pandis__products_f(n->hidden + at * stride, h, n->width, stride, z, stride, count);
+                PANDIS__CHOOSE(pandis__products_f)(n->hidden + at * stride, h, n->width, stride, z, stride, count);
             else
-                pandis__products_h(n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
+                PANDIS__CHOOSE(pandis__products_h)(n->hidden16 + at * stride, h, n->width, stride, z, stride, count);
             for (int p = 0; p < count; p++, z += stride, slope += stride) {
                 for (int i = 0; i < n->width; i++) z[i] *= n->hidden ? slope[i] : n->scales[at + i] * slope[i];
                 for (int i = n->width; i < stride; i++) z[i] = 0;
@@ -238,7 +201,7 @@ PANDIS__APART static void pandis__answer_network(const pandis__network *n, int c
             float *swap = h;
             h = z, z = swap;
         }
-        pandis__products_f(n->first, h, 3, stride, result[0], 4, count);
+        PANDIS__CHOOSE(pandis__products_f)(n->first, h, 3, stride, result[0], 4, count);
         for (int p = 0; p < count; p++)
             for (int k = 0; k < 3; k++) normal[p][k] = (double)result[p][k];
     }
@@ -253,3 +216,7 @@ PANDIS__APART static void pandis__answer_network(const pandis__network *n, int c
         flag[p] = outside[p] > 0 ? PANDIS_BOUND : PANDIS_OK;
     }
 }
+
+PANDIS__COMPILE(pandis__answer_network,
+                (const pandis__network *n, int count, double (*u)[3], double *distance, double (*normal)[3], int *flag),
+                (n, count, u, distance, normal, flag))

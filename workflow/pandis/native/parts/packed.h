@@ -24,7 +24,7 @@ typedef struct {
 /* How far the low byte of a box's place is shifted, where extents need so many bits. */
 static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
-static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
+PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
     const pandis__block_record *record = t->blocks + block;
     b->face_count = (int)(record->counts & 63) + 1, b->corner_count = (int)(record->counts >> 6 & 63) + 1;
     b->groups = (b->face_count + PANDIS__WIDTH - 1) / PANDIS__WIDTH;
@@ -41,7 +41,7 @@ static void pandis__unpack(const pandis__compact *t, int32_t block, pandis__pack
 }
 
 /* The corners of eight faces, as numbers of the block's: six bits each, for one of the three corners. */
-static uint64_t pandis__six_bits(const unsigned char *bytes) {
+PANDIS__INLINE uint64_t pandis__six_bits(const unsigned char *bytes) {
     uint32_t low;
     uint16_t high;
     memcpy(&low, bytes, sizeof low), memcpy(&high, bytes + 4, sizeof high);
@@ -49,14 +49,14 @@ static uint64_t pandis__six_bits(const unsigned char *bytes) {
 }
 
 /* A corner's word: its coordinates one after the other, x from the lowest bit on. */
-static uint64_t pandis__word(const pandis__packed *b, int corner) {
+PANDIS__INLINE uint64_t pandis__word(const pandis__packed *b, int corner) {
     uint64_t word;
     memcpy(&word, b->words + b->stride * corner, sizeof word);
     return word;
 }
 
 /* Where the corners of eight faces lie, relative to the block's origin: (3 corners, 3 axes, 8). */
-static void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
+PANDIS__INLINE void pandis__group_corners(const pandis__packed *b, int group, float (*out)[3][PANDIS__WIDTH]) {
     const unsigned char *faces = b->faces + PANDIS__GROUP_BYTES * group;
     uint32_t xy[PANDIS__WIDTH], z[PANDIS__WIDTH], mask[3];
     int second = b->bits[0], third = second + b->bits[1];
@@ -79,7 +79,7 @@ static void pandis__group_corners(const pandis__packed *b, int group, float (*ou
 }
 
 /* The keys of eight boxes: of lower bounds of the squared distances at which faces can be found in them. */
-static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
+PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
                                 const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
     float place[6 * PANDIS__WIDTH], scale[3], low[3], high[3];
@@ -105,7 +105,7 @@ static void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int
 
 /* Squared distances to the eight triangles of a group. Their normals are exact as long as sides are shorter than 2^12
  * steps; the closest point inside a triangle is off by rounding over the sine of its narrowest corner. */
-static void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
+PANDIS__INLINE void pandis__group_distances(const pandis__packed *b, int group, const float *PANDIS__RESTRICT q,
                                     float *PANDIS__RESTRICT out) {
     float v[3][3][PANDIS__WIDTH];
     pandis__group_corners(b, group, v);

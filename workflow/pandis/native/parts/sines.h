@@ -7,7 +7,7 @@
 
 /* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, as of
  * 0; NaN of what is no finite number. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
-static inline void pandis__sine_cosine(float x, float *sine, float *cosine) {
+PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN of what is no finite number */
     x = fabsf(x) <= 1e4f ? x : 0.0f;

@@ -4,7 +4,7 @@
  * Squared distances are sorted as whole numbers, their keys: a float that is not negative sorts as the number that
  * has its bits. The last three bits say of which box it is. */
 
-static int32_t pandis__least(const int32_t *keys) {
+PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     int32_t least = keys[0];
     for (int i = 1; i < PANDIS__WIDTH; i++) least = keys[i] < least ? keys[i] : least;
     return least;
@@ -47,7 +47,7 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
 /* Let a box wait; where there is no room, the farther one of it and the last is left out: 1, and its key. */
 static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
-    if (*count < PANDIS__STACK) {
+    if (*count < PANDIS__HEAP) {
         pandis__wait(heap, (*count)++, one);
         return 0;
     }
@@ -57,14 +57,14 @@ static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, 
     return 1;
 }
 
-static float pandis__clamp01f(float t) {
+PANDIS__INLINE float pandis__clamp01f(float t) {
     t = t > 0 ? t : 0;
     return t < 1 ? t : 1;
 }
 
 /* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that of some point
  * of the triangle, and so never too small but for rounding. By how much it can be too large: pandis__slacks. */
-static void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
+PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
                                     float *PANDIS__RESTRICT out) {
     for (int i = 0; i < PANDIS__WIDTH; i++) {
         float x = q[0] - v[0][0][i], y = q[1] - v[0][1][i], z = q[2] - v[0][2][i];

@@ -21,6 +21,8 @@ NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6
 RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Closed forms, in the order of their numbers.
 SHAPES = ("sphere", "torus", "box", "capsule")
+#: What is compiled.
+SOURCE = Path(__file__).with_name("runtime.c")
 #: Bytes written between queries with cold caches: more than the caches of a core hold.
 CACHES = 1 << 26
 #: Fewer points of a network than this are not worth a second thread.
@@ -40,8 +42,12 @@ class NativeAnswer(NamedTuple):
 
 @cache
 def library():
-    """Return the compiled library with its functions' types declared."""
-    lib = load_library(Path(__file__).with_name("runtime.c"))
+    """Return the compiled library."""
+    return declared(load_library(SOURCE))
+
+
+def declared(lib):
+    """Return a library that was compiled from SOURCE with its functions' types declared."""
     pointer, size, f64 = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double
     lib.runtime_field_bytes.restype = size
     lib.pandis_open.argtypes = [pointer, pointer, size]

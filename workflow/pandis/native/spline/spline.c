@@ -14,6 +14,7 @@
 
 #include "../parts/types.h"
 #include "../parts/basis.h"
+#include "../parts/vectors.h"
 #include "../parts/bsplines.h"
 
 typedef pandis__layout Layout;

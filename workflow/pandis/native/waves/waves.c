@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #include "../parts/basis.h"
+#include "../parts/vectors.h"
 #include "../parts/sines.h"
 
 /* z <- sin(z + bias), cosine <- cos(z + bias). */
