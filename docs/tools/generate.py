@@ -49,7 +49,19 @@ PARTS = (
         "packed",
         "compact",
     ),
-    *("network", "grid", "spline", "shape", "query", "refit", "scene", "sections", "trees", "file"),
+    *(
+        "network",
+        "grid",
+        "spline",
+        "shape",
+        "query",
+        "refit",
+        "handover",
+        "scene",
+        "sections",
+        "trees",
+        "file",
+    ),
 )
 END = "<!-- end of generated -->"
 

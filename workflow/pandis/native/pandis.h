@@ -302,6 +302,27 @@ PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field
  * and the old shape stays. No other thread may ask meanwhile. */
 PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices);
 
+#if defined(__GNUC__) || defined(_MSC_VER)
+/* A shape that one thread moves while another asks, and neither waits: of three shapes one is written, one is asked, and
+ * the newest whole one is handed over. One thread refits, one takes. */
+typedef struct {
+    pandis_field shapes[3];
+    int32_t writing, asking;
+    volatile int32_t waiting; /* a shape, and 4 if nobody has taken it yet */
+} pandis_handover;
+
+/* Three times the room of one shape (0: no such field), at a multiple of 8; the field stays open as long. */
+PANDIS_API size_t pandis_handover_room(const pandis_field *field);
+PANDIS_API int pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room);
+
+/* Move the vertices, as pandis_refit does, and hand the shape over. */
+PANDIS_API int pandis_handover_refit(pandis_handover *handover, const double *vertices);
+
+/* Make `moving` the newest whole shape, at the beginning of a tick: it stays as it is until the next time. Returns 1
+ * if it is another shape than before (tell scenes: pandis_scene_moved), or the first time; else 0. */
+PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
+#endif
+
 /* An object of a scene: a field, and where it lies. A point p of the mesh lies at
  * scale * rotation * p + translation of the scene; the rotation, row by row, is one without
  * reflection (columns of unit length, at right angles, within 1e-6), the scale positive, the stiffness
@@ -358,6 +379,9 @@ PANDIS_API const char *pandis_error(int error);
 #include <float.h>
 #include <math.h>
 #include <string.h>
+#if defined(_MSC_VER)
+#include <intrin.h>
+#endif
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)
 #error "pandis.h needs IEEE arithmetic: compile without -ffast-math (/fp:fast)"
 #endif
@@ -2422,6 +2446,56 @@ PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
     return 0;
 }
 
+
+/* ---------------------------------------------------------------- meshes that another thread moves */
+
+#if defined(__GNUC__) || defined(_MSC_VER)
+#define PANDIS__NEW 4
+
+/* Put a number where another thread may do so at the same time; returns what was there. What was written before is seen
+ * by whoever reads the number. */
+static int32_t pandis__exchange(volatile int32_t *where, int32_t number) {
+#if defined(__GNUC__)
+    return __atomic_exchange_n(where, number, __ATOMIC_ACQ_REL);
+#else
+    return (int32_t)_InterlockedExchange((volatile long *)where, (long)number);
+#endif
+}
+
+static int32_t pandis__peek(const volatile int32_t *where) {
+#if defined(__GNUC__)
+    return __atomic_load_n(where, __ATOMIC_RELAXED);
+#else
+    return *where;
+#endif
+}
+
+PANDIS_API size_t pandis_handover_room(const pandis_field *field) { return 3 * pandis_refit_room(field); }
+
+PANDIS_API int pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room) {
+    size_t each = pandis_refit_room(field);
+    for (int i = 0; i < 3; i++) {
+        int error = pandis_refit_open(handover->shapes + i, field, (unsigned char *)room + (size_t)i * each);
+        if (error) return error;
+    }
+    handover->writing = 0, handover->asking = 1;
+    (void)pandis__exchange(&handover->waiting, 2 | PANDIS__NEW);
+    return 0;
+}
+
+PANDIS_API int pandis_handover_refit(pandis_handover *handover, const double *vertices) {
+    int error = pandis_refit(handover->shapes + handover->writing, vertices);
+    if (!error) handover->writing = pandis__exchange(&handover->waiting, handover->writing | PANDIS__NEW) & 3;
+    return error;
+}
+
+PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving) {
+    int is_new = (pandis__peek(&handover->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
+    if (is_new) handover->asking = pandis__exchange(&handover->waiting, handover->asking) & 3;
+    *moving = handover->shapes[handover->asking];
+    return is_new;
+}
+#endif
 /* ---------------------------------------------------------------- scenes */
 
 /* A point of the scene in the coordinates of an object's mesh. */

@@ -75,6 +75,27 @@ PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field
  * and the old shape stays. No other thread may ask meanwhile. */
 PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices);
 
+#if defined(__GNUC__) || defined(_MSC_VER)
+/* A shape that one thread moves while another asks, and neither waits: of three shapes one is written, one is asked, and
+ * the newest whole one is handed over. One thread refits, one takes. */
+typedef struct {
+    pandis_field shapes[3];
+    int32_t writing, asking;
+    volatile int32_t waiting; /* a shape, and 4 if nobody has taken it yet */
+} pandis_handover;
+
+/* Three times the room of one shape (0: no such field), at a multiple of 8; the field stays open as long. */
+PANDIS_API size_t pandis_handover_room(const pandis_field *field);
+PANDIS_API int pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room);
+
+/* Move the vertices, as pandis_refit does, and hand the shape over. */
+PANDIS_API int pandis_handover_refit(pandis_handover *handover, const double *vertices);
+
+/* Make `moving` the newest whole shape, at the beginning of a tick: it stays as it is until the next time. Returns 1
+ * if it is another shape than before (tell scenes: pandis_scene_moved), or the first time; else 0. */
+PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
+#endif
+
 /* An object of a scene: a field, and where it lies. A point p of the mesh lies at
  * scale * rotation * p + translation of the scene; the rotation, row by row, is one without
  * reflection (columns of unit length, at right angles, within 1e-6), the scale positive, the stiffness

@@ -302,14 +302,19 @@ class MovingField(NativeField):
         ValueError
             There are more or fewer, or one is no finite number; the old shape stays.
         """
-        vertices = _rows(vertices)
-        count = self._library.runtime_vertices(self._field)
-        if len(vertices) != count:
-            raise ValueError(f"the mesh has {count:,} vertices, not {len(vertices):,}")
+        vertices = self._checked(vertices)
         taken = self._library.runtime_refit_time(self._field, vertices.ctypes.data)
         if taken < 0:
-            raise ValueError("a vertex is no finite number, or too far away: the old shape stays")
+            raise ValueError(self._NO_SHAPE)
         return taken
+
+    _NO_SHAPE = "a vertex is no finite number, or too far away: the old shape stays"
+
+    def _checked(self, vertices):
+        vertices, count = _rows(vertices), self._library.runtime_vertices(self._lender._field)
+        if len(vertices) != count:
+            raise ValueError(f"the mesh has {count:,} vertices, not {len(vertices):,}")
+        return vertices
 
 
 def _rows(points):

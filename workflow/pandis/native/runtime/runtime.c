@@ -7,6 +7,8 @@
 
 size_t runtime_field_bytes(void) { return sizeof(pandis_field); }
 
+size_t runtime_handover_bytes(void) { return sizeof(pandis_handover); }
+
 void runtime_frame(const pandis_field *field, double *numbers) {
     for (int k = 0; k < 3; k++) numbers[k] = field->centre[k];
     numbers[3] = field->scale;
