@@ -15,6 +15,27 @@ static const double points[][3] = {
     {1e300, 0, 0},    {0, (double)NAN, 0},    {5e-324, 0, 5e-324}, {(double)INFINITY, 0, 0},  {0.9, 0.9, -0.9},
     {-0.5, 0.5, 0.5}, {0.05, 0.01, -0.02},    {0.1, -0.7, 0.6},    {-0.89, -0.01, 0.3},       {2, 2, 2}};
 
+/* Move the vertices of a mesh, to where they may be anything, and ask it. */
+static void move(const pandis_field *field) {
+    size_t room = pandis_handover_room(field), count = 3 * (size_t)field->as.mesh.vertex_count;
+    double *where = (double *)malloc(count * sizeof *where);
+    void *bytes = malloc(room);
+    pandis_handover shared;
+    pandis_field moving;
+    pandis_answer answer;
+    if (where && bytes && !pandis_handover_open(&shared, field, bytes)) {
+        for (int turn = 0; turn < 4; turn++) {
+            static const double stretch[4] = {1, 0.3, -1e12, 0};
+            for (size_t i = 0; i < count; i++)
+                where[i] = i % 3 == (size_t)turn ? stretch[turn] * field->as.mesh.vertices[i] : field->as.mesh.vertices[i];
+            int error = pandis_handover_refit(&shared, where);
+            if (pandis_handover_take(&shared, &moving) != (!error || !turn)) abort();
+            for (size_t i = 0; i < sizeof points / sizeof *points; i++) pandis_query(&moving, points[i], &answer);
+        }
+    }
+    free(where), free(bytes);
+}
+
 /* Open what may be anything, with a checksum that is right, and ask it. */
 static int ask(const unsigned char *data, size_t size) {
     pandis_field field;
@@ -42,6 +63,7 @@ static int ask(const unsigned char *data, size_t size) {
             for (int k = 0; k < 3; k++)
                 if (flag == PANDIS_INVALID ? force[k] != 0 : force[k] != force[k]) abort();
         }
+        if (pandis_refit_room(&field)) move(&field);
         pandis_close(&field);
     }
     free(copy);

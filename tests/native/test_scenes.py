@@ -172,6 +172,35 @@ def test_what_moves_is_looked_at_again(files):
     assert scene.answer(point).force.any()
 
 
+def twisted(vertices, angle):
+    """Return vertices stretched along x, and turned around it the more, the farther along."""
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    at = (vertices - middle) * [1.6, 1, 1]
+    turn = angle * at[:, 0] / np.ptp(at[:, 0])
+    y, z = np.cos(turn) * at[:, 1] - np.sin(turn) * at[:, 2], np.sin(turn) * at[:, 1]
+    return np.stack([at[:, 0], y, z + np.cos(turn) * at[:, 2]], axis=1) + middle
+
+
+def test_a_shape_that_moves_is_felt_where_it_is(files, fields):
+    """Also where it reaches out of the box that it had; forces are those of asking every object."""
+    field = fields["exact"][0]
+    vertices = field.frame.to_mesh(field.engine.vertices)
+    moving, rng = NativeField(files["exact"]).moving(), np.random.default_rng(21)
+    objects = [*room(files, ["torus", "spline"], 4, 22), place(moving, rng, 0.1)]
+    scene, own = NativeScene(objects), objects[-1]
+    for angle in (0.2, 1.5, 0.7):
+        shape = twisted(vertices, angle)
+        moving.refit(shape)
+        scene.move(4, own)
+        at = own.scale * shape @ own.rotation.T + own.translation
+        points = at[rng.integers(len(at), size=3000)] + rng.normal(0, 1e-3, (3000, 3))
+        answer = scene.answer(points)
+        assert same_bits(answer.force, scene.ask_all(points))
+        outside = (np.abs(field.frame.to_unit(shape)) > 1).any(axis=1)
+        assert answer.force.any(axis=1).mean() > 0.2
+        assert outside.any()
+
+
 @pytest.mark.parametrize(
     "change",
     [
