@@ -12,7 +12,7 @@ rule choose:
         "../workflow/envs/choice.yaml"
     threads: 2
     resources:
-        mem_mb=4000,
+        mem_mb=8000,
         runtime=720,
     params:
         options=plan.options("choose"),

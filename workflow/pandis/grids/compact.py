@@ -131,8 +131,8 @@ def told(arrays, record):
     """Return what a compact mesh has come to, in words."""
     return (
         f"{record.bits} bits: {record.faces:,} of {record.faces_before:,} faces in "
-        f"{size_of(arrays):,} bytes; distances are within {record.deviation:.2g} of the mesh's "
-        "(unit frame)"
+        f"{size_of(arrays):,} bytes; distances without their signs are within "
+        f"{record.deviation:.2g} of the mesh's (unit frame)"
     )
 
 
