@@ -58,6 +58,20 @@ def test_a_hint_changes_no_bit(name, files):
         assert same(field.follow(points), field.query(points))
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_a_distance_alone_has_the_same_bits(name, files):
+    field, lib = NativeField(files[name]), library()
+    lib.pandis_distance.argtypes = [ctypes.c_void_p] * 3
+    points = np.concatenate([points_for(field)[:500], [[np.nan, 0, 0], [1e300, 0, 0]]])
+    wanted = field.query(points)
+    distance, flags = np.empty(len(points)), []
+    for index, point in enumerate(points):
+        at = (ctypes.c_double * 3)(*point)
+        flags.append(lib.pandis_distance(field.address, at, distance[index:].ctypes.data))
+    assert np.array_equal(distance, wanted.distance, equal_nan=True)
+    assert flags == wanted.flag.tolist()
+
+
 @pytest.mark.parametrize("word", [1, 2, 7, 1 << 31, (1 << 31) - 1, 1 << 63, (1 << 64) - 1])
 def test_a_hint_of_something_else_does_no_harm(word, files):
     """What a caller has written over it, or of another field."""

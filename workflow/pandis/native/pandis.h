@@ -282,6 +282,10 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer);
 
+/* The distance alone, with the bits of pandis_query, and its flag: in less than half of the time of a network whose normal
+ * is its gradient; of any other field it takes as long. NaN where there is no answer. */
+PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance);
+
 /* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
  * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative, NaN or more than 1e100. */
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
@@ -1903,7 +1907,8 @@ static int pandis__fits_four(const pandis__network *n) {
 }
 
 /* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Of one point or
- * of four, which read every weight together; what a point gets is the same. */
+ * of four, which read every weight together; what a point gets is the same. Without normals (NULL) there is no
+ * gradient to compute. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
                                                 double (*normal)[3], int *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
@@ -1939,9 +1944,9 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
     for (int p = 0; p < count; p++) {
         for (int k = 0; k < n->outputs; k++) result[p][k] += n->biases[(ptrdiff_t)n->depth * stride + k];
         distance[p] = (double)result[p][0];
-        for (int k = 0; k < 3 && !own; k++) normal[p][k] = (double)result[p][k + 1];
+        for (int k = 0; k < 3 && normal && !own; k++) normal[p][k] = (double)result[p][k + 1];
     }
-    if (own) {
+    if (own && normal) {
         for (int p = 0; p < count; p++)
             for (int j = 0; j < stride; j++)
                 h[p * (ptrdiff_t)stride + j] = n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
@@ -1969,7 +1974,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
             double more, slope[3];
             pandis__cubic(&n->base, inside[p], &more, slope);
             distance[p] += more;
-            for (int k = 0; k < 3; k++) normal[p][k] += slope[k];
+            for (int k = 0; k < 3 && normal; k++) normal[p][k] += slope[k];
         }
         distance[p] += outside[p];
         flag[p] = outside[p] > 0 ? PANDIS_BOUND : PANDIS_OK;
@@ -2282,6 +2287,20 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
     pandis__ask(field, point, &begin, answer);
     hint->room[0] = field->kind == PANDIS_MESH;
     memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
+}
+
+PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance) {
+    pandis_answer answer;
+    double u[1][3], d = 0, none[3] = {0, 0, 1};
+    int flag = PANDIS_INVALID;
+    if (field->kind == PANDIS_NETWORK && field->as.network.outputs == 1) {
+        if (pandis__unit(field, point, u[0])) pandis__answer_network(&field->as.network, 1, u, &d, NULL, &flag);
+        pandis__tell(field, d, none, 0, flag, &answer);
+    } else {
+        pandis_query(field, point, &answer);
+    }
+    *distance = answer.distance;
+    return answer.flag;
 }
 
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {

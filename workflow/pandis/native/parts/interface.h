@@ -55,6 +55,10 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer);
 
+/* The distance alone, with the bits of pandis_query, and its flag: in less than half of the time of a network whose normal
+ * is its gradient; of any other field it takes as long. NaN where there is no answer. */
+PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance);
+
 /* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
  * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative, NaN or more than 1e100. */
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);

@@ -144,7 +144,8 @@ static int pandis__fits_four(const pandis__network *n) {
 }
 
 /* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Of one point or
- * of four, which read every weight together; what a point gets is the same. */
+ * of four, which read every weight together; what a point gets is the same. Without normals (NULL) there is no
+ * gradient to compute. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
                                                 double (*normal)[3], int *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
@@ -180,9 +181,9 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
     for (int p = 0; p < count; p++) {
         for (int k = 0; k < n->outputs; k++) result[p][k] += n->biases[(ptrdiff_t)n->depth * stride + k];
         distance[p] = (double)result[p][0];
-        for (int k = 0; k < 3 && !own; k++) normal[p][k] = (double)result[p][k + 1];
+        for (int k = 0; k < 3 && normal && !own; k++) normal[p][k] = (double)result[p][k + 1];
     }
-    if (own) {
+    if (own && normal) {
         for (int p = 0; p < count; p++)
             for (int j = 0; j < stride; j++)
                 h[p * (ptrdiff_t)stride + j] = n->last[j] * slopes[(n->depth - 1) * all + p * (ptrdiff_t)stride + j];
@@ -210,7 +211,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
             double more, slope[3];
             pandis__cubic(&n->base, inside[p], &more, slope);
             distance[p] += more;
-            for (int k = 0; k < 3; k++) normal[p][k] += slope[k];
+            for (int k = 0; k < 3 && normal; k++) normal[p][k] += slope[k];
         }
         distance[p] += outside[p];
         flag[p] = outside[p] > 0 ? PANDIS_BOUND : PANDIS_OK;

@@ -93,6 +93,20 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
     memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
 }
 
+PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance) {
+    pandis_answer answer;
+    double u[1][3], d = 0, none[3] = {0, 0, 1};
+    int flag = PANDIS_INVALID;
+    if (field->kind == PANDIS_NETWORK && field->as.network.outputs == 1) {
+        if (pandis__unit(field, point, u[0])) pandis__answer_network(&field->as.network, 1, u, &d, NULL, &flag);
+        pandis__tell(field, d, none, 0, flag, &answer);
+    } else {
+        pandis_query(field, point, &answer);
+    }
+    *distance = answer.distance;
+    return answer.flag;
+}
+
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
     pandis_answer answer;
     force[0] = force[1] = force[2] = 0;
