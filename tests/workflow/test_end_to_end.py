@@ -297,8 +297,9 @@ train:
   small: {width: 16, depth: 2, steps: 40}
 trajectory: {samples: 100, deep: 0.01}
 evaluation: {probes: 1000}
-timing: {queries: 100, batch: 100}
-hardware: {seconds: 0.1}
+stress: {ticks: 5000, loops: 5}
+timing: {queries: 100, batch: 100, cold: 0}
+hardware: {seconds: 0.1, loaded_seconds: 0}
 meshes:
   part: {source: part.obj}
 """
