@@ -12,7 +12,7 @@ from pandis.fields.exported import ExportedField
 from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance
 from pandis.geometry.frame import Frame
-from pandis.grids.compact import build_compact, file_parts, limited, pack_body
+from pandis.grids.compact import build_compact, file_parts, limit_queries, pack_body
 from pandis.grids.lattice import snap, step_of, to_unit
 from pandis.grids.limits import near_surface
 from pandis.grids.sides import find_sides
@@ -23,7 +23,7 @@ from pandis.native.packing import (
     INSIDE,
     OUTSIDE,
     Sides,
-    distances,
+    distance_and_clear,
     find_rays,
     pack_mesh,
 )
@@ -326,7 +326,7 @@ def test_a_query_that_has_too_much_to_look_at_is_cut_and_says_so():
         clear = field.clear(points)
         assert (clear <= exact + 1e-6).all()
         assert (clear[cut] > 0.9 * exact[cut]).all()
-        assert distances(arrays, 16, points)[0] == pytest.approx(-exact, abs=1e-6)
+        assert distance_and_clear(arrays, 16, points)[0] == pytest.approx(-exact, abs=1e-6)
     # next to the surface nothing is cut, and what is clear is the distance
     near = 0.99 * engine.vertices[:2000]
     distance, _, flag = field.query(near)
@@ -338,7 +338,7 @@ def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     """The boxes of all faces hold it: what is cut there is wrong by the size of the object."""
     body = Body(*cone(2000), UNIT)
     arrays, record = pack_body(body, 16)
-    larger = limited(arrays, record)
+    larger = limit_queries(arrays, record)
     vertices, faces = unpack(arrays)
     engine = MeshDistance(to_unit(vertices, 16), faces)
     rng = np.random.default_rng(1)
@@ -346,7 +346,7 @@ def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     points = np.concatenate([base, near_surface(engine.vertices, faces, 20_000, rng)])
     exact = np.abs(engine.distance_and_normal(points, check=False)[0])
     wrong, few = [
-        (np.abs(distances(arrays, 16, points, limit)[0]) - exact).max()
+        (np.abs(distance_and_clear(arrays, 16, points, limit)[0]) - exact).max()
         for limit in (larger.most, record.most)
     ]
     assert record.most < larger.most <= 4 * record.most

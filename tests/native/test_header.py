@@ -457,8 +457,7 @@ def test_a_query_needs_little_stack(compiler, level, files, points_file, tmp_pat
         run = [program, path, points_file]
         used = int(subprocess.run(run, capture_output=True, text=True, check=True).stdout)
         network = name.startswith(("network", "gradient", "shallow"))
-        most = 90_000 if network else 9216 if level == "-O0" else 8192
-        assert 100 < used <= most, (name, used)
+        assert 100 < used <= (90_000 if network else 8192), (name, used)
 
 
 #: Machines on which a program gives the same bits: compiler, flags, what runs it.

@@ -39,8 +39,8 @@ from pandis.run.catalogue import BOX
 _LANES = 16
 #: The first version of the format that knows these kinds, as they are written now.
 VERSIONS = {COMPACT: 3, MESH: 4}
-#: Nodes, leaves and faces of an exact mesh that one query looks at, if none next to the surface
-#: needs more: what takes about a tenth of a tick. It cuts nothing on scans.
+#: A query of an exact mesh looks at so many nodes, leaves and faces, which takes about a tenth of
+#: a tick and cuts nothing on scans; more where that would cut a query next to the surface.
 MOST = 1000
 #: By how much distances of an exact mesh may differ from the library's (unit frame).
 _ROUNDING = 1e-12
@@ -179,8 +179,8 @@ def _mesh(engine, frame):
 
     def query(points, most):
         data = pack(MESH, frame, [*counts, most], [engine.reach], sections, {}, VERSIONS[MESH])
-        limited = NativeField(data)
-        return limited.query(frame.to_mesh(points)).distance, limited.clear(frame.to_mesh(points))
+        answer, clear = NativeField(data).query_within(frame.to_mesh(points), np.inf)
+        return answer.distance, clear
 
     most = least_limit(MOST, engine.vertices, engine.faces, query)
     return [*counts, most], [engine.reach], sections

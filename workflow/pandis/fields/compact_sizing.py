@@ -11,7 +11,7 @@ from pandis.geometry.measure import promise
 from pandis.grids.compact import (
     bound_deviation,
     compare_sides,
-    limited,
+    limit_queries,
     pack_body,
     size_of,
     told,
@@ -92,7 +92,7 @@ class Packer:
             record = bound_deviation(self.body, candidate.arrays, candidate.field.record)
             known = f"; mean error of the force {error:.2g}" if error < inf else ""
             self.log(f"{told(candidate.arrays, record)}{known}")
-            record = limited(candidate.arrays, record)
+            record = limit_queries(candidate.arrays, record)
             try:
                 compare_sides(self.body, candidate.arrays, record, self.seed)
             except PandisError as wrong:

@@ -9,11 +9,11 @@ from pandis.grids.lattice import snap, step_of, to_unit
 from pandis.grids.limits import least_limit, near_surface
 from pandis.grids.sides import find_sides
 from pandis.grids.unpacking import unpack
-from pandis.native.packing import BLOCK_BYTES, BRANCH_BYTES, distances, pack_mesh
+from pandis.native.packing import BLOCK_BYTES, BRANCH_BYTES, distance_and_clear, pack_mesh
 from pandis.run.records.compact import CompactRecord
 
-#: Groups of eight faces, and blocks, that one query looks at, if none next to the surface needs
-#: more: what takes about a tenth of a tick. How many queries of scans are cut by it:
+#: A query looks at so many blocks and groups of eight faces, which takes about a tenth of a tick;
+#: at more where that would cut a query next to the surface. How many queries of scans are cut:
 #: tests/benchmarks/compact.py.
 MOST = 704
 #: Points at which sides are compared with the body's: half in the box, half near the surface.
@@ -45,7 +45,7 @@ def build_compact(body, bits, seed, log):
     """
     arrays, record = pack_body(body, bits)
     log(told(arrays, record))
-    record = limited(arrays, record)
+    record = limit_queries(arrays, record)
     compare_sides(body, arrays, record, seed)
     return arrays, record
 
@@ -103,7 +103,7 @@ def bound_deviation(body, arrays, record):
     return record.model_copy(update={"deviation": max(there, back)})
 
 
-def limited(arrays, record):
+def limit_queries(arrays, record):
     """Return the record with a limit of what a query looks at that cuts none next to the surface.
 
     See `pandis.grids.limits`.
@@ -111,7 +111,7 @@ def limited(arrays, record):
     vertices, faces = unpack(arrays)
 
     def query(points, most):
-        return distances(arrays, record.bits, points, most)
+        return distance_and_clear(arrays, record.bits, points, most)
 
     most = least_limit(record.most, to_unit(vertices, record.bits), faces, query)
     return record.model_copy(update={"most": most})
@@ -197,7 +197,7 @@ def compare_sides(body, arrays, record, seed):
     near = near_surface(engine.vertices, engine.faces, half, rng)
     points = np.concatenate([box, near])
     exact, _ = engine.distance_and_normal(points)
-    distance, _ = distances(arrays, record.bits, points, record.most)
+    distance, _ = distance_and_clear(arrays, record.bits, points, record.most)
     wrong = (exact < 0) != (distance < 0)
     wrong &= np.abs(exact) > record.deviation + record.rounding
     if wrong.any():

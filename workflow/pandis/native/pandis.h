@@ -29,9 +29,9 @@
  * C99 or later, or C++11 or later. It needs no flags: with -O2 alone it is about as fast as with -O3
  * -march=native, since GCC and clang compile what takes most time for AVX2, too, which is taken on x86-64
  * machines that have it (not on Windows; PANDIS_NO_DISPATCH leaves it out). Every compiler, every machine
- * and every vector width gives the same bits (clang not with -ffp-contract=fast). With -ffast-math or x87 arithmetic it does not compile,
- * for it would answer wrongly; parts of -ffast-math that no macro shows are found by a test of the
- * arithmetic in pandis_open. A query needs 8 KB of stack at most (9 KB without optimisation), and one of a network 80 KB: define a
+ * and every vector width gives the same bits (clang not with -ffp-contract=fast). With -ffast-math or x87
+ * arithmetic it does not compile, for it would answer wrongly; parts of -ffast-math that no macro shows are
+ * found by a test of the arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network 80 KB: define a
  * smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16), and it needs four bytes times
  * (depth + 2) times width. Define PANDIS_API as `static inline` to keep the names to one source file,
  * PANDIS_NO_FILE to leave out what opens files.
@@ -42,7 +42,7 @@
  * field a few points once so that its pages and the caches are filled, and give the thread a real-time
  * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
  * depends on the place, except for meshes: where very many faces are about equally near (the middle of a finely
- * tessellated ball) a query takes a hundred times as long as usual, and is cut after so much as its file says: see
+ * tessellated ball) a query takes some hundred times as long as usual, and is cut after so much as its file says: see
  * PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
@@ -90,8 +90,8 @@ extern "C" {
  * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
  * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
  * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
- * may be too large, by some hundredths of the object: see `clear`. Files are made so that next to the surface nothing
- * is cut. BEYOND: of pandis_query_within alone, no surface is within its reach. */
+ * may be too large, by some hundredths of the object: see `clear`. Next to the surface nothing was cut of all that was
+ * tried when the file was made. BEYOND: of pandis_query_within alone, no surface is within its reach. */
 enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3, PANDIS_BEYOND = 4 };
 
 /* Why a field cannot be opened. */
@@ -1141,15 +1141,14 @@ PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf 
 /* Look in the nearest box first and there to the end; for most points that is soon. */
 PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
-        int32_t keys[PANDIS__WIDTH];
-        const pandis__node *node;
+        int32_t keys[PANDIS__WIDTH], node;
     } path[PANDIS__DEEPEST], *at = path;
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
     int32_t within = pandis__limit_key(s->limit);
-    at->node = t->nodes;
-    pandis__box_keys(at->node, q, at->keys);
+    at->node = 0;
+    pandis__box_keys(t->nodes, q, at->keys);
     for (;;) {
-        int32_t key = pandis__least(at->keys), child = at->node->child[key & 7];
+        int32_t key = pandis__least(at->keys), child = t->nodes[at->node].child[key & 7];
         if (s->left < 0 && key < s->unseen) s->unseen = key; /* no more: what is left over is at least so far away */
         if (key > within || s->left < 0) {
             if (at == path) return;
@@ -1159,8 +1158,8 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
         at->keys[key & 7] = INT32_MAX;
         if (child >= 0) {
             s->left--;
-            (++at)->node = t->nodes + child;
-            pandis__box_keys(at->node, q, at->keys);
+            (++at)->node = child;
+            pandis__box_keys(t->nodes + child, q, at->keys);
         } else {
             pandis__look_into(t, t->leaves + ~child, p, s);
             within = pandis__limit_key(s->limit);

@@ -118,7 +118,7 @@ def pack_mesh(vertices, faces, sides):
     return Packed(*parts)
 
 
-def distances(arrays, bits, points, most=0):
+def distance_and_clear(arrays, bits, points, most=0):
     """Return distances as ``pandis.h`` answers them, and how far the surface is at least.
 
     Parameters

@@ -175,15 +175,14 @@ PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf 
 /* Look in the nearest box first and there to the end; for most points that is soon. */
 PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
-        int32_t keys[PANDIS__WIDTH];
-        const pandis__node *node;
+        int32_t keys[PANDIS__WIDTH], node;
     } path[PANDIS__DEEPEST], *at = path;
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
     int32_t within = pandis__limit_key(s->limit);
-    at->node = t->nodes;
-    pandis__box_keys(at->node, q, at->keys);
+    at->node = 0;
+    pandis__box_keys(t->nodes, q, at->keys);
     for (;;) {
-        int32_t key = pandis__least(at->keys), child = at->node->child[key & 7];
+        int32_t key = pandis__least(at->keys), child = t->nodes[at->node].child[key & 7];
         if (s->left < 0 && key < s->unseen) s->unseen = key; /* no more: what is left over is at least so far away */
         if (key > within || s->left < 0) {
             if (at == path) return;
@@ -193,8 +192,8 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
         at->keys[key & 7] = INT32_MAX;
         if (child >= 0) {
             s->left--;
-            (++at)->node = t->nodes + child;
-            pandis__box_keys(at->node, q, at->keys);
+            (++at)->node = child;
+            pandis__box_keys(t->nodes + child, q, at->keys);
         } else {
             pandis__look_into(t, t->leaves + ~child, p, s);
             within = pandis__limit_key(s->limit);

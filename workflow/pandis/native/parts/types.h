@@ -2,8 +2,8 @@
  * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
  * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
  * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
- * may be too large, by some hundredths of the object: see `clear`. Files are made so that next to the surface nothing
- * is cut. BEYOND: of pandis_query_within alone, no surface is within its reach. */
+ * may be too large, by some hundredths of the object: see `clear`. Next to the surface nothing was cut of all that was
+ * tried when the file was made. BEYOND: of pandis_query_within alone, no surface is within its reach. */
 enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3, PANDIS_BEYOND = 4 };
 
 /* Why a field cannot be opened. */

@@ -63,6 +63,11 @@ def declared(lib):
     lib.pandis_refit_room.restype, lib.pandis_refit_room.argtypes = size, [pointer]
     lib.pandis_refit_open.argtypes = [pointer, pointer, pointer]
     lib.pandis_refit.argtypes = [pointer, pointer]
+    lib.runtime_handover_bytes.restype = size
+    lib.pandis_handover_room.restype, lib.pandis_handover_room.argtypes = size, [pointer]
+    lib.pandis_handover_open.argtypes = [pointer, pointer, pointer]
+    lib.pandis_handover_refit.argtypes = lib.pandis_handover_take.argtypes = [pointer, pointer]
+    lib.pandis_distance.argtypes = [pointer, pointer, pointer]
     lib.runtime_vertices.restype, lib.runtime_vertices.argtypes = ctypes.c_int64, [pointer]
     lib.runtime_refit_time.restype, lib.runtime_refit_time.argtypes = f64, [pointer, pointer]
     lib.runtime_frame.argtypes = [pointer, pointer]
@@ -274,14 +279,22 @@ class MovingField(NativeField):
         Of kind MESH; it lends its faces, and stays as it is.
     """
 
+    _NO_SHAPE = "a vertex is no finite number, or too far away: the old shape stays"
+
     def __init__(self, field):
         room = field._library.pandis_refit_room(field._field)
         if not room:
             raise ValueError(f"{field.path}: only an exact mesh has vertices that can move")
         self._library, self.path, self.frame = field._library, field.path, field.frame
         self._field = ctypes.create_string_buffer(self._library.runtime_field_bytes())
-        self._lender, self._room = field, np.empty(room // 8)
-        self._library.pandis_refit_open(self._field, field._field, self._room.ctypes.data)
+        self._lender = field
+        self._open(room)
+
+    def _open(self, room):
+        """Take room (bytes) for one shape, and make it that of the lender."""
+        self._room = np.empty(room // 8)
+        lender = self._lender._field
+        self._library.pandis_refit_open(self._field, lender, self._room.ctypes.data)
 
     def refit(self, vertices):
         """Move the vertices.
@@ -307,8 +320,6 @@ class MovingField(NativeField):
         if taken < 0:
             raise ValueError(self._NO_SHAPE)
         return taken
-
-    _NO_SHAPE = "a vertex is no finite number, or too far away: the old shape stays"
 
     def _checked(self, vertices):
         vertices, count = _rows(vertices), self._library.runtime_vertices(self._lender._field)

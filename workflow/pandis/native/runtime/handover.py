@@ -4,7 +4,7 @@ import ctypes
 
 import numpy as np
 
-from pandis.native.runtime import MovingField, library
+from pandis.native.runtime import MovingField
 
 
 class SharedField(MovingField):
@@ -18,17 +18,12 @@ class SharedField(MovingField):
         Of kind MESH; it lends its faces, and stays as it is.
     """
 
-    def __init__(self, field):
-        super().__init__(field)
-        lib = library()
-        pointer = ctypes.c_void_p
-        lib.runtime_handover_bytes.restype = lib.pandis_handover_room.restype = ctypes.c_size_t
-        lib.pandis_handover_room.argtypes = [pointer]
-        lib.pandis_handover_open.argtypes = [pointer] * 3
-        lib.pandis_handover_refit.argtypes = lib.pandis_handover_take.argtypes = [pointer] * 2
-        self._handover = ctypes.create_string_buffer(lib.runtime_handover_bytes())
-        self._room = np.empty(lib.pandis_handover_room(field._field) // 8)
-        lib.pandis_handover_open(self._handover, field._field, self._room.ctypes.data)
+    def _open(self, room):
+        """Take room for three shapes, of so many bytes each."""
+        self._room = np.empty(3 * room // 8)
+        self._handover = ctypes.create_string_buffer(self._library.runtime_handover_bytes())
+        lender = self._lender._field
+        self._library.pandis_handover_open(self._handover, lender, self._room.ctypes.data)
         self.take()
 
     def refit(self, vertices):
