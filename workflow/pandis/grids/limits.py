@@ -37,10 +37,11 @@ def near_surface(vertices, faces, count, rng):
 
 
 def at_corners(vertices, faces, rng):
-    """Draw points (n, 3) next to every vertex and every face's middle, many next to crowded ones.
+    """Draw points (n, 3) next to every vertex and every face's middle.
 
-    Next to, and not only at it: at a vertex itself the first face that is looked at is at no
-    distance, and no box is nearer.
+    Where very many faces meet there are many. The vertices themselves are among the points, but
+    they are the easiest places: the first face that is looked at is at distance 0, so that no
+    other box can be nearer.
 
     Parameters
     ----------
@@ -67,15 +68,14 @@ def _moved(points, length, rng):
 
 
 def least_limit(first, vertices, faces, query):
-    """Double a limit until no query is cut that is tried on a surface and next to it.
+    """Return twice the limit with which no query is cut that is tried on a surface and next to it.
 
-    Where the first limit does not suffice, twice of what does is returned: points that were not
-    tried can need more than those that were.
+    Twice, because points that are not tried can need more than those that are.
 
     Parameters
     ----------
     first : int
-        The least one.
+        The least limit to return; it is doubled as often as needed.
     vertices : ndarray, shape (V, 3), unit frame
     faces : ndarray, shape (F, 3)
     query : callable
@@ -89,9 +89,9 @@ def least_limit(first, vertices, faces, query):
     rng = np.random.default_rng(0)
     near = near_surface(vertices, faces, _POINTS, rng)
     points = np.concatenate([at_corners(vertices, faces, rng), near])
-    most = first
+    enough = first // 2
     while True:
-        distance, clear = query(points, most)
+        distance, clear = query(points, enough)
         if not (clear < np.abs(distance)).any():
-            return most if most == first else 2 * most
-        most *= 2
+            return 2 * enough
+        enough *= 2

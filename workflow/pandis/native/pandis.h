@@ -31,8 +31,8 @@
  * machines that have it (not on Windows; PANDIS_NO_DISPATCH leaves it out). Every compiler, every machine
  * and every vector width gives the same bits (clang not with -ffp-contract=fast). With -ffast-math or x87
  * arithmetic it does not compile, for it would answer wrongly; parts of -ffast-math that no macro shows are
- * found by a test of the arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network 80 KB: define a
- * smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16), and it needs four bytes times
+ * found by a test of the arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network
+ * 80 KB: define a smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16), and it needs four bytes times
  * (depth + 2) times width. Define PANDIS_API as `static inline` to keep the names to one source file,
  * PANDIS_NO_FILE to leave out what opens files.
  *
@@ -42,8 +42,8 @@
  * field a few points once so that its pages and the caches are filled, and give the thread a real-time
  * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
  * depends on the place, except for meshes: where very many faces are about equally near (the middle of a finely
- * tessellated ball) a query takes some hundred times as long as usual, and is cut after so much as its file says: see
- * PANDIS_CUT.
+ * tessellated ball) a query can take some hundreds of times as long as usual; it is cut after
+ * as many steps as its file says: see PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. It needs nothing else of it.

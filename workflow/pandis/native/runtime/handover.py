@@ -19,8 +19,9 @@ class SharedField(MovingField):
     """
 
     def _open(self, room):
-        """Take room for three shapes, of so many bytes each."""
-        self._room = np.empty(3 * room // 8)
+        """Take room for three shapes, which the header counts."""
+        room = self._library.pandis_handover_room(self._lender._field)
+        self._room = np.empty(room // 8)
         self._handover = ctypes.create_string_buffer(self._library.runtime_handover_bytes())
         lender = self._lender._field
         self._library.pandis_handover_open(self._handover, lender, self._room.ctypes.data)
