@@ -153,7 +153,10 @@ def _without_pairs(faces):
 def _turn_edges(vertices, faces, flat):
     """Split, in place, the neighbour at the longest edge of each flat face; tell if one was."""
     across = {}
-    for index, face in enumerate(faces.tolist()):
+    # only faces with two corners of a flat one can lie across its edges
+    beside = np.isin(faces, faces[flat]).sum(axis=1) >= 2
+    for index in np.flatnonzero(beside).tolist():
+        face = faces[index].tolist()
         for k in range(3):
             across.setdefault((face[k], face[(k + 1) % 3]), []).append(index)
     touched, done = set(), False
