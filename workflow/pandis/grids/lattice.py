@@ -113,6 +113,8 @@ def _mend(vertices, faces):
     else:
         faces = _cleaned(faces, sheets, lines)
     lines = np.concatenate(lines)
+    if not len(lines):  # of a large mesh the search below takes a minute
+        return faces, np.concatenate([*sheets, lines])
     count = len(vertices)
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if len(faces) else faces
     known = edges[:, :2] @ (count, 1)
