@@ -13,7 +13,7 @@ from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
 from pandis.geometry.frame import Frame
 from pandis.geometry.shapes import SHAPES
-from pandis.grids.limits import near_surface
+from pandis.grids.limits import least_limit, near_surface
 from pandis.native.runtime import NativeField, library
 from shapes import cone
 
@@ -179,6 +179,17 @@ def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     found = field.query(points)
     assert not (found.flag == CUT).any()
     assert np.array_equal(found.distance, body.distance.distance_and_normal(points)[0])
+
+
+@pytest.mark.parametrize("needed", [400, 500, 501, 1000, 1001, 3000])
+def test_a_limit_has_a_margin_of_two(needed):
+    """Points that were not tried can need more: with just enough a fan of 500 sectors was cut."""
+
+    def query(points, most):
+        return np.ones(len(points)), np.full(len(points), np.inf if most >= needed else 0)
+
+    limit = least_limit(1000, *cone(8), query)
+    assert 2 * needed <= limit <= max(1000, 4 * needed)
 
 
 def test_one_small_corner_of_a_large_mesh_makes_the_limit_larger():
