@@ -6,6 +6,8 @@ from itertools import pairwise
 
 #: Fewer points than this are not worth a second thread.
 SMALL = 2048
+#: Pieces for each thread: some take longer than others, and no thread should wait for the last.
+_PIECES = 8
 
 
 def thread_count():
@@ -22,7 +24,7 @@ def in_threads(part, count, parts=None, small=SMALL):
     part : callable
     count : int
     parts : int, optional
-        How many pieces; by default as many as there are threads.
+        How many pieces; by default several for each thread.
     small : int
         Fewer are not worth a second thread, nor another one for every so many more.
 
@@ -32,7 +34,7 @@ def in_threads(part, count, parts=None, small=SMALL):
         What the calls returned, in order.
     """
     threads = max(1, min(thread_count(), 2 * count // small))
-    parts = parts or threads
+    parts = parts or (threads if threads == 1 else _PIECES * threads)
     edges = [count * k // parts for k in range(parts + 1)]
     if threads == 1 or parts == 1:
         return [part(low, high) for low, high in pairwise(edges)]
