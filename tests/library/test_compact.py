@@ -17,6 +17,7 @@ from pandis.grids.lattice import snap, step_of, to_unit
 from pandis.grids.limits import near_surface
 from pandis.grids.sides import find_sides
 from pandis.grids.unpacking import unpack
+from pandis.native.bvh import Bvh
 from pandis.native.packing import (
     BY_FACE,
     BY_RAY,
@@ -206,6 +207,24 @@ def test_a_surface_that_the_lattice_folds_keeps_its_sides():
     distance, _, _ = field.query(points)
     wrong = (np.linalg.norm(points, axis=1) < 0.9) != (distance < 0)
     assert np.abs(distance[wrong]).max(initial=0) < 3 * step_of(10)
+
+
+def test_faces_that_look_the_wrong_way_are_those_with_points_on_the_wrong_side(monkeypatch):
+    """Eight points of a face share one walk through the tree; one by one they tell the same."""
+    vertices, faces = hull(60_000, 7)
+    snapped = snap(vertices, faces, 10)
+    tree = Bvh(snapped.vertices.astype(np.float64), snapped.faces)
+    corners = snapped.vertices[snapped.faces].astype(np.float64)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    wrong = ~normal.any(axis=1)
+    for weights in ([1 / 3] * 3, [0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9]):
+        at = np.tensordot(corners, weights, axes=(1, 0))
+        wrong |= tree.inside(at + 1e-3 * normal) | ~tree.inside(at - 1e-3 * normal)
+    assert 0 < wrong.sum() < len(wrong) / 2
+    assert np.array_equal(tree.look_wrong(1e-3), wrong)
+    monkeypatch.setenv("IGL_NUM_THREADS", "1")
+    assert np.array_equal(tree.look_wrong(1e-3), wrong)
 
 
 def test_every_directed_edge_occurs_as_often_as_its_reverse(case):

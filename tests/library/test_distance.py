@@ -14,7 +14,7 @@ from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import SHAPES
 from pandis.mesh.intake import read_mesh
 from pandis.native import compiler
-from pandis.native.bvh import INVALID, ON_SURFACE, TIED, Bvh
+from pandis.native.bvh import INVALID, LEAF_BYTES, NODE_BYTES, ON_SURFACE, TIED, Bvh
 from support import box_mesh, octahedron
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -204,6 +204,41 @@ def test_answers_do_not_depend_on_batch_order_or_threads(monkeypatch, threads):
     distance, normal = engine.distance_and_normal(points)
     assert np.array_equal(distance, whole.distance)
     assert np.array_equal(normal, whole.normal)
+
+
+@pytest.mark.parametrize("count", [1, 8, 9, 64, 65, 700, 12_000])
+def test_a_tree_has_the_same_bytes_on_however_many_threads(monkeypatch, count):
+    """Threads build branches, which then come in the order in which a walk meets them."""
+    vertices, faces = soup("lattice", count, np.random.default_rng(count))
+    trees = []
+    for threads, many in (("1", 10_000), ("2", 1), ("5", 1)):
+        monkeypatch.setenv("IGL_NUM_THREADS", threads)
+        monkeypatch.setattr("pandis.native.bvh._MANY", many)
+        trees.append(Bvh(vertices, faces))
+    parts = [tree.parts() for tree in trees]
+    assert parts[0] == parts[1] == parts[2]
+    assert met_in_order(parts[0]["TREE"]) == (
+        len(parts[0]["TREE"]) // NODE_BYTES,
+        len(parts[0]["LEAF"]) // LEAF_BYTES,
+    )
+    points = np.random.default_rng(1).normal(0, 1, (100, 3))
+    labels = trees[2].label(points, 0.0, check=False)
+    assert np.array_equal(labels.distance, trees[2].scan(points)[0])
+
+
+def met_in_order(tree):
+    """Return how many nodes and leaves a walk through a tree's nodes meets, in their order."""
+    places = [("low", "<f4", (3, 8)), ("high", "<f4", (3, 8)), ("child", "<i4", 8)]
+    nodes, met, left = np.frombuffer(tree, np.dtype(places)), [0, 0], [0]
+    assert nodes.itemsize == NODE_BYTES
+    while left:
+        child = left.pop()
+        assert (child if child >= 0 else ~child) == met[child < 0]
+        met[child < 0] += 1
+        if child >= 0:
+            node = nodes[child]
+            left += node["child"][node["low"][0] <= node["high"][0]].tolist()[::-1]
+    return tuple(met)
 
 
 @pytest.mark.parametrize(("scale", "move"), [(1e-6, 0.0), (1e6, 0.0), (1.0, 1e6)])

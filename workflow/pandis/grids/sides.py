@@ -15,8 +15,6 @@ from pandis.native.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_
 
 #: How far from a face it is looked at (steps): less than any fold is high.
 _BESIDE = 1e-3
-#: Where: in the middle, and near the corners (barycentric).
-_PLACES = np.array([[1 / 3, 1 / 3, 1 / 3], [0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9]])
 #: Cosine between the normals of faces of which one is folded back onto the other, and how low the
 #: lower one of them is (steps): rounding does not fold what is higher.
 _FOLD, _LOW = -0.7, 4.0
@@ -47,7 +45,7 @@ def find_sides(vertices, faces):
     length = np.linalg.norm(normal, axis=1)
     normal /= np.where(length > 0, length, 1)[:, None]
     longest = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
-    wrong = _look_wrong(tree, places, normal) | _folded(faces, normal, length < _LOW * longest)
+    wrong = tree.look_wrong(_BESIDE) | _folded(faces, normal, length < _LOW * longest)
     for _ in range(_RINGS):
         touched = np.zeros(len(vertices), bool)
         touched[faces[wrong]] = True
@@ -57,16 +55,6 @@ def find_sides(vertices, faces):
     edges[touched[faces] & touched[np.roll(faces, -1, axis=1)]] = BY_RAY
     corners = _with_edges(corners, edges, faces, normal)
     return Sides(corners, edges, np.where(wrong, BY_RAY, BY_FACE).astype(np.uint8))
-
-
-def _look_wrong(tree, places, normal):
-    """Tell which faces have the outside below them, or the inside above, at one of some places."""
-    off = _BESIDE * normal
-    wrong = np.zeros(len(places), bool)
-    for weights in _PLACES:
-        at = np.tensordot(places, weights, axes=(1, 0))
-        wrong |= tree.inside(at + off) | ~tree.inside(at - off)
-    return wrong
 
 
 def _folded(faces, normal, low):

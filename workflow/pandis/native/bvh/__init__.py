@@ -1,6 +1,7 @@
 """Closest points and winding numbers of a triangle mesh: the binding of ``bvh.c``."""
 
 import ctypes
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +15,9 @@ from pandis.native.threads import SMALL, in_threads
 PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
 #: Bytes of a node and of a leaf.
 NODE_BYTES, LEAF_BYTES = 224, 200
+#: Branches of a tree that are opened first, and all of them, as in branches.h; of fewer faces than
+#: this, one thread builds the tree.
+_OPENED, _BRANCHES, _MANY = 1 + 8, 1 + 8 + 64, 10_000
 INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
 
 
@@ -46,10 +50,13 @@ def library():
     """Return the compiled library with its functions' types declared."""
     lib = load(Path(__file__).with_name("bvh.c"))
     pointer, i32, i64, f64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64, ctypes.c_double
-    lib.bvh_build.restype = pointer
-    lib.bvh_build.argtypes = [pointer, i32, pointer, i32]
+    lib.bvh_start.restype, lib.bvh_start.argtypes = pointer, [pointer, i32, pointer, i32]
+    lib.bvh_open.argtypes = lib.bvh_grow.argtypes = [pointer, i32]
+    lib.bvh_meet.argtypes = lib.bvh_turn.argtypes = [pointer]
+    lib.bvh_finish.restype, lib.bvh_finish.argtypes = pointer, [pointer]
     lib.bvh_free.argtypes = [pointer]
     lib.bvh_inside.argtypes = [pointer, pointer, i64, pointer]
+    lib.bvh_look.argtypes = [pointer, i32, i32, f64, pointer]
     lib.bvh_winding.argtypes = [pointer, pointer, i64, pointer, pointer]
     lib.bvh_turns.argtypes = [pointer, pointer, i64, f64, pointer]
     lib.bvh_part.restype, lib.bvh_part.argtypes = pointer, [pointer, i32, pointer]
@@ -77,12 +84,26 @@ class Bvh:
         if not np.isfinite(vertices).all():
             raise ValueError("vertices must be finite")
         self._library = library()
-        self._tree = self._library.bvh_build(
-            vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces)
-        )
+        self._tree = self._built(vertices, faces)
         if not self._tree:
             raise PandisError(f"not enough memory for a tree over {len(faces):,} faces")
+        self._faces = len(faces)
         self.checked = self.overruled = 0
+
+    def _built(self, vertices, faces):
+        """Return the tree, built on all threads; None if memory is short."""
+        lib = self._library
+        work = lib.bvh_start(vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces))
+        if not work:
+            return None
+        small = 1 if len(faces) >= _MANY else SMALL
+        opened = [partial(lib.bvh_open, work, index) for index in range(_OPENED)]
+        grown = [partial(lib.bvh_grow, work, index) for index in range(_BRANCHES)]
+        others = [partial(task, work) for task in (lib.bvh_meet, lib.bvh_turn)]
+        # each waits for those before; what takes longest comes first
+        for tasks in (opened[:1], opened[1:], [*others, *grown]):
+            in_threads(lambda low, _, tasks=tasks: tasks[low](), len(tasks), len(tasks), small)
+        return lib.bvh_finish(work)
 
     def __del__(self):
         if getattr(self, "_tree", None):
@@ -151,6 +172,20 @@ class Bvh:
 
         in_threads(part, len(points))
         return inside.astype(bool)
+
+    def look_wrong(self, beside):
+        """Tell which faces (F,) have the outside below them, or the inside above.
+
+        Each is looked at from both sides, in the middle and near the corners, at the distance
+        ``beside``. Faces without area look wrong.
+        """
+        wrong = np.empty(self._faces, np.uint8)
+
+        def part(low, high):
+            self._library.bvh_look(self._tree, low, high, beside, wrong.ctypes.data)
+
+        in_threads(part, len(wrong))
+        return wrong.astype(bool)
 
     def parts(self):
         """Return what the tree is made of, as a file for ``pandis.h`` holds it.

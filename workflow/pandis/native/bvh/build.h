@@ -161,6 +161,66 @@ static int32_t add_leaf(Builder *b, const Range *r) {
     return t->leaf_count++;
 }
 
+/* What a range of faces does to winding numbers far away: the cluster of a node's child. */
+static void find_dipole(const Builder *b, const Range *r, int child, Cluster *cluster) {
+    const Bvh *t = b->tree;
+    double area = 0, centre[3] = {0}, dipole[3] = {0};
+    for (int32_t j = r->start; j < r->start + r->count; j++) {
+        int32_t face = b->items[j].face;
+        const double *p = corner(t, face, 0), *q = corner(t, face, 1), *s = corner(t, face, 2);
+        double ab[3], ac[3], n[3];
+        for (int k = 0; k < 3; k++) ab[k] = q[k] - p[k], ac[k] = s[k] - p[k];
+        cross(ab, ac, n);
+        double twice = sqrt(dot(n, n));
+        area += twice;
+        for (int k = 0; k < 3; k++) {
+            dipole[k] += n[k] / 2;
+            centre[k] += twice * (p[k] + q[k] + s[k]) / 3;
+        }
+    }
+    double reach = 0;
+    for (int k = 0; k < 3; k++) centre[k] = area > 0 ? centre[k] / area : (r->low[k] + r->high[k]) / 2;
+    for (int32_t j = r->start; j < r->start + r->count; j++)
+        for (int c = 0; c < 3; c++) {
+            const double *p = corner(t, b->items[j].face, c);
+            double d = 0;
+            for (int k = 0; k < 3; k++) d += (p[k] - centre[k]) * (p[k] - centre[k]);
+            if (d > reach) reach = d;
+        }
+    for (int k = 0; k < 3; k++) {
+        cluster->centre[k][child] = (float)centre[k];
+        cluster->dipole[k][child] = (float)dipole[k];
+    }
+    cluster->reach[child] = (float)(reach * 1.0001 + 1e-30);
+}
+
+/* Divide a range among the children of a node: their ranges, boxes and dipoles. Returns how many there are. */
+static int open_node(Builder *b, Range root, int depth, Node *node, Cluster *cluster, Range *part) {
+    const Bvh *t = b->tree;
+    int count = 1;
+    part[0] = root;
+    while (count < WIDTH) {
+        int widest = -1;
+        for (int i = 0; i < count; i++)
+            if (part[i].count > WIDTH && (widest < 0 || part[i].area > part[widest].area)) widest = i;
+        if (widest < 0) break;
+        Range left, right;
+        split(b, &part[widest], depth, &left, &right);
+        part[widest] = left, part[count++] = right;
+    }
+    memset(node, 0, sizeof *node), memset(cluster, 0, sizeof *cluster);
+    /* the float box of a point may be off by half a unit in the last place of the coordinates */
+    float pad = (float)(t->scale * 4e-7);
+    for (int i = 0; i < WIDTH; i++) {
+        for (int k = 0; k < 3; k++) {
+            node->low[k][i] = i < count ? part[i].low[k] - pad : INFINITY;
+            node->high[k][i] = i < count ? part[i].high[k] + pad : -INFINITY;
+        }
+        if (i < count) find_dipole(b, &part[i], i, cluster);
+    }
+    return count;
+}
+
 static int32_t add_node(Builder *b, Range root, int depth) {
     Bvh *t = b->tree;
     if (t->node_count == b->node_room) {
@@ -174,58 +234,9 @@ static int32_t add_node(Builder *b, Range root, int depth) {
     }
     int32_t index = t->node_count++;
     Range part[WIDTH];
-    int count = 1;
-    part[0] = root;
-    while (count < WIDTH) {
-        int widest = -1;
-        for (int i = 0; i < count; i++)
-            if (part[i].count > WIDTH && (widest < 0 || part[i].area > part[widest].area)) widest = i;
-        if (widest < 0) break;
-        Range left, right;
-        split(b, &part[widest], depth, &left, &right);
-        part[widest] = left, part[count++] = right;
-    }
     Node node;
     Cluster cluster;
-    memset(&node, 0, sizeof node), memset(&cluster, 0, sizeof cluster);
-    /* the float box of a point may be off by half a unit in the last place of the coordinates */
-    float pad = (float)(t->scale * 4e-7);
-    for (int i = 0; i < WIDTH; i++) {
-        for (int k = 0; k < 3; k++) {
-            node.low[k][i] = i < count ? part[i].low[k] - pad : INFINITY;
-            node.high[k][i] = i < count ? part[i].high[k] + pad : -INFINITY;
-        }
-        if (i >= count) continue;
-        double area = 0, centre[3] = {0}, dipole[3] = {0};
-        for (int32_t j = part[i].start; j < part[i].start + part[i].count; j++) {
-            int32_t face = b->items[j].face;
-            const double *p = corner(t, face, 0), *q = corner(t, face, 1), *s = corner(t, face, 2);
-            double ab[3], ac[3], n[3];
-            for (int k = 0; k < 3; k++) ab[k] = q[k] - p[k], ac[k] = s[k] - p[k];
-            cross(ab, ac, n);
-            double twice = sqrt(dot(n, n));
-            area += twice;
-            for (int k = 0; k < 3; k++) {
-                dipole[k] += n[k] / 2;
-                centre[k] += twice * (p[k] + q[k] + s[k]) / 3;
-            }
-        }
-        double reach = 0;
-        for (int k = 0; k < 3; k++)
-            centre[k] = area > 0 ? centre[k] / area : (part[i].low[k] + part[i].high[k]) / 2;
-        for (int32_t j = part[i].start; j < part[i].start + part[i].count; j++)
-            for (int c = 0; c < 3; c++) {
-                const double *p = corner(t, b->items[j].face, c);
-                double d = 0;
-                for (int k = 0; k < 3; k++) d += (p[k] - centre[k]) * (p[k] - centre[k]);
-                if (d > reach) reach = d;
-            }
-        for (int k = 0; k < 3; k++) {
-            cluster.centre[k][i] = (float)centre[k];
-            cluster.dipole[k][i] = (float)dipole[k];
-        }
-        cluster.reach[i] = (float)(reach * 1.0001 + 1e-30);
-    }
+    int count = open_node(b, root, depth, &node, &cluster, part);
     for (int i = 0; i < count && !b->failed; i++)
         node.child[i] = part[i].count <= WIDTH ? ~add_leaf(b, &part[i]) : add_node(b, part[i], depth + 1);
     t->nodes[index] = node, t->clusters[index] = cluster;

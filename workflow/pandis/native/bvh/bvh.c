@@ -32,6 +32,7 @@
 #define KNOWN 32
 #define ROUGH_BETA 1.4f
 #define FINE_BETA 2.5f
+#define MIDDLE_BETA 3 /* spreads of points around a middle that stands for them */
 #define FAR_LIMIT PANDIS__FAR
 
 enum { FLAG_INVALID = 1, FLAG_TIED = 2, FLAG_OVERRULED = 4, FLAG_ON_SURFACE = 8 };
@@ -73,49 +74,7 @@ static const double *corner(const Bvh *t, int32_t face, int k) {
 }
 
 #include "build.h"
-
-/* Build; NULL if memory is short. Indices and coordinates must have been checked. */
-Bvh *bvh_build(const double *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count) {
-    Bvh *t = calloc(1, sizeof *t);
-    if (!t) return NULL;
-    size_t v = (size_t)vertex_count, f = (size_t)face_count;
-    Builder b = {.tree = t, .node_room = 64, .leaf_room = face_count / 4 + 64};
-    t->vertex_count = vertex_count, t->face_count = face_count;
-    t->vertices = malloc(3 * v * sizeof(double)), t->faces = malloc(3 * f * sizeof(int32_t));
-    t->neighbours = malloc(3 * f * sizeof(int32_t)), t->vertex_normals = malloc(3 * v * sizeof(double));
-    t->nodes = malloc((size_t)b.node_room * sizeof(Node));
-    t->clusters = malloc((size_t)b.node_room * sizeof(Cluster));
-    t->leaves = malloc((size_t)b.leaf_room * sizeof(Leaf));
-    b.items = malloc(f * sizeof(Item));
-    if (!t->vertices || !t->faces || !t->neighbours || !t->vertex_normals || !t->nodes || !t->clusters ||
-        !t->leaves || !b.items) {
-        b.failed = 1;
-    } else {
-        memcpy(t->vertices, vertices, 3 * v * sizeof(double));
-        memcpy(t->faces, faces, 3 * f * sizeof(int32_t));
-        for (size_t i = 0; i < 3 * v; i++)
-            if (fabs(vertices[i]) > t->scale) t->scale = fabs(vertices[i]);
-        for (size_t i = 0; i < f; i++) {
-            Item *item = b.items + i;
-            item->face = (int32_t)i;
-            for (int k = 0; k < 3; k++) {
-                float p = (float)corner(t, (int32_t)i, 0)[k], q = (float)corner(t, (int32_t)i, 1)[k],
-                      s = (float)corner(t, (int32_t)i, 2)[k];
-                float low = p < q ? p : q, high = p < q ? q : p;
-                item->low[k] = s < low ? s : low, item->high[k] = s > high ? s : high;
-                item->centroid[k] = (p + q + s) / 3;
-            }
-        }
-        Range all = {.start = 0, .count = face_count};
-        bound(&b, &all);
-        add_node(&b, all, 0);
-        if (!b.failed && !find_neighbours(t)) b.failed = 1;
-        if (!b.failed) find_vertex_normals(t);
-    }
-    free(b.items);
-    if (b.failed) return bvh_free(t), NULL;
-    return t;
-}
+#include "branches.h"
 
 /* Whether another closest point, in a direction that differs by the angle, is as near. */
 static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const Foot *foot, double relative, double cosine) {
@@ -162,6 +121,11 @@ void bvh_inside(const Bvh *t, const double *points, int64_t count, uint8_t *insi
         int number = fabs(p[0]) < FAR_LIMIT && fabs(p[1]) < FAR_LIMIT && fabs(p[2]) < FAR_LIMIT;
         inside[i] = number && find_side(t, p) < 0;
     }
+}
+
+/* Which of the faces low to high - 1 have the outside below them, or the inside above. */
+void bvh_look(const Bvh *t, int32_t low, int32_t high, double beside, uint8_t *wrong) {
+    for (int32_t face = low; face < high; face++) wrong[face] = (uint8_t)looks_wrong(t, face, beside);
 }
 
 void bvh_winding(const Bvh *t, const double *points, int64_t count, double *rough, double *exact) {

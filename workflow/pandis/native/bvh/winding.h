@@ -98,3 +98,88 @@ static double find_side(const Bvh *t, const double *p) {
     }
     return w > 0.5 ? -1 : 1;
 }
+
+/* ---------------------------------------------------------------- on both sides of faces */
+
+/* Where a face is looked at from both sides: in the middle, and near the corners (barycentric). */
+static const double PLACES[WIDTH / 2][3] = {
+    {1.0 / 3, 1.0 / 3, 1.0 / 3}, {0.9, 0.05, 0.05}, {0.05, 0.9, 0.05}, {0.05, 0.05, 0.9}};
+
+/* Add half solid angles of a leaf's triangles, seen from several points at once. */
+static void add_turns(const Bvh *t, const Leaf *leaf, double p[3][WIDTH], double *turns) {
+    for (int j = 0; j < WIDTH && leaf->face[j] >= 0; j++) {
+        const double *u = corner(t, leaf->face[j], 0), *v = corner(t, leaf->face[j], 1), *w = corner(t, leaf->face[j], 2);
+        for (int i = 0; i < WIDTH; i++) {
+            double ax = u[0] - p[0][i], ay = u[1] - p[1][i], az = u[2] - p[2][i];
+            double bx = v[0] - p[0][i], by = v[1] - p[1][i], bz = v[2] - p[2][i];
+            double cx = w[0] - p[0][i], cy = w[1] - p[1][i], cz = w[2] - p[2][i];
+            double la = sqrt(ax * ax + ay * ay + az * az), lb = sqrt(bx * bx + by * by + bz * bz);
+            double lc = sqrt(cx * cx + cy * cy + cz * cz);
+            double det = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx);
+            double down = la * lb * lc + (ax * bx + ay * by + az * bz) * lc + (bx * cx + by * cy + bz * cz) * la +
+                          (cx * ax + cy * ay + cz * az) * lb;
+            turns[i] += rough_atan2(det, down);
+        }
+    }
+}
+
+/* Winding numbers at points within `spread` of a middle: what is far counts as dipoles seen from there. */
+static void rough_windings(const Bvh *t, const double *middle, double spread, double p[3][WIDTH], double *windings) {
+    int32_t stack[STACK];
+    int top = 0;
+    double far = 0, turns[WIDTH] = {0};
+    float q[3] = {(float)middle[0], (float)middle[1], (float)middle[2]}, apart = (float)(MIDDLE_BETA * spread);
+    stack[top++] = 0;
+    while (top) {
+        int32_t index = stack[--top];
+        if (index < 0) {
+            add_turns(t, t->leaves + ~index, p, turns);
+            continue;
+        }
+        const Cluster *restrict c = t->clusters + index;
+        const Node *node = t->nodes + index;
+        float part[WIDTH], margin[WIDTH];
+        for (int i = 0; i < WIDTH; i++) {
+            float x = c->centre[0][i] - q[0], y = c->centre[1][i] - q[1], z = c->centre[2][i] - q[2];
+            float d = x * x + y * y + z * z, safe = d > 1e-20f ? d : 1e-20f, length = sqrtf(safe);
+            margin[i] = length - apart - ROUGH_BETA * sqrtf(c->reach[i]);
+            part[i] = (c->dipole[0][i] * x + c->dipole[1][i] * y + c->dipole[2][i] * z) / (safe * length);
+        }
+        for (int i = 0; i < WIDTH; i++) {
+            if (node->low[0][i] > node->high[0][i]) continue;
+            if (margin[i] > 0) {
+                far += (double)part[i];
+            } else {
+                stack[top++] = node->child[i];
+            }
+        }
+    }
+    for (int i = 0; i < WIDTH; i++) windings[i] = far / 12.566370614359172 + turns[i] / 6.283185307179586;
+}
+
+/* Whether a face has the outside below it, or the inside above, so far from it, at one of the places. */
+static int looks_wrong(const Bvh *t, int32_t face, double beside) {
+    const double *a = corner(t, face, 0), *b = corner(t, face, 1), *c = corner(t, face, 2);
+    double ab[3], ac[3], n[3], middle[3], p[3][WIDTH], windings[WIDTH], spread = 0;
+    for (int k = 0; k < 3; k++) ab[k] = b[k] - a[k], ac[k] = c[k] - a[k];
+    cross(ab, ac, n);
+    double length = sqrt(dot(n, n));
+    if (!(length > 0)) return 1;
+    for (int i = 0; i < WIDTH; i++)
+        for (int k = 0; k < 3; k++) {
+            const double *w = PLACES[i / 2];
+            p[k][i] = w[0] * a[k] + w[1] * b[k] + w[2] * c[k] + (i % 2 ? -beside : beside) * n[k] / length;
+        }
+    for (int k = 0; k < 3; k++) middle[k] = (a[k] + b[k] + c[k]) / 3;
+    for (int i = 0; i < WIDTH; i++) {
+        double x[3] = {p[0][i] - middle[0], p[1][i] - middle[1], p[2][i] - middle[2]};
+        if (dot(x, x) > spread) spread = dot(x, x);
+    }
+    rough_windings(t, middle, sqrt(spread), p, windings);
+    for (int i = 0; i < WIDTH; i++) {
+        double point[3] = {p[0][i], p[1][i], p[2][i]};
+        int inside = fabs(windings[i] - 0.5) < 0.3 ? find_side(t, point) < 0 : windings[i] > 0.5;
+        if (inside != i % 2) return 1;
+    }
+    return 0;
+}
