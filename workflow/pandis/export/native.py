@@ -67,20 +67,27 @@ def native_bytes(field, kind, provenance, weight_bits=32, safe=None):
     PandisError
         ``pandis.h`` knows no such field.
     """
+    return _file(field, _parts(field, kind, weight_bits), provenance, safe)
+
+
+def _parts(field, kind, weight_bits):
+    """Return what a file holds: the number of its kind, whole and real numbers, sections."""
     if isinstance(field, SirenField):
-        parts = NETWORK, *_network(field, weight_bits)
-    elif isinstance(field, SplineField):
-        parts = SPLINE, *_spline(field)
-    elif isinstance(field, CompactField):
-        parts = COMPACT, *file_parts(field.arrays, field.record)
-    elif isinstance(field, GridField):
-        parts = GRID, *_grid(field, kind)
-    elif isinstance(field, ExactField) and isinstance(field.engine, ShapeDistance):
-        parts = SHAPE, *_shape(field.engine.shape)
-    elif isinstance(field, ExactField):
-        parts = MESH, *_mesh(field.engine, field.frame)
-    else:
-        raise PandisError(f"{field.name}: pandis.h knows no fields of the kind {kind}")
+        return NETWORK, *_network(field, weight_bits)
+    if isinstance(field, SplineField):
+        return SPLINE, *_spline(field)
+    if isinstance(field, CompactField):
+        return COMPACT, *file_parts(field.arrays, field.record)
+    if isinstance(field, GridField):
+        return GRID, *_grid(field, kind)
+    if isinstance(field, ExactField) and isinstance(field.engine, ShapeDistance):
+        return SHAPE, *_shape(field.engine.shape)
+    if isinstance(field, ExactField):
+        return MESH, *_mesh(field.engine, field.frame)
+    raise PandisError(f"{field.name}: pandis.h knows no fields of the kind {kind}")
+
+
+def _file(field, parts, provenance, safe=None):
     number, wholes, reals, sections = parts
     if safe is not None:
         sections = sections | {"SAFE": np.asarray(safe, np.float64)}
@@ -207,7 +214,8 @@ def export_native(field, kind, provenance, weight_bits, body, log):
     PandisError
         ``pandis.h`` does not answer as the field does.
     """
-    data, wanted = native_bytes(field, kind, provenance, weight_bits), field
+    parts, wanted = _parts(field, kind, weight_bits), field
+    data = _file(field, parts, provenance)
     native = NativeField(data)
     if weight_bits == 16 and isinstance(field, SirenField):
         # the file must answer as the rounded weights do; what rounding costs is told
@@ -233,7 +241,7 @@ def export_native(field, kind, provenance, weight_bits, body, log):
         "a scene trusts its distances in free space to within {:.2g} of the unit frame, and where "
         "they are flagged as bounds to within {:.2g}".format(*safe[6:])
     )
-    return native_bytes(field, kind, provenance, weight_bits, safe)
+    return _file(field, parts, provenance, safe)
 
 
 def _clearance(field, file, body):
