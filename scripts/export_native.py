@@ -8,8 +8,9 @@ from pandis.run.stage import stage
 from pandis.run.tasks import ExportNativeTask
 
 with stage(snakemake, ExportNativeTask) as job:
-    name, bits = job.options.field, job.options.weight_bits
+    task, name = job.options, job.options.field
     held, spec = job.read_path(job.input.held), parse_field(name, [name])
     field, kind = open_field(spec, held), kind_of(spec, held)
     body = Body.open(job.read("mesh", "mesh"))
-    job.write_file(export_native(field, kind, job.provenance(), bits, body, job.log))
+    asked = task.weight_bits, body, job.log, task.original_faces
+    job.write_file(export_native(field, kind, job.provenance(), *asked))

@@ -162,6 +162,7 @@ def generated():
             small=tables.small_table(),
             refit=tables.refit_table(),
             worst=tables.worst_table(),
+            large=tables.large_table(),
             order=tables.order_table(),
             full=tables.full_table(),
             native=tables.native_table(),

@@ -284,6 +284,21 @@ def worst_table():
     return _noted(table, notes)
 
 
+def large_table():
+    """Return the table of ten million faces."""
+    notes, rows = _figures("large")
+    table = [
+        "| stage | what it does | seconds | peak of the memory (GiB) | what it makes (MB) "
+        "| bytes a face |",
+        "|---|---|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        cells = [f"`{row['stage']}`", row["what"], row["seconds"]]
+        cells += [f"{int(row['peak_mib']) / 1024:.1f}", f"{float(row['mb']):.0f}"]
+        table.append(_row([*cells, f"{float(row['bytes_per_face']):.1f}"]))
+    return _noted(table, notes)
+
+
 def distance_table():
     """Return the table of speed and memory."""
     notes, rows = _figures("distances")

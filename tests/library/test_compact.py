@@ -5,18 +5,27 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from pandis.errors import PandisError
-from pandis.export.native import export_native
+from pandis.export.native import export_native, native_bytes
 from pandis.fields.base import CUT
 from pandis.fields.compact import CompactField
+from pandis.fields.exact import ExactField
 from pandis.fields.exported import ExportedField
 from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance
 from pandis.geometry.frame import Frame
-from pandis.grids.compact import build_compact, file_parts, limit_queries, pack_body
+from pandis.geometry.hausdorff import distance_to_triangles
+from pandis.grids.compact import (
+    bound_deviation,
+    build_compact,
+    file_parts,
+    limit_queries,
+    pack_body,
+)
 from pandis.grids.lattice import snap, step_of, to_unit
 from pandis.grids.limits import near_surface
 from pandis.grids.sides import find_sides
 from pandis.grids.unpacking import unpack
+from pandis.mesh.tools import call
 from pandis.native.bvh import Bvh
 from pandis.native.packing import (
     BY_FACE,
@@ -31,7 +40,7 @@ from pandis.native.packing import (
 from pandis.native.runtime import COMPACT, NativeField, pack
 from pandis.run.catalogue import parse_field
 from pandis.run.faults import near_field
-from shapes import cone, open_shape
+from shapes import cone, open_shape, plate
 from support import artifact, box_mesh
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -418,6 +427,47 @@ def test_the_export_is_checked_where_it_is_cut_too():
     field.engine = MeshDistance(to_unit(other.vertices, 11), other.faces)
     with pytest.raises(PandisError, match="the exported model differs from its field: distance"):
         export_native(field, "compact", {}, 32, body, said.append)
+
+
+@pytest.mark.parametrize("fewer", [False, True])
+def test_a_file_says_on_which_face_of_the_mesh_a_closest_point_lies(fewer):
+    """Of a thin plate none of the other side; and of a simplified mesh the faces are the mesh's."""
+    thin = plate(0.1)
+    vertices, faces = fitted(thin.vertices), thin.faces
+    body, surface = Body(vertices, faces, UNIT), None
+    if fewer:
+        surface = call("simplify", vertices, faces, count=len(faces) // 4, seconds=60, memory_gb=4)
+    arrays, record = pack_body(body, 16, surface)
+    record = bound_deviation(body, arrays, record)
+    held = artifact("compact", arrays, record.attributes() | UNIT.attributes())
+    field, asked = CompactField("compact-16", held), (32, body, lambda text: None)
+    plain = export_native(field, "compact", {}, *asked)
+    data = export_native(field, "compact", {}, *asked, original_faces=True)
+    native = NativeField(data)
+    assert native.bytes == NativeField(plain).bytes < len(plain) < len(data)
+    points = near_surface(vertices, faces, 5000, np.random.default_rng(1))
+    answers, original = native.query(points), native.faces(points)
+    assert np.array_equal(answers.distance, NativeField(plain).query(points).distance)
+    assert (NativeField(plain).faces(points) == -1).all()
+    apart = distance_to_triangles(points, vertices[faces[original]])
+    longest = np.linalg.norm(np.diff(vertices[faces], axis=1), axis=2).max()
+    room = 2 * (longest if fewer else record.deviation + record.rounding)
+    assert (apart <= np.abs(answers.distance) + room).all()
+    top = points[:, 2] > vertices[:, 2].max()
+    assert top.sum() > 1000
+    assert (vertices[faces[original[top]]][:, :, 2] > 0).any(axis=1).all()
+
+
+def test_an_exact_mesh_says_on_which_face_a_closest_point_lies():
+    vertices, faces = hull(3000)
+    body = Body(vertices, faces, UNIT)
+    native = NativeField(native_bytes(ExactField("exact", body), "exact", {}))
+    points = np.random.default_rng(1).uniform(-1, 1, (5000, 3))
+    whole = native.query(points).flag != CUT  # in the middle
+    assert whole.mean() > 0.99
+    original = body.distance.label(points, ties=False).face
+    assert np.array_equal(native.faces(points)[whole], original[whole])
+    assert native.faces([[np.nan, 0, 0]]) == [-1]
 
 
 def test_rays_are_beside_what_they_are_of():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pandis.export.clearance import clearance
-from pandis.export.native import native_bytes
+from pandis.export.native import export_native, native_bytes
 from pandis.fields.compact import CompactField
 from pandis.fields.exact import ExactField
 from pandis.fields.grids import open_field
@@ -107,4 +107,9 @@ def files(fields, meshes, tmp_path_factory):
     for name in ("network", "gradient"):  # for what is asked of bytes, not of answers
         paths[f"{name}-16"] = folder / f"{name}-16.pandis"
         paths[f"{name}-16"].write_bytes(native_bytes(*fields[name], {"of": name}, 16))
+    asked = {"of": "compact"}, 32, Body.open(meshes["compact"]), lambda text: None
+    paths["compact-faces"] = folder / "compact-faces.pandis"
+    paths["compact-faces"].write_bytes(
+        export_native(*fields["compact"], *asked, original_faces=True)
+    )
     return paths

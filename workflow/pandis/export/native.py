@@ -18,7 +18,7 @@ from pandis.fields.siren import SirenField
 from pandis.fields.spline import SplineField
 from pandis.forces import penalty_force
 from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.grids.compact import file_parts
+from pandis.grids.compact import file_parts, find_originals
 from pandis.grids.limits import least_limit
 from pandis.native.bvh import LEAF_BYTES, NODE_BYTES
 from pandis.native.runtime import (
@@ -198,7 +198,7 @@ def _shape(shape):
     return [SHAPES.index(type(shape).__name__.lower())], sizes, {}
 
 
-def export_native(field, kind, provenance, weight_bits, body, log):
+def export_native(field, kind, provenance, weight_bits, body, log, original_faces=False):
     """Return the ``.pandis`` file of a field, checked against it.
 
     Parameters
@@ -208,21 +208,35 @@ def export_native(field, kind, provenance, weight_bits, body, log):
     body : pandis.geometry.body.Body
         What the field is of: how far its distances are off there goes with it.
     log : callable
+    original_faces : bool
+        The file of a compact mesh also says which faces of the body's mesh its faces stand for.
 
     Raises
     ------
     PandisError
         ``pandis.h`` does not answer as the field does.
     """
-    parts, wanted = _parts(field, kind, weight_bits), field
-    data = _file(field, parts, provenance)
-    native = NativeField(data)
+    parts = _parts(field, kind, weight_bits)
+    if original_faces and isinstance(field, CompactField):
+        *numbers, sections = parts
+        faces = {"ORIG": find_originals(body, field.arrays, field.record)}
+        parts = *numbers, sections | faces
+    # the file that is checked is let go of before the next one is made: each can be a gigabyte
+    safe = _checked(
+        field, kind, NativeField(_file(field, parts, provenance)), weight_bits, body, log
+    )
+    return _file(field, parts, provenance, safe)
+
+
+def _checked(field, kind, native, weight_bits, body, log):
+    """Compare a file with its field, and return how far a scene may trust it: `_clearance`."""
+    wanted = field
     if weight_bits == 16 and isinstance(field, SirenField):
         # the file must answer as the rounded weights do; what rounding costs is told
         wanted = _rounded(field)
-        whole = NativeField(native_bytes(field, kind, provenance))
+        whole = NativeField(native_bytes(field, kind, {}))
         log(f"16-bit weights change the answers: {_change(native, whole, field.frame)}")
-    file = ExportedField(field.name, data)
+    file = ExportedField(field.name, native)
     if isinstance(field, CompactField):
         differences = check_nearest(file, field.engine, field.record.rounding)
     elif isinstance(field, ExactField) and isinstance(field.engine, MeshDistance):
@@ -241,7 +255,7 @@ def export_native(field, kind, provenance, weight_bits, body, log):
         "a scene trusts its distances in free space to within {:.2g} of the unit frame, and where "
         "they are flagged as bounds to within {:.2g}".format(*safe[6:])
     )
-    return _file(field, parts, provenance, safe)
+    return safe
 
 
 def _clearance(field, file, body):

@@ -14,8 +14,8 @@ class ExportedField(Field):
     ----------
     name : str
         As in the configuration.
-    source : path-like or bytes
-        The ``.pandis`` file, or what it holds.
+    source : path-like, bytes or pandis.native.runtime.NativeField
+        The ``.pandis`` file, what it holds, or that opened.
 
     Raises
     ------
@@ -24,7 +24,7 @@ class ExportedField(Field):
     """
 
     def __init__(self, name, source):
-        self._file = NativeField(source)
+        self._file = source if isinstance(source, NativeField) else NativeField(source)
         self.keeps_length = self._file.kind == NETWORK
         #: A closed form is a formula in mesh units; all else has numbers of the unit frame, and is
         #: asked there, so that no digit is lost on the way to mesh units and back.

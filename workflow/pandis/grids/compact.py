@@ -9,7 +9,13 @@ from pandis.grids.lattice import snap, step_of, to_unit
 from pandis.grids.limits import least_limit, near_surface
 from pandis.grids.sides import find_sides
 from pandis.grids.unpacking import unpack
-from pandis.native.packing import BLOCK_BYTES, BRANCH_BYTES, distance_and_clear, pack_mesh
+from pandis.native.packing import (
+    BLOCK_BYTES,
+    BLOCK_FACES,
+    BRANCH_BYTES,
+    distance_and_clear,
+    pack_mesh,
+)
 from pandis.run.records.compact import CompactRecord
 
 #: A query looks at so many blocks and groups of eight faces, which takes about a tenth of a tick;
@@ -148,6 +154,35 @@ def file_parts(arrays, record):
     sections = {"BRCH": arrays["branches"], "BLCK": arrays["blocks"], "PACK": arrays["packed"]}
     sections["BOND"] = np.array([record.deviation, record.rounding])
     return wholes, [record.reach], sections
+
+
+def find_originals(body, arrays, record):
+    """Return which face of a body's mesh each face of a compact mesh stands for.
+
+    That is the nearest one to its middle, seen from outside, so that of a thin wall no face takes
+    one of the other side.
+
+    Parameters
+    ----------
+    body : pandis.geometry.body.Body
+    arrays, record
+        As of `build_compact`.
+
+    Returns
+    -------
+    ndarray, shape (blocks, 64), int32
+        By block and place; -1 where a block has fewer faces.
+    """
+    vertices, faces = unpack(arrays)
+    corners = to_unit(vertices, record.bits)[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    beside = corners.mean(axis=1) + (record.deviation + record.rounding) * normal
+    nearest = _mesh_distance(body).label(beside, ties=False, check=False).face
+    counts = (arrays["blocks"].view(np.uint32).reshape(-1, BLOCK_BYTES // 4)[:, 1] & 63) + 1
+    originals = np.full((len(counts), BLOCK_FACES), -1, np.int32)
+    originals[np.arange(BLOCK_FACES) < counts[:, None]] = nearest
+    return originals
 
 
 def _rounding(packed, snapped, bits):

@@ -119,6 +119,8 @@ typedef struct {
     double distance, normal[3], slope;
     double clear; /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
     int flag;
+    int32_t face; /* of mesh.zarr.zip, on which the closest point lies: of `exact` meshes, and of compact ones whose
+                   * file says it (ORIG); of several faces that share the point, one. Else -1 */
 } pandis_answer;
 
 /* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and
@@ -218,6 +220,7 @@ typedef struct {
     const pandis__branch *branches;
     const pandis__block_record *blocks;
     const unsigned char *packed;
+    const int32_t *original; /* of each place of each block: a face of mesh.zarr.zip; NULL: not said */
 } pandis__compact;
 
 typedef struct {
@@ -817,9 +820,10 @@ static int pandis__meets(const double *const *c, const double *p, const double *
 /* ---------------------------------------------------------------- closest points of a mesh */
 
 /* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
- * may be wrong. Afterwards there is the closest point. */
+ * may be wrong. Afterwards there are the closest point, and the face of mesh.zarr.zip that it is on (-1: not said). */
 typedef struct {
     double reach, guess, closest[3];
+    int32_t face;
 } pandis__start;
 
 typedef struct {
@@ -1308,6 +1312,7 @@ PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double
     cut = *clear < (double)INFINITY;
     pandis__find_mesh_foot(t, face, u, &foot);
     for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
+    begin->face = face;
     pandis__pseudonormal(t, face, &foot, n);
     sign = pandis__sign(t, u, &foot, n);
     if (cut && pandis__within(t, u)) sign = pandis__cut_sign(t, u, face, &foot, *clear);
@@ -1713,7 +1718,7 @@ static int pandis__cut_side(const pandis__compact *t, const double *p, const dou
     return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double reach,
+PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, pandis__start *begin,
                                                 double *distance, double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};
@@ -1723,15 +1728,16 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
     /* somewhat farther than the reach, for single precision may find a face too far away */
-    double steps = nearer < 1 ? (double)INFINITY : (reach * 1.0001 + 1e-3) / t->step;
+    double steps = nearer < 1 ? (double)INFINITY : (begin->reach * 1.0001 + 1e-3) / t->step;
     int32_t face = pandis__search(t, p, steps, &unseen);
     /* with too much to look at, a search with a reach takes another way and ends elsewhere */
     if (unseen < FLT_MAX && steps < 1e18) steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
     if (face == INT32_MAX && steps < 1e18) {
-        *clear = reach;
+        *clear = begin->reach;
         return PANDIS_BEYOND;
     }
     if (face == INT32_MAX) return PANDIS_INVALID;
+    begin->face = t->original ? t->original[face] : -1;
     pandis__packed b;
     pandis__foot foot;
     pandis__unpack(t, face / PANDIS__BLOCK, &b);
@@ -2238,7 +2244,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
         answer->clear = mesh ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
-    answer->flag = flag;
+    answer->flag = flag, answer->face = -1;
 }
 
 static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis_answer *answer) {
@@ -2250,7 +2256,7 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
-            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin->reach, &d, n[0], &clear); break;
+            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
                 d *= field->scale;
@@ -2260,22 +2266,23 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
         }
     }
     pandis__tell(field, d, n[0], clear, flag, answer);
+    answer->face = answer->flag == PANDIS_INVALID || answer->flag == PANDIS_BEYOND ? -1 : begin->face;
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
-    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}};
+    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
     if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */
@@ -2711,6 +2718,14 @@ static const void *pandis__section(const pandis_field *f, const char *name, uint
     return NULL;
 }
 
+/* Whether there is a section of a name. */
+static int pandis__has_section(const pandis_field *f, const char *name) {
+    const unsigned char *entry = f->data + PANDIS__HEADER;
+    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections; i++, entry += PANDIS__SECTION)
+        if (!memcmp(entry, name, 4)) return 1;
+    return 0;
+}
+
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size) {
     const unsigned char *entry = field->kind ? field->data + PANDIS__HEADER : NULL;
     uint32_t sections = field->kind ? pandis__u32(field->data + 36) : 0;
@@ -2837,6 +2852,22 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
     return 1;
 }
 
+/* Every face of every block must say which face it comes from. */
+static int pandis__open_originals(pandis_field *f) {
+    pandis__compact *t = &f->as.compact;
+    const int32_t *original =
+        (const int32_t *)pandis__section(f, "ORIG", (uint64_t)t->block_count * PANDIS__BLOCK, sizeof(int32_t));
+    if (!original) return 0;
+    for (int32_t i = 0; i < t->block_count; i++)
+        for (int k = 0; k < PANDIS__BLOCK; k++) {
+            int used = k <= (int)(t->blocks[i].counts & 63);
+            int32_t face = original[(ptrdiff_t)i * PANDIS__BLOCK + k];
+            if (used ? face < 0 : face != -1) return 0;
+        }
+    t->original = original;
+    return 1;
+}
+
 static int pandis__open_compact(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
     t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1), t->block_count = pandis__whole(f, 2);
@@ -2860,6 +2891,7 @@ static int pandis__open_compact(pandis_field *f) {
     }
     for (int32_t i = 0; i < t->block_count; i++)
         if (!pandis__good_block(t, i, size)) return 0;
+    if (pandis__has_section(f, "ORIG") && !pandis__open_originals(f)) return 0;
     return pandis__walk(t->branches, pandis__branch_child, t->branch_count, t->block_count);
 }
 

@@ -202,6 +202,12 @@ class ExportOptions(Options):
         description="bits per weight of a network's hidden layers in its `.pandis` file; 16 halves "
         "the size of the file, and the export's log says by how much the answers change",
     )
+    original_faces: bool = Field(
+        False,
+        description="the `.pandis` file of a compact mesh also says on which face of "
+        "`mesh.zarr.zip` a closest point lies (`pandis_answer.face`), in about four bytes a face; "
+        "an exact mesh always says so",
+    )
 
 
 class TrajectoryOptions(Options):

@@ -14,6 +14,8 @@ from pandis.native.threads import in_threads
 MOST_BITS = 20
 #: Bytes of a branch and of a block's record.
 BRANCH_BYTES, BLOCK_BYTES = 96, 16
+#: Faces that a block has at most.
+BLOCK_FACES = 64
 #: What tells on which side a point is: the face that it is nearest to; it is known; a ray.
 BY_FACE, OUTSIDE, INSIDE, BY_RAY = 0, 1, 2, 3
 

@@ -281,7 +281,7 @@ static int pandis__cut_side(const pandis__compact *t, const double *p, const dou
     return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, double reach,
+PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, pandis__start *begin,
                                                 double *distance, double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};
@@ -291,15 +291,16 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
     /* somewhat farther than the reach, for single precision may find a face too far away */
-    double steps = nearer < 1 ? (double)INFINITY : (reach * 1.0001 + 1e-3) / t->step;
+    double steps = nearer < 1 ? (double)INFINITY : (begin->reach * 1.0001 + 1e-3) / t->step;
     int32_t face = pandis__search(t, p, steps, &unseen);
     /* with too much to look at, a search with a reach takes another way and ends elsewhere */
     if (unseen < FLT_MAX && steps < 1e18) steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
     if (face == INT32_MAX && steps < 1e18) {
-        *clear = reach;
+        *clear = begin->reach;
         return PANDIS_BEYOND;
     }
     if (face == INT32_MAX) return PANDIS_INVALID;
+    begin->face = t->original ? t->original[face] : -1;
     pandis__packed b;
     pandis__foot foot;
     pandis__unpack(t, face / PANDIS__BLOCK, &b);

@@ -1,9 +1,10 @@
 /* ---------------------------------------------------------------- closest points of a mesh */
 
 /* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
- * may be wrong. Afterwards there is the closest point. */
+ * may be wrong. Afterwards there are the closest point, and the face of mesh.zarr.zip that it is on (-1: not said). */
 typedef struct {
     double reach, guess, closest[3];
+    int32_t face;
 } pandis__start;
 
 typedef struct {

@@ -43,7 +43,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
         answer->clear = mesh ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
-    answer->flag = flag;
+    answer->flag = flag, answer->face = -1;
 }
 
 static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis_answer *answer) {
@@ -55,7 +55,7 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
             case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
-            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin->reach, &d, n[0], &clear); break;
+            case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_SHAPE:
                 pandis__answer_shape(&field->as.shape, point, &d, n[0]);
                 d *= field->scale;
@@ -65,22 +65,23 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
         }
     }
     pandis__tell(field, d, n[0], clear, flag, answer);
+    answer->face = answer->flag == PANDIS_INVALID || answer->flag == PANDIS_BEYOND ? -1 : begin->face;
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
-    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}};
+    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
     if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */

@@ -49,6 +49,14 @@ static const void *pandis__section(const pandis_field *f, const char *name, uint
     return NULL;
 }
 
+/* Whether there is a section of a name. */
+static int pandis__has_section(const pandis_field *f, const char *name) {
+    const unsigned char *entry = f->data + PANDIS__HEADER;
+    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections; i++, entry += PANDIS__SECTION)
+        if (!memcmp(entry, name, 4)) return 1;
+    return 0;
+}
+
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size) {
     const unsigned char *entry = field->kind ? field->data + PANDIS__HEADER : NULL;
     uint32_t sections = field->kind ? pandis__u32(field->data + 36) : 0;

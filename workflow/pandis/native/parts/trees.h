@@ -98,6 +98,22 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
     return 1;
 }
 
+/* Every face of every block must say which face it comes from. */
+static int pandis__open_originals(pandis_field *f) {
+    pandis__compact *t = &f->as.compact;
+    const int32_t *original =
+        (const int32_t *)pandis__section(f, "ORIG", (uint64_t)t->block_count * PANDIS__BLOCK, sizeof(int32_t));
+    if (!original) return 0;
+    for (int32_t i = 0; i < t->block_count; i++)
+        for (int k = 0; k < PANDIS__BLOCK; k++) {
+            int used = k <= (int)(t->blocks[i].counts & 63);
+            int32_t face = original[(ptrdiff_t)i * PANDIS__BLOCK + k];
+            if (used ? face < 0 : face != -1) return 0;
+        }
+    t->original = original;
+    return 1;
+}
+
 static int pandis__open_compact(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
     t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1), t->block_count = pandis__whole(f, 2);
@@ -121,6 +137,7 @@ static int pandis__open_compact(pandis_field *f) {
     }
     for (int32_t i = 0; i < t->block_count; i++)
         if (!pandis__good_block(t, i, size)) return 0;
+    if (pandis__has_section(f, "ORIG") && !pandis__open_originals(f)) return 0;
     return pandis__walk(t->branches, pandis__branch_child, t->branch_count, t->block_count);
 }
 

@@ -31,6 +31,8 @@ typedef struct {
     double distance, normal[3], slope;
     double clear; /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
     int flag;
+    int32_t face; /* of mesh.zarr.zip, on which the closest point lies: of `exact` meshes, and of compact ones whose
+                   * file says it (ORIG); of several faces that share the point, one. Else -1 */
 } pandis_answer;
 
 /* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and
@@ -130,6 +132,7 @@ typedef struct {
     const pandis__branch *branches;
     const pandis__block_record *blocks;
     const unsigned char *packed;
+    const int32_t *original; /* of each place of each block: a face of mesh.zarr.zip; NULL: not said */
 } pandis__compact;
 
 typedef struct {

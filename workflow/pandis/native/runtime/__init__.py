@@ -59,7 +59,7 @@ def declared(lib):
     lib.runtime_place.argtypes = [pointer, pointer, pointer]
     lib.runtime_bytes.restype, lib.runtime_bytes.argtypes = size, [pointer]
     lib.runtime_forces.argtypes = [pointer, pointer, size, f64, pointer, pointer]
-    lib.runtime_clear.argtypes = [pointer, pointer, size, pointer]
+    lib.runtime_clear.argtypes = lib.runtime_faces.argtypes = [pointer, pointer, size, pointer]
     lib.pandis_refit_room.restype, lib.pandis_refit_room.argtypes = size, [pointer]
     lib.pandis_refit_open.argtypes = [pointer, pointer, pointer]
     lib.pandis_refit.argtypes = [pointer, pointer]
@@ -101,9 +101,11 @@ class NativeField:
         self._library = library()
         self._field = ctypes.create_string_buffer(self._library.runtime_field_bytes())
         if isinstance(source, bytes):
-            self.path, self._held = Path("field.pandis"), np.frombuffer(source, np.uint8).copy()
-            size = len(self._held)
-            error = self._library.pandis_open(self._field, self._held.ctypes.data, size)
+            self.path, self._bytes = Path("field.pandis"), np.frombuffer(source, np.uint8)
+            if self._bytes.ctypes.data % 8:  # hardly ever; of a large mesh a copy is a gigabyte
+                self._bytes = self._bytes.copy()
+            size = len(self._bytes)
+            error = self._library.pandis_open(self._field, self._bytes.ctypes.data, size)
         else:
             self.path = Path(source)
             error = self._library.pandis_open_file(self._field, str(source).encode())
@@ -183,6 +185,18 @@ class NativeField:
         where = points.ctypes.data, len(points), clear.ctypes.data
         self._library.runtime_clear(self._field, *where)
         return clear
+
+    def faces(self, points):
+        """Return the faces (n,) of ``mesh.zarr.zip`` on which the closest points to (n, 3) lie.
+
+        Of an exact mesh, and of a compact one with ``export.original_faces``; -1 elsewhere, and
+        where there is no answer.
+        """
+        points = _rows(points)
+        faces = np.empty(len(points), np.int32)
+        where = points.ctypes.data, len(points), faces.ctypes.data
+        self._library.runtime_faces(self._field, *where)
+        return faces
 
     def query_within(self, points, reach):
         """Answer points (n, 3) that are nearer to the surface than ``reach``, mesh units.
@@ -370,10 +384,12 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
     numbers = [*wholes, *[0] * (_WHOLES - len(wholes))]
     header = struct.pack("<II3dd14i", kind, len(parts), *frame.centre, frame.scale, *numbers)
     header += struct.pack("<16d", *reals, *[0.0] * (_REALS - len(reals)))
-    rest = b"".join([header, *table, *body])
-    size = 32 + len(rest)
-    start = struct.pack("<IIQIi", _ORDER, version, size, zlib.crc32(rest), 0)
-    return _MAGIC + start + rest
+    pieces, checksum = [header, *table, *body], 0
+    for piece in pieces:
+        checksum = zlib.crc32(piece, checksum)
+    size = 32 + sum(map(len, pieces))
+    start = struct.pack("<IIQIi", _ORDER, version, size, checksum, 0)
+    return b"".join([_MAGIC, start, *pieces])
 
 
 def read_provenance(path):

@@ -25,12 +25,12 @@ void runtime_place(pandis_field *placed, const pandis_field *field, const double
 
 /* The bytes that answers are made of: not those that say where to trust a field, or where it is from. */
 size_t runtime_bytes(const pandis_field *field) {
-    static const char *const others[] = {"COVR", "SAFE", "PROV", "BOND"};
+    static const char *const others[] = {"COVR", "SAFE", "PROV", "BOND", "ORIG"};
     size_t size = 0;
     for (uint32_t i = 0, count = pandis__u32(field->data + 36); i < count; i++) {
         const unsigned char *entry = field->data + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
         int answers = 1;
-        for (int k = 0; k < 4; k++) answers &= memcmp(entry, others[k], 4) != 0;
+        for (int k = 0; k < 5; k++) answers &= memcmp(entry, others[k], 4) != 0;
         if (answers) size += (size_t)pandis__u64(entry + 16);
     }
     return size;
@@ -88,6 +88,15 @@ void runtime_clear(const pandis_field *field, const double *points, size_t count
     for (size_t i = 0; i < count; i++) {
         pandis_query(field, points + 3 * i, &answer);
         clear[i] = answer.clear;
+    }
+}
+
+/* The faces of mesh.zarr.zip that closest points lie on; -1 where the field does not say. */
+void runtime_faces(const pandis_field *field, const double *points, size_t count, int32_t *faces) {
+    pandis_answer answer;
+    for (size_t i = 0; i < count; i++) {
+        pandis_query(field, points + 3 * i, &answer);
+        faces[i] = answer.face;
     }
 }
 
