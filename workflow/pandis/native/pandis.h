@@ -535,6 +535,13 @@ typedef float pandis__vector;
 #endif
 #else
 #define pandis__load16_wide pandis__load16
+#if PANDIS__VECTOR == 16 && !defined(__clang__)
+#undef pandis__load16
+#define pandis__load16(p)                                                                                       \
+    __builtin_convertvector(                                                                                    \
+        (pandis__ints)__builtin_ia32_pmovsxwd512_mask(*(const pandis__shorts *)(p), (pandis__ints){0}, 0xffff), \
+        pandis__vector)
+#endif
 #endif
 #define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
 
