@@ -26,7 +26,8 @@ from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import probes
 from pandis.geometry.trajectories import trace
 from pandis.grids.compact import build_compact, file_parts
-from pandis.native.runtime import COMPACT, NativeField, pack
+from pandis.native.runtime import COMPACT, NativeField
+from pandis.native.runtime.files import pack
 from pandis.run.options import TrajectoryOptions
 from pandis.run.stage import silent_progress
 

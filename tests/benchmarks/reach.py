@@ -18,7 +18,8 @@ from pandis.geometry.body import Body
 from pandis.geometry.frame import Frame
 from pandis.geometry.trajectories import trace
 from pandis.grids.compact import file_parts, pack_body
-from pandis.native.runtime import COMPACT, NativeField, pack
+from pandis.native.runtime import COMPACT, NativeField
+from pandis.native.runtime.files import pack
 from pandis.run.options import TrajectoryOptions
 from pandis.run.stage import silent_progress
 

@@ -22,7 +22,8 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.measure import draw_contacts
 from pandis.geometry.physical import Scale
 from pandis.grids.compact import build_compact, file_parts
-from pandis.native.runtime import COMPACT, NativeField, pack
+from pandis.native.runtime import COMPACT, NativeField
+from pandis.native.runtime.files import pack
 
 COLUMNS = (
     *("mesh", "field", "faces", "slowest_us", "box_us"),

@@ -37,7 +37,8 @@ from pandis.native.packing import (
     find_rays,
     pack_mesh,
 )
-from pandis.native.runtime import COMPACT, NativeField, pack
+from pandis.native.runtime import COMPACT, NativeField
+from pandis.native.runtime.files import pack
 from pandis.run.catalogue import parse_field
 from pandis.run.faults import near_field
 from shapes import cone, open_shape, plate

@@ -12,7 +12,8 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.measure import SETS, ContactSet, Probes
 from pandis.hardware.load import busy_cores
 from pandis.hardware.validation import NO_ATTACHED, _longest_run, validate
-from pandis.native.runtime import SHAPE, NativeField, pack
+from pandis.native.runtime import SHAPE, NativeField
+from pandis.native.runtime.files import pack
 from pandis.native.servo import run_ticks
 from pandis.report.render import render
 from pandis.report.tables import COLUMNS, summary_rows, to_csv

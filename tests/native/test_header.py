@@ -23,7 +23,8 @@ from pandis.fields.siren import SirenField
 from pandis.forces import penalty_force
 from pandis.geometry.body import Body
 from pandis.geometry.shapes import SHAPES
-from pandis.native.runtime import NativeField, pack, read_provenance
+from pandis.native.runtime import NativeField
+from pandis.native.runtime.files import pack, read_provenance
 from pandis.native.servo import run_ticks
 from support import ROOT
 

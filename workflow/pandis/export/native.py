@@ -31,8 +31,8 @@ from pandis.native.runtime import (
     SHAPES,
     SPLINE,
     NativeField,
-    pack,
 )
+from pandis.native.runtime.files import pack
 from pandis.run.catalogue import BOX
 
 #: Sums of a network run in so many lanes; rows of weights are padded to whole ones.

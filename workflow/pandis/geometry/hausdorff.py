@@ -7,14 +7,16 @@ mesh's faces; where that says too little, the triangle is cut into four.
 
 import numpy as np
 
+from pandis.native.threads import in_threads
+
 #: The bound is at most so many times as large as the largest distance of a corner that was asked.
 _LOOSE = 1.1
 #: So small a distance (unit frame) is not divided any further.
 _FLOOR = 1e-7
 #: Triangles that are looked at before the bound is taken as it is.
 _MOST = 4_000_000
-#: Triangles that are looked at together: what bounds the memory.
-_CHUNK = 1 << 18
+#: Triangles that a thread looks at together: so many stay in its cache.
+_CHUNK = 1 << 14
 
 
 def farthest(vertices, faces, engine):
@@ -42,7 +44,11 @@ def farthest(vertices, faces, engine):
     most, looked = 0.0, 0
     while len(left):
         looked += len(left)
-        parts = [_bounds(left[k : k + _CHUNK], engine) for k in range(0, len(left), _CHUNK)]
+        parts = in_threads(
+            lambda low, high, left=left: _bounds(left[low:high], engine),
+            len(left),
+            -(-len(left) // _CHUNK),
+        )
         above, below = (np.concatenate(column) for column in zip(*parts, strict=True))
         least = max(least, float(below.max()))
         settled = above <= max(_LOOSE * least, _FLOOR)

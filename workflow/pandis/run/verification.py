@@ -11,7 +11,7 @@ from pathlib import Path
 from pandis.errors import PandisError
 from pandis.export.session import read_export, read_program_metadata
 from pandis.export.vti import read_note
-from pandis.native.runtime import read_provenance
+from pandis.native.runtime.files import read_provenance
 from pandis.report.seal import read_seal
 from pandis.report.tables import summarise, to_csv
 from pandis.run.artifact import file_digest, read_artifact
