@@ -432,7 +432,7 @@ def test_the_export_is_checked_where_it_is_cut_too():
 
 @pytest.mark.parametrize("fewer", [False, True])
 def test_a_file_says_on_which_face_of_the_mesh_a_closest_point_lies(fewer):
-    """Of a thin plate none of the other side; and of a simplified mesh the faces are the mesh's."""
+    """No face of a thin plate from the other side; of a simplified mesh one of the mesh itself."""
     thin = plate(0.1)
     vertices, faces = fitted(thin.vertices), thin.faces
     body, surface = Body(vertices, faces, UNIT), None

@@ -7,7 +7,7 @@ mesh's faces; where that says too little, the triangle is cut into four.
 
 import numpy as np
 
-from pandis.native.threads import in_threads
+from pandis.native.threads import SMALL, in_threads
 
 #: The bound is at most so many times as large as the largest distance of a corner that was asked.
 _LOOSE = 1.1
@@ -15,8 +15,8 @@ _LOOSE = 1.1
 _FLOOR = 1e-7
 #: Triangles that are looked at before the bound is taken as it is.
 _MOST = 4_000_000
-#: Triangles that a thread looks at together: so many stay in its cache.
-_CHUNK = 1 << 14
+#: Triangles that a thread looks at together: so few that it asks for their distances alone.
+_CHUNK = SMALL - 1
 
 
 def farthest(vertices, faces, engine):

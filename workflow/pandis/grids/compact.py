@@ -159,8 +159,8 @@ def file_parts(arrays, record):
 def find_originals(body, arrays, record):
     """Return which face of a body's mesh each face of a compact mesh stands for.
 
-    That is the nearest one to its middle, seen from outside, so that of a thin wall no face takes
-    one of the other side.
+    That is the nearest one to its middle, seen from outside, so that no face of a thin wall is
+    given one from the other side.
 
     Parameters
     ----------

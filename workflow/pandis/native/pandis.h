@@ -119,8 +119,9 @@ typedef struct {
     double distance, normal[3], slope;
     double clear; /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
     int flag;
-    int32_t face; /* of mesh.zarr.zip, on which the closest point lies: of `exact` meshes, and of compact ones whose
-                   * file says it (ORIG); of several faces that share the point, one. Else -1 */
+    int32_t face; /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several
+                   * one: of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and where there is no
+                   * answer, -1 */
 } pandis_answer;
 
 /* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and
@@ -539,8 +540,8 @@ typedef float pandis__vector;
 #undef pandis__load16
 #define pandis__load16(p)                                                                                       \
     __builtin_convertvector(                                                                                    \
-        (pandis__ints)__builtin_ia32_pmovsxwd512_mask(*(const pandis__shorts *)(p), (pandis__ints){0}, 0xffff), \
-        pandis__vector)
+        (pandis__ints)__builtin_ia32_pmovsxwd512_mask(*(const pandis__shorts *)(p),                             \
+                                                      __extension__(pandis__ints){0}, 0xffff), pandis__vector)
 #endif
 #endif
 #define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)

@@ -80,7 +80,7 @@ void bvh_open(Work *w, int32_t index) {
     }
 }
 
-/* Build a branch that has not been opened, if there is one; all may be built at the same time. */
+/* Build a branch that has not been opened, if there is one at this index; all branches may be built at the same time. */
 void bvh_grow(Work *w, int32_t index) {
     Branch *branch = w->branches + index;
     if (!branch->used || branch->count) return;
@@ -123,7 +123,7 @@ static int32_t join(Bvh *t, Branch *all, int index) {
         Node *to = t->nodes + node + j;
         *to = part->nodes[j];
         for (int i = 0; i < WIDTH; i++)
-            if (to->low[0][i] <= to->high[0][i]) to->child[i] = to->child[i] < 0 ? ~(~to->child[i] + leaf) : to->child[i] + node;
+            if (!(to->low[0][i] > to->high[0][i])) to->child[i] = to->child[i] < 0 ? ~(~to->child[i] + leaf) : to->child[i] + node;
     }
     memcpy(t->clusters + node, part->clusters, (size_t)part->node_count * sizeof(Cluster));
     memcpy(t->leaves + leaf, part->leaves, (size_t)part->leaf_count * sizeof(Leaf));

@@ -101,6 +101,9 @@ static double find_side(const Bvh *t, const double *p) {
 
 /* ---------------------------------------------------------------- on both sides of faces */
 
+/* A face is long from this share of the largest coordinate on. */
+#define LONG_FACE 0.02
+
 /* Where a face is looked at from both sides: in the middle, and near the corners (barycentric). */
 static const double PLACES[WIDTH / 2][3] = {
     {1.0 / 3, 1.0 / 3, 1.0 / 3}, {0.9, 0.05, 0.05}, {0.05, 0.9, 0.05}, {0.05, 0.05, 0.9}};
@@ -175,7 +178,11 @@ static int looks_wrong(const Bvh *t, int32_t face, double beside) {
         double x[3] = {p[0][i] - middle[0], p[1][i] - middle[1], p[2][i] - middle[2]};
         if (dot(x, x) > spread) spread = dot(x, x);
     }
-    rough_windings(t, middle, sqrt(spread), p, windings);
+    /* around a face that is long beside the object one walk would meet nearly all other faces: ask point by point */
+    if (sqrt(spread) < LONG_FACE * t->scale)
+        rough_windings(t, middle, sqrt(spread), p, windings);
+    else
+        for (int i = 0; i < WIDTH; i++) windings[i] = 0.5;
     for (int i = 0; i < WIDTH; i++) {
         double point[3] = {p[0][i], p[1][i], p[2][i]};
         int inside = fabs(windings[i] - 0.5) < 0.3 ? find_side(t, point) < 0 : windings[i] > 0.5;

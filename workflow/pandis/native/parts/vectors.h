@@ -37,8 +37,8 @@ typedef float pandis__vector;
 #undef pandis__load16
 #define pandis__load16(p)                                                                                       \
     __builtin_convertvector(                                                                                    \
-        (pandis__ints)__builtin_ia32_pmovsxwd512_mask(*(const pandis__shorts *)(p), (pandis__ints){0}, 0xffff), \
-        pandis__vector)
+        (pandis__ints)__builtin_ia32_pmovsxwd512_mask(*(const pandis__shorts *)(p),                             \
+                                                      __extension__(pandis__ints){0}, 0xffff), pandis__vector)
 #endif
 #endif
 #define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
