@@ -107,7 +107,8 @@ enum {
     PANDIS_ERROR_ALIGNMENT = 9, /* the bytes do not begin at a multiple of 8 */
     PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
     PANDIS_ERROR_LARGE = 11, /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
-    PANDIS_ERROR_VERTEX = 12 /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
+    PANDIS_ERROR_VERTEX = 12, /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
+    PANDIS_ERROR_KIND = 13 /* a grid of forces, which knows no distance outside, cannot have a contact */
 };
 
 enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };
@@ -341,6 +342,61 @@ typedef struct {
     double stiffness; /* force per length of the scene */
 } pandis_object;
 
+/* What a surface feels like, beside its stiffness, which is the object's. Friction is force along the surface per force
+ * against it: up to `sticking` the proxy stays where it is, and once it slides, `sliding` (not more) is what it drags.
+ * Damping is force per speed of the probe: `damping` along the normal, never so that it pulls towards the surface, and
+ * `drag` along the surface. Everything is in units of the scene, and not negative. */
+typedef struct {
+    double sticking, sliding, damping, drag;
+} pandis_material;
+
+/* What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which
+ * is where the device is, hangs on it by a spring. All zero, and then pandis_contact_open. One contact belongs to one
+ * probe and one object; it may be copied. */
+typedef struct {
+    double radius; /* of the proxy, scene lengths: 0 for a point */
+    double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
+                    * the force at ridges */
+    int32_t budget; /* queries of one step at most; what is left to do goes on in the next one */
+    /* the state, in the object's unit frame */
+    int32_t state, planes, sticks, settled, face;
+    pandis_object object; /* as it lay in the last step */
+    double ball[4], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
+} pandis_contact;
+
+/* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the
+ * budget, or `slide`, did not let the proxy go as far as it would. WAITING: there has been no position outside of the object
+ * yet, and until there is one there is no force, since nobody knows from which side the probe has come. */
+enum { PANDIS_TOUCHING = 1, PANDIS_STICKING = 2, PANDIS_BEHIND = 4, PANDIS_WAITING = 8 };
+
+/* What pandis_contact_step answers, in units and coordinates of the scene. */
+typedef struct {
+    double force[3], proxy[3];
+    double normal[3]; /* of the surface (of several, of all together): against it the proxy is pressed; 0 if it is not */
+    double depth;     /* by which the probe is pressed beyond the proxy, along the normal */
+    double slip;      /* by which the proxy slid along the surface */
+    int state;        /* bits: see above */
+    int flag;         /* the worst of the queries; PANDIS_INVALID: no force, and the proxy stays */
+    int planes;       /* that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
+    int queries;      /* that this step took */
+    int32_t object;   /* of a scene */
+    int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, where the field says it: see pandis_answer */
+} pandis_touch;
+
+/* Begin a contact with a probe of a radius (scene lengths). Returns 0, PANDIS_ERROR_POSE (of the object, or the radius), or
+ * PANDIS_ERROR_KIND: a grid of forces knows no distance outside. */
+PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius);
+
+/* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes
+ * through the surface: free motion is followed, however thin what lies between; along the surface it takes short steps, on
+ * up to three planes at once. The object may have another pose than last time: the proxy goes with it; with
+ * another field or scale the contact begins anew. Returns the flag. */
+PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
+                                   double dt, const pandis_material *material, pandis_touch *touch);
+
+/* Say that the object's shape is another one (pandis_refit): where it has come over the proxy, the proxy goes out. */
+PANDIS_API void pandis_contact_moved(pandis_contact *contact);
+
 /* Objects under one probe. Each is asked again only when the probe may touch it: a field that is
  * nowhere nearer than d cannot be touched before the probe has gone that far. Forces are those of
  * pandis_object_force, added up in the order of the objects, to the last bit as long as no field's
@@ -350,6 +406,10 @@ typedef struct {
     size_t count;
     double *room;
     size_t asked; /* so many fields were asked for the last answer */
+    pandis_contact *contacts; /* one for each object, where there are any; what is below is theirs */
+    const pandis_material *const *materials;
+    double probe[3];
+    size_t touched; /* so many objects were touched in the last step */
 } pandis_scene;
 
 /* Doubles that a scene of so many objects needs; objects that are looked at together. */
@@ -367,6 +427,19 @@ PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object);
 /* The sum of the penalty forces of all objects at a point of the scene. Returns the worst flag of
  * those that were asked. */
 PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
+
+/* Give the scene a contact for each object, which the caller keeps, and begin them with a probe of a radius. Of materials,
+ * one for each object, the array may be NULL, and each of them. Returns 0, or the first error of pandis_contact_open: that
+ * object, and whatever lies nowhere, is left out. */
+PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
+                                       const pandis_material *const *materials, double radius);
+
+/* Move the probe to a position, `dt` seconds after the last one, and step the contacts of all objects that it may touch.
+ * The force is the sum of theirs, in the order of the objects, to the last bit that of stepping all of them. Fills in at
+ * most `most` touches (NULL: none), of those objects that are touched; scene->touched says how many are. An object that is
+ * moved (pandis_scene_moved) carries its proxy along. Returns the worst flag. */
+PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
+                                  pandis_touch *touches, size_t most);
 
 /* The penalty force of one object at a point of the scene. Returns the flag. */
 PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
@@ -2643,10 +2716,32 @@ PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objec
     const double origin[3] = {0};
     int error = 0;
     scene->objects = objects, scene->count = count, scene->room = room, scene->asked = 0;
+    scene->contacts = NULL, scene->materials = NULL, scene->touched = 0;
     for (size_t i = 0; i < PANDIS_SCENE_ROOM(count) / 4; i++) pandis__keep_ball(pandis__ball(scene, i), origin, 1e150);
     for (size_t i = 0; i < count; i++)
         if (pandis_scene_moved(scene, i)) error = PANDIS_ERROR_POSE;
     return error;
+}
+
+/* The next object, from one on, that may be touched at a point; the count, if there is none. */
+static size_t pandis__next_awake(const pandis_scene *scene, size_t from, const double *point) {
+    size_t start = from - from % PANDIS_SCENE_BLOCK;
+    for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
+        const double *ball = pandis__ball(scene, start);
+        int awake = from > start; /* its block has been looked at */
+        for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
+            double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
+            double z = point[2] - ball[i + 2 * PANDIS_SCENE_BLOCK];
+            awake |= x * x + y * y + z * z >= ball[i + 3 * PANDIS_SCENE_BLOCK];
+        }
+        for (size_t i = from; awake && i < scene->count && i < start + PANDIS_SCENE_BLOCK; i++) {
+            const double *own = pandis__ball(scene, i);
+            double x = point[0] - own[0], y = point[1] - own[PANDIS_SCENE_BLOCK];
+            double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
+            if (x * x + y * y + z * z >= own[3 * PANDIS_SCENE_BLOCK]) return i;
+        }
+    }
+    return scene->count;
 }
 
 PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
@@ -2655,26 +2750,566 @@ PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], do
     scene->asked = 0;
     for (int k = 0; k < 3; k++)
         if (!(fabs(point[k]) <= 1e100)) return PANDIS_INVALID;
-    for (size_t start = 0; start < scene->count; start += PANDIS_SCENE_BLOCK) {
-        const double *ball = pandis__ball(scene, start);
-        int awake = 0;
-        for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
-            double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
-            double z = point[2] - ball[i + 2 * PANDIS_SCENE_BLOCK];
-            awake |= x * x + y * y + z * z >= ball[i + 3 * PANDIS_SCENE_BLOCK];
-        }
-        for (size_t i = start; awake && i < scene->count && i < start + PANDIS_SCENE_BLOCK; i++) {
-            const double *own = pandis__ball(scene, i);
-            double x = point[0] - own[0], y = point[1] - own[PANDIS_SCENE_BLOCK];
-            double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
-            if (x * x + y * y + z * z < own[3 * PANDIS_SCENE_BLOCK]) continue;
-            int flag = pandis__visit(scene, i, point, force);
-            worst = pandis__worse(flag, worst);
-        }
-    }
+    for (size_t i = 0; (i = pandis__next_awake(scene, i, point)) < scene->count; i++)
+        worst = pandis__worse(pandis__visit(scene, i, point, force), worst);
     return worst;
 }
+/* ---------------------------------------------------------------- planes that a proxy touches */
 
+#define PANDIS__PLANES 4 /* three that are kept, and the one of the last look */
+
+/* A piece of the surface near a proxy, taken as flat: what is free lies where normal . x >= offset (unit frame). */
+typedef struct {
+    double normal[3], offset, foot[3];
+} pandis__plane;
+
+static double pandis__height(const pandis__plane *p, const double *x) { return pandis__dot(p->normal, x) - p->offset; }
+
+/* The point on one, two or three planes that is nearest to a goal, if the goal is behind all of them together: each
+ * has to push, or the point is not the nearest one in front of them. 0 if not so, or if they are nearly parallel. */
+static int pandis__onto(const pandis__plane *planes, const int *which, int count, const double *goal, double *y) {
+    double gram[3][3], right[3], push[3];
+    for (int i = 0; i < count; i++) {
+        for (int j = 0; j < count; j++) gram[i][j] = pandis__dot(planes[which[i]].normal, planes[which[j]].normal);
+        right[i] = -pandis__height(planes + which[i], goal);
+    }
+    if (count == 1) {
+        push[0] = right[0];
+    } else if (count == 2) {
+        double cross[3], c = gram[0][1];
+        pandis__cross(planes[which[0]].normal, planes[which[1]].normal, cross);
+        double det = pandis__dot(cross, cross); /* 1 - c^2, without what that loses */
+        if (!(det > 1e-14)) return 0;
+        push[0] = (right[0] - c * right[1]) / det, push[1] = (right[1] - c * right[0]) / det;
+    } else {
+        double across[3][3], sum[3];
+        for (int i = 0; i < 3; i++)
+            pandis__cross(planes[which[(i + 1) % 3]].normal, planes[which[(i + 2) % 3]].normal, across[i]);
+        double det = pandis__dot(planes[which[0]].normal, across[0]);
+        if (!(fabs(det) > 1e-9)) return 0;
+        for (int k = 0; k < 3; k++)
+            sum[k] = (right[0] * across[0][k] + right[1] * across[1][k] + right[2] * across[2][k]) / det;
+        for (int i = 0; i < 3; i++) push[i] = pandis__dot(sum, across[i]) / det;
+    }
+    for (int k = 0; k < 3; k++) y[k] = goal[k];
+    for (int i = 0; i < count; i++) {
+        if (!(push[i] >= 0)) return 0;
+        for (int k = 0; k < 3; k++) y[k] += push[i] * planes[which[i]].normal[k];
+    }
+    return 1;
+}
+
+/* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. With planes
+ * that nothing satisfies together, the last one, which was looked at last, decides. */
+static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
+    static const int sets[14][4] = {{1, 0}, {1, 1}, {1, 2}, {1, 3}, {2, 0, 1}, {2, 0, 2}, {2, 1, 2}, {2, 0, 3},
+                                    {2, 1, 3}, {2, 2, 3}, {3, 0, 1, 2}, {3, 0, 1, 3}, {3, 0, 2, 3}, {3, 1, 2, 3}};
+    double slack = 1e-13;
+    int behind = 0;
+    for (int i = 0; i < count; i++) behind |= pandis__height(planes + i, goal) < 0;
+    memcpy(y, goal, 3 * sizeof *y);
+    if (!behind) return 0;
+    for (int s = 0; s < 14; s++) {
+        const int *which = sets[s] + 1;
+        int active = 0, good = 1;
+        for (int i = 0; i < sets[s][0]; i++) good &= which[i] < count, active |= 1 << which[i];
+        if (!good || !pandis__onto(planes, which, sets[s][0], goal, y)) continue;
+        for (int i = 0; good && i < count; i++)
+            good = active >> i & 1 || pandis__height(planes + i, y) >= -slack;
+        if (good) return active;
+    }
+    int last = count - 1;
+    memcpy(y, goal, 3 * sizeof *y);
+    double under = pandis__height(planes + last, goal);
+    for (int k = 0; under < 0 && k < 3; k++) y[k] -= under * planes[last].normal[k];
+    return under < 0 ? 1 << last : 0;
+}
+/* ---------------------------------------------------------------- a proxy: what it knows of the surface near it
+ *
+ * All in the object's unit frame. The proxy is a point; a probe of radius r makes the surface that far thicker. What is
+ * known to be free is a ball, around a point a little above the proxy, as large as the distance there. The proxy goes from
+ * ball to ball, each of which overlaps with the one before: so nothing that has a surface lies on its way. What is known of
+ * the surface are planes, each through the foot of a point that was looked at. */
+
+#define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
+#define PANDIS__LEAST_HOVER 2e-6
+#define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
+#define PANDIS__TRUSTED 0.8      /* share of an approximate distance that is free */
+#define PANDIS__GUESSED 0.05     /* by which a distance may be too large where the file does not say it */
+
+enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
+
+/* A proxy while it is moved in a step. */
+typedef struct {
+    pandis_contact *state;
+    const pandis_field *field;
+    double radius, tolerance; /* by which planes are compared */
+    int exact;                /* its distances are those of a surface, not of an approximation */
+    int queries, flag, count;
+    pandis__plane plane[PANDIS__PLANES];
+    double *x, *ball;
+} pandis__proxy;
+
+/* What a look at a point says: distance, the ball around it that is free, and the surface's foot and normal. */
+typedef struct {
+    double at[3], distance, free, normal[3], foot[3];
+    int32_t face;
+} pandis__look;
+
+static int pandis__knows_distance(const pandis_field *f) {
+    return f->kind && !(f->kind == PANDIS_GRID && f->as.grid.rule <= PANDIS__TRILINEAR);
+}
+
+/* Look at a point; 0 if there is no answer. */
+static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *look) {
+    const pandis_field *f = p->field;
+    pandis_answer answer;
+    double point[3];
+    for (int k = 0; k < 3; k++) look->at[k] = at[k], point[k] = at[k] / f->scale + f->centre[k];
+    pandis_query(f, point, &answer);
+    p->queries++;
+    p->flag = pandis__worse(answer.flag, p->flag);
+    if (answer.flag == PANDIS_INVALID) return 0;
+    double distance = answer.distance * f->scale, free = distance;
+    if (p->exact) {
+        free = fmin(distance, answer.clear * f->scale);
+    } else if (answer.flag == PANDIS_OK) {
+        free = fmax(PANDIS__TRUSTED * distance, distance - f->margin[0]);
+    } else {
+        double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
+        double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
+        free = fmax(away, fmin(distance, distance - guessed));
+    }
+    look->distance = distance - p->radius, look->free = free - p->radius, look->face = answer.face;
+    for (int k = 0; k < 3; k++) {
+        look->normal[k] = answer.normal[k];
+        look->foot[k] = at[k] - look->distance * answer.normal[k];
+    }
+    return 1;
+}
+
+static void pandis__drop(pandis__proxy *p, int index) {
+    for (int i = index; i + 1 < p->count; i++) p->plane[i] = p->plane[i + 1];
+    p->count--;
+}
+
+/* Forget what the last look shows to be no surface here: planes from which the surface bends away (the new foot is
+ * behind them, or, where they meet, not in front of them), those through a place that is free, and those seen from too far
+ * away. */
+static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, const double *place, double height) {
+    double stale = PANDIS__STALE * PANDIS__HOVER;
+    for (int i = p->count - 1; i >= 0; i--) {
+        const pandis__plane *old = p->plane + i;
+        double off[3], between[3], cross[3];
+        for (int k = 0; k < 3; k++) off[k] = old->foot[k] - place[k], between[k] = seen->foot[k] - old->foot[k];
+        pandis__cross(old->normal, seen->normal, cross);
+        double angle = sqrt(pandis__dot(cross, cross)), apart = sqrt(pandis__dot(between, between));
+        int same = angle < fmax(1e-7, p->tolerance) && pandis__dot(old->normal, seen->normal) > 0;
+        int bent = pandis__dot(old->normal, between) <= 1e-3 * angle * apart;
+        int open = height > p->tolerance && pandis__height(old, place) < height / 2;
+        if (same || bent || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
+    }
+}
+
+/* Add the plane of a look, as the last one; `place` is where the proxy would be, at least so high over the surface. */
+static void pandis__learn(pandis__proxy *p, const pandis__look *look, const double *place, double height) {
+    pandis__plane seen;
+    memcpy(seen.normal, look->normal, sizeof seen.normal);
+    memcpy(seen.foot, look->foot, sizeof seen.foot);
+    seen.offset = pandis__dot(seen.normal, seen.foot);
+    pandis__forget(p, &seen, place, height);
+    if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
+    p->plane[p->count++] = seen;
+    p->state->face = look->face;
+}
+
+/* Where to look from, to see whether the proxy can be at a place: as high over the planes near it as `lift`, or between
+ * them, where they face each other. */
+static void pandis__lifted(const pandis__proxy *p, const double *place, double lift, double *at) {
+    double up[3] = {0}, height = lift;
+    memcpy(at, place, 3 * sizeof *at);
+    for (int i = 0; i < p->count; i++) {
+        double h = pandis__height(p->plane + i, place);
+        if (h < 1e-3 * lift)
+            for (int k = 0; k < 3; k++) up[k] += p->plane[i].normal[k];
+        height = fmin(height, fmax(h, 0));
+    }
+    if (!pandis__normalise(up)) { /* it touches nothing: away from what is nearest */
+        double least = lift;
+        for (int i = 0; i < p->count; i++) {
+            double h = pandis__height(p->plane + i, place);
+            if (h < least) least = h, memcpy(up, p->plane[i].normal, sizeof up);
+        }
+    }
+    lift -= height;
+    for (int i = 0; i < p->count; i++) { /* half of the way to a plane that faces it */
+        double h = pandis__height(p->plane + i, place), along = pandis__dot(up, p->plane[i].normal);
+        if (along < 0 && h >= 1e-3 * lift) lift = fmin(lift, h / (1 - along));
+    }
+    for (int k = 0; k < 3; k++) at[k] += lift * up[k];
+}
+
+static double pandis__between(const double *a, const double *b) {
+    double off[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return sqrt(pandis__dot(off, off));
+}
+
+static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
+    memcpy(p->ball, look->at, 3 * sizeof *p->ball);
+    p->ball[3] = look->free;
+}
+/* ---------------------------------------------------------------- contact */
+
+#define PANDIS__SMALL 1e-13  /* of the unit frame: no way at all */
+#define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
+
+/* Make the ball anew above where the proxy is; puts it onto the surface, where that has come over it. 0: no answer. */
+static int pandis__regain(pandis__proxy *p) {
+    pandis__look look;
+    double at[3];
+    if (!pandis__look_at(p, p->x, &look)) return 0;
+    if (look.distance < 0) memcpy(p->x, look.foot, sizeof look.foot);
+    p->count = 0;
+    pandis__learn(p, &look, p->x, 0);
+    pandis__take_ball(p, &look);
+    for (double lift = PANDIS__HOVER; look.free < lift / 2 && lift > PANDIS__LEAST_HOVER; lift /= 4) {
+        pandis__lifted(p, p->x, lift, at);
+        if (!pandis__look_at(p, at, &look)) return 0;
+        if (look.free > p->ball[3]) pandis__take_ball(p, &look);
+    }
+    return 1;
+}
+
+/* How the proxy may go in a step. */
+typedef struct {
+    double travel;           /* along the surface, at most */
+    double sticking, sliding; /* friction per force against the surface */
+    double soft;             /* share of the way along it that drag leaves */
+    double slip;             /* that friction and drag leave; below 0 until it is known */
+    double shrink;           /* share of a hop that is tried */
+    double slid, goal[3];    /* how far it has slid; where it would go without friction */
+    int active, held, stuck, turned; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
+                              * how often another wall was in the way */
+} pandis__way;
+
+/* How far the proxy may go along the surface towards a place `step` away, under a pressure. */
+static double pandis__rubbed(pandis_contact *c, pandis__way *way, double step, double press) {
+    double friction = (c->sticks ? way->sticking : way->sliding) * press;
+    if (way->slip < 0) { /* the first look at it in this step */
+        c->sticks = friction > 0 && step <= friction;
+        friction = way->sliding * press;
+        way->slip = c->sticks ? 0 : friction > 0 || way->soft < 1 ? fmax(0, step - friction) * way->soft : 1e300;
+    }
+    return fmin(fmax(0, step - friction), way->slip);
+}
+
+/* Where to go next towards the probe: the point in front of all planes that is nearest to it, as far as friction lets
+ * the proxy go. Returns how far that is. */
+static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
+    way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
+    double wanted = pandis__between(way->goal, p->x), step = wanted;
+    way->held = 0;
+    if (way->active) {
+        step = pandis__rubbed(p->state, way, step, pandis__between(way->goal, probe));
+        if (step > way->travel) step = way->travel, way->held = 1;
+    }
+    double share = wanted > 0 ? step / wanted : 0;
+    for (int k = 0; k < 3; k++) target[k] = p->x[k] + share * (way->goal[k] - p->x[k]);
+    return step;
+}
+
+/* The proxy has gone somewhere. */
+static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *place) {
+    double step = pandis__between(place, p->x);
+    way->travel -= step, way->shrink = 1;
+    p->state->settled = 0;
+    if (way->active) way->slip -= step, way->slid += step;
+    memcpy(p->x, place, 3 * sizeof *place);
+}
+
+/* Move towards a place that is beyond what is known to be free: to the rim of the ball, where it is looked at next. */
+static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
+    pandis__look look;
+    double rim[3], place[3], far = pandis__between(at, p->ball), share = fmin(1, 0.95 * p->ball[3] / far);
+    for (int k = 0; k < 3; k++) rim[k] = p->ball[k] + share * (at[k] - p->ball[k]);
+    if (!pandis__look_at(p, rim, &look)) return 0;
+    if (look.free > 0) {
+        double to = pandis__between(target, rim), within = to > look.free ? look.free / to : 1;
+        for (int k = 0; k < 3; k++) place[k] = rim[k] + within * (target[k] - rim[k]);
+        pandis__take_ball(p, &look);
+        pandis__arrive(p, way, place);
+    }
+    pandis__learn(p, &look, p->x, 0);
+    return 1;
+}
+
+/* Try to bring the proxy to a target. 0: there was no answer. */
+static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
+    pandis_contact *c = p->state;
+    pandis__look look;
+    double at[3], place[3], step = pandis__between(target, p->x);
+    double most = way->active ? way->shrink * fmax(1.6 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
+    if (step > most)
+        for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
+    double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
+    if (p->exact || over > 0.25 * c->lift) {
+        pandis__lifted(p, target, c->lift, at);
+        if (!pandis__look_at(p, at, &look)) return 0;
+        int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
+        if (!joined && way->active) way->shrink *= 0.3;
+        if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
+        if (look.free < 0.5 * c->lift) c->lift = fmax(look.free, PANDIS__LEAST_HOVER);
+        pandis__take_ball(p, &look);
+        height = look.free - pandis__between(target, at); /* of the target, at least */
+    }
+    if (p->exact && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
+        pandis__learn(p, &look, target, height);
+        if (!pandis__look_at(p, target, &look)) return 0;
+        height = look.distance;
+        if (height > -PANDIS__SLIVER) look.at[0] = (double)NAN; /* nothing new */
+    }
+    if (!p->exact && height < PANDIS__HOVER) { /* an approximate distance is looked at closely */
+        if (!pandis__look_at(p, target, &look)) return 0;
+        if (look.distance < -PANDIS__HOVER) { /* not what was expected there */
+            way->shrink *= 0.3;
+            return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, target, target);
+        }
+        if (look.free > p->ball[3]) pandis__take_ball(p, &look);
+        height = look.distance;
+    }
+    if (look.at[0] == look.at[0]) pandis__learn(p, &look, target, height);
+    pandis__nearest_in_front(p->plane, p->count, target, place);
+    if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
+        pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
+        way->shrink *= 0.25;
+        if (way->shrink > 1e-2) return 1;
+        way->held = way->stuck = 1; /* the next step tries again */
+        return 1;
+    }
+    if (pandis__between(place, target) > PANDIS__SLIVER && ++way->turned < 4) return 1; /* another wall: look there first */
+    pandis__arrive(p, way, place);
+    return 1;
+}
+
+/* Look once more at planes that meet at less than a right angle's tenth, each from its own side: on a curved surface an old
+ * one may be left that is none here. 0: there was no answer. */
+static int pandis__confirm(pandis__proxy *p, const pandis__way *way) {
+    pandis__look look;
+    double at[3];
+    int newest = p->count - 1;
+    for (int i = newest - 1; i >= 0; i--) {
+        const double *normal = p->plane[i].normal;
+        if (!(way->active >> i & 1) || pandis__dot(normal, p->plane[newest].normal) < 0.9) continue;
+        for (int k = 0; k < 3; k++) at[k] = p->x[k] + p->state->lift * normal[k];
+        if (!pandis__look_at(p, at, &look)) return 0;
+        pandis__drop(p, i), newest--;
+        pandis__learn(p, &look, p->x, 0);
+        newest = p->count - 1, i = newest < i ? newest : i;
+    }
+    return 1;
+}
+
+/* Bring the proxy as near to the probe as it can come. Returns 0 if there was no answer. */
+static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
+    pandis_contact *c = p->state;
+    double target[3];
+    int soon = p->exact ? 2 : 3; /* queries after which a small rest waits for the next step */
+    for (;;) {
+        double step = pandis__aim(p, way, probe, target);
+        if (step <= PANDIS__SMALL) {
+            int alone = (way->active & (way->active - 1)) == 0;
+            if (alone || c->settled || p->queries + 3 > c->budget) return 1;
+            if (!pandis__confirm(p, way)) return 0;
+            c->settled = 1;
+            continue;
+        }
+        if (!way->active && pandis__between(target, p->ball) < p->ball[3]) { /* known to be free */
+            pandis__arrive(p, way, target);
+            return 1;
+        }
+        if (p->queries >= c->budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
+            way->held |= p->queries >= c->budget;
+            return 1;
+        }
+        if (!pandis__hop(p, way, probe, target)) return 0;
+        if (way->stuck) return 1;
+    }
+}
+
+/* The pull of the spring and the damping, in the object's frame and scene units, from where probe and proxy are. */
+static void pandis__pull(const pandis_contact *c, const pandis_object *o, const double *normal, double damping,
+                         double *force) {
+    double per = o->scale / o->field->scale;
+    for (int k = 0; k < 3; k++) force[k] = o->stiffness * per * c->pull[k];
+    double push = pandis__dot(force, normal), fast = -damping * pandis__dot(c->velocity, normal) * per;
+    if (!(push > 0)) return;
+    /* no more than the spring gives: so it starts at nothing, and never pulls */
+    fast = fast > push ? push : fast < -push ? -push : fast;
+    for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
+}
+
+PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius) {
+    memset(contact, 0, sizeof *contact);
+    if (!pandis__lies(object) || !(radius >= 0 && radius <= 1e100)) return PANDIS_ERROR_POSE;
+    if (!pandis__knows_distance(object->field)) return PANDIS_ERROR_KIND;
+    contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = -1;
+    contact->slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
+    return 0;
+}
+
+PANDIS_API void pandis_contact_moved(pandis_contact *contact) { contact->ball[3] = -1; }
+
+/* Begin outside: there nothing stands between probe and proxy. */
+static int pandis__begin(pandis__proxy *p, const double *probe) {
+    pandis__look look;
+    p->count = 0;
+    if (!pandis__look_at(p, probe, &look) || look.distance < 0) return 0;
+    memcpy(p->x, probe, 3 * sizeof *probe);
+    pandis__take_ball(p, &look);
+    pandis__learn(p, &look, probe, look.distance);
+    p->state->state = PANDIS__CLEAR;
+    return 1;
+}
+
+static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, const pandis_object *o, double damping,
+                               pandis_touch *touch) {
+    const pandis_contact *c = p->state;
+    double per = o->scale / p->field->scale, normal[3], force[3], place[3];
+    for (int k = 0; k < 3; k++) normal[k] = way->active ? way->goal[k] - c->probe[k] : c->pull[k];
+    if (!pandis__normalise(normal)) normal[0] = normal[1] = normal[2] = 0;
+    pandis__pull(c, o, normal, damping, force);
+    for (int k = 0; k < 3; k++) place[k] = c->proxy[k] / p->field->scale + p->field->centre[k];
+    for (int k = 0; k < 3; k++) {
+        const double *row = o->rotation + 3 * k;
+        touch->force[k] = pandis__dot(row, force);
+        touch->normal[k] = way->active ? pandis__dot(row, normal) : 0;
+        touch->proxy[k] = o->scale * pandis__dot(row, place) + o->translation[k];
+    }
+    touch->slip = way->slid * per, touch->face = c->face;
+    touch->state = (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
+    for (int i = 0; i < PANDIS__PLANES; i++) touch->planes += way->active >> i & 1;
+    if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
+    if (way->held) touch->state |= PANDIS_BEHIND;
+}
+
+PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
+                                   double dt, const pandis_material *material, pandis_touch *touch) {
+    static const pandis_material smooth = {0, 0, 0, 0};
+    const pandis_field *f = object->field;
+    double point[3], probe[3], per = f->scale / object->scale; /* of the unit frame for one of the scene */
+    memset(touch, 0, sizeof *touch);
+    touch->flag = PANDIS_INVALID, touch->face = -1;
+    pandis__enter(object, position, point);
+    if (!pandis__unit(f, point, probe) || !(dt > 0)) return PANDIS_INVALID;
+    if (!material) material = &smooth;
+    if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
+    contact->object = *object;
+    pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
+    p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
+    if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
+    p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
+    memcpy(p.plane, contact->plane, sizeof contact->plane);
+    contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
+
+    double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
+    double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
+    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0};
+    int answered = 1;
+    if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
+    else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
+    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
+    touch->queries = p.queries, touch->flag = p.flag;
+    if (contact->state == PANDIS__BEGINS) {
+        touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;
+        return touch->flag;
+    }
+    if (!answered) return touch->flag = PANDIS_INVALID;
+    contact->planes = p.count < 3 ? p.count : 3;
+    memcpy(contact->plane, p.plane + (p.count - contact->planes), (size_t)contact->planes * sizeof *p.plane);
+    int active = way.active;
+    contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;
+    if (!active) contact->sticks = 0;
+    if (contact->state == PANDIS__CLEAR) contact->lift = PANDIS__HOVER;
+    /* the spring, whose length changes by no more than probe and proxy may go */
+    double most = moved + way.travel + way.slid, change = 0;
+    for (int k = 0; k < 3; k++) {
+        pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;
+        change += (pulled[k] - contact->pull[k]) * (pulled[k] - contact->pull[k]);
+    }
+    double share = change > most * most ? most / sqrt(change) : 1, smoothed = dt / (dt + 0.002);
+    for (int k = 0; k < 3; k++) {
+        contact->pull[k] += share * (pulled[k] - contact->pull[k]);
+        double fast = contact->state == PANDIS__TOUCHES ? (probe[k] - contact->probe[k]) / dt : 0;
+        double before = contact->state == PANDIS__TOUCHES ? contact->velocity[k] : 0;
+        contact->velocity[k] = before + smoothed * (fast - before);
+        contact->probe[k] = probe[k];
+    }
+    pandis__tell_touch(&p, &way, object, material->damping, touch);
+    return touch->flag;
+}
+/* ---------------------------------------------------------------- contacts of a scene */
+
+PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
+                                       const pandis_material *const *materials, double radius) {
+    int error = 0;
+    scene->contacts = contacts, scene->materials = materials, scene->touched = 0;
+    for (int k = 0; k < 3; k++) scene->probe[k] = (double)NAN;
+    for (size_t i = 0; i < scene->count; i++) {
+        int why = pandis_contact_open(contacts + i, scene->objects + i, radius);
+        if (!why) why = pandis_scene_moved(scene, i);
+        else pandis__keep_ball(pandis__ball(scene, i), scene->probe, -1), contacts[i].budget = 0;
+        if (!error) error = why;
+    }
+    return error;
+}
+
+/* A contact that was not stepped has gone with the probe: nothing was in its way. */
+static void pandis__wake(const pandis_scene *scene, size_t index) {
+    pandis_contact *c = scene->contacts + index;
+    double point[3], probe[3];
+    if (c->state != PANDIS__CLEAR) return;
+    pandis__enter(&c->object, scene->probe, point); /* where it lay then */
+    if (!pandis__unit(c->object.field, point, probe)) return;
+    memcpy(c->proxy, probe, sizeof probe), memcpy(c->probe, probe, sizeof probe);
+}
+
+/* How far the probe may go before a contact has to be stepped again, in scene units. */
+static double pandis__at_ease(const pandis_contact *c, const pandis_object *o) {
+    if (c->state != PANDIS__CLEAR || pandis__dot(c->pull, c->pull) > 0) return 0;
+    return (c->ball[3] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
+}
+
+PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
+                                  pandis_touch *touches, size_t most) {
+    int worst = PANDIS_OK;
+    double size = 0;
+    force[0] = force[1] = force[2] = 0;
+    scene->asked = scene->touched = 0;
+    if (!scene->contacts || !(dt > 0)) return PANDIS_INVALID;
+    for (int k = 0; k < 3; k++) {
+        if (!(fabs(position[k]) <= 1e100)) return PANDIS_INVALID;
+        size = fmax(size, fabs(position[k]));
+    }
+    for (size_t i = 0; (i = pandis__next_awake(scene, i, position)) < scene->count; i++) {
+        const pandis_object *o = scene->objects + i;
+        pandis_contact *c = scene->contacts + i;
+        pandis_touch touch;
+        double far = size;
+        if (!c->budget) continue; /* it cannot be touched */
+        pandis__wake(scene, i);
+        int flag = pandis_contact_step(c, o, position, dt, scene->materials ? scene->materials[i] : NULL, &touch);
+        worst = pandis__worse(flag, worst);
+        scene->asked += (size_t)touch.queries;
+        for (int k = 0; k < 3; k++) force[k] += touch.force[k], far = fmax(far, fabs(o->translation[k]));
+        pandis__keep_ball(pandis__ball(scene, i), position, pandis__at_ease(c, o) - 1e-12 * far);
+        if (!(touch.state & PANDIS_TOUCHING)) continue;
+        touch.object = (int32_t)i;
+        if (touches && scene->touched < most) touches[scene->touched] = touch;
+        scene->touched++;
+    }
+    memcpy(scene->probe, position, sizeof scene->probe);
+    return worst;
+}
 /* ---------------------------------------------------------------- files */
 
 #define PANDIS__HEADER 256
@@ -3170,6 +3805,7 @@ PANDIS_API const char *pandis_error(int error) {
                    "-ffast-math and its parts";
         case PANDIS_ERROR_LARGE:
             return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
+        case PANDIS_ERROR_KIND: return "a grid of forces knows no distance outside, so it has no contact";
         case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
         default: return "unknown error";

@@ -121,7 +121,7 @@ class _Order(ctypes.Structure):
         ("expected", ctypes.c_double),
         ("armed", ctypes.c_int),
         ("ticks", ctypes.c_longlong),
-        *((name, ctypes.c_void_p) for name in ("positions", "forces", "taken", "since")),
+        *((name, ctypes.c_void_p) for name in ("positions", "forces", "taken", "since", "proxies")),
     )
 
 
@@ -174,6 +174,9 @@ class Session(NamedTuple):
         The library is a stand-in for a device's; there was no library at all.
     why : str
         What the system said of the library.
+    proxy : ndarray, shape (n, 3)
+        Per tick: of the first object of a scene with contacts that is touched, m; else the
+        position.
     path : ndarray, shape (n, 3), or None
         Where a simulated device really was at the end of each tick, m.
     """
@@ -199,6 +202,7 @@ class Session(NamedTuple):
     stand_in: bool
     simulated: bool
     why: str
+    proxy: np.ndarray
     path: np.ndarray | None = None
 
     @property
@@ -323,23 +327,26 @@ def run_simulated(device, start, rest, press, order, clock=False):
 def _run(order, function):
     if order.ticks < 1:
         raise ValueError("at least one tick is needed")
-    position, force = np.zeros((order.ticks, 3)), np.zeros((order.ticks, 3))
+    position, force, proxy = (np.zeros((order.ticks, 3)) for _ in range(3))
     taken, since = np.zeros(order.ticks), np.zeros(order.ticks)
     given = _Order(
         order.scene.address, order.limits, order.period, order.deadline, order.overruns, order.gap,
         order.patience, order.expected, order.armed, order.ticks,
-        *(column.ctypes.data for column in (position, force, taken, since)),
+        *(column.ctypes.data for column in (position, force, taken, since, proxy)),
     )  # fmt: skip
     ended = _Outcome()
     function(ctypes.byref(given), ctypes.byref(ended))
     if ended.hangs:
         # the callback is still at it, and may come back
-        _KEPT.append((order, given, ended, position, force, taken, since))
-        position, force, taken, since = (v.copy() for v in (position, force, taken, since))
+        _KEPT.append((order, given, ended, position, force, taken, since, proxy))
+        position, force, taken, since, proxy = (
+            v.copy() for v in (position, force, taken, since, proxy)
+        )
     count = ended.ticks
     return Session(
         position[:count], force[:count], taken[:count], since[:count], ended.cause, ended.code,
         ended.worst, ended.strongest, ended.steepest, ended.fastest, ended.added, ended.cut,
         ended.slowed, ended.damped, ended.armed_at, ended.signs, ended.spec, ended.limits,
         bool(ended.stand_in), bool(ended.simulated), ended.why.decode(errors="replace"),
+        proxy[:count],
     )  # fmt: skip

@@ -33,6 +33,7 @@ typedef struct {
     int armed;
     long long ticks;
     double *positions, *forces, *taken, *since; /* per tick: m, N, s of computing, s since the last call */
+    double *proxies; /* per tick: of the first object that is touched; else the position, m */
 } client_order;
 
 typedef struct {
@@ -89,11 +90,17 @@ static void client_errors(void) {
     }
 }
 
-/* The force that the scene has at a position of the device. */
-static void client_ask(const double *position, double *force) {
+/* The force that the scene has at a position of the device, and the proxy of a scene that has contacts. */
+static void client_ask(const double *position, double *force, double *proxy) {
+    pandis_scene *scene = client.order.scene;
+    pandis_touch touch;
     double place[3];
+    int flag;
     for (int k = 0; k < 3; k++) place[k] = position[k] - client.middle[k];
-    if (pandis_scene_force(client.order.scene, place, force) == PANDIS_INVALID) guard_end(&client.guard, CAUSE_NUMBER);
+    if (scene->contacts) flag = pandis_scene_touch(scene, place, client.order.period, force, &touch, 1);
+    else flag = pandis_scene_force(scene, place, force);
+    if (flag == PANDIS_INVALID) guard_end(&client.guard, CAUSE_NUMBER);
+    for (int k = 0; scene->contacts && scene->touched && k < 3; k++) proxy[k] = touch.proxy[k] + client.middle[k];
 }
 
 /* What is done at every tick, by whoever drives the time. Returns 0 after the last one. */
@@ -117,7 +124,9 @@ static int client_tick(void *data) {
     int cancelled = __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST);
     if (cancelled) guard_end(g, cancelled);
     if (client_real() && since > order->gap) guard_end(g, CAUSE_GAP);
-    if (!g->cause && tick < order->ticks) client_ask(state.position, force);
+    double proxy[3];
+    memcpy(proxy, state.position, sizeof proxy);
+    if (!g->cause && tick < order->ticks) client_ask(state.position, force, proxy);
     double taken = client_now() - begin;
     client.overruns = client_real() && taken > order->deadline ? client.overruns + 1 : 0;
     if (client_real() && client.overruns >= order->overruns) guard_end(g, CAUSE_OVERRUN);
@@ -134,6 +143,7 @@ static int client_tick(void *data) {
     if (tick < order->ticks) {
         memcpy(order->positions + 3 * tick, state.position, sizeof state.position);
         memcpy(order->forces + 3 * tick, force, sizeof force);
+        memcpy(order->proxies + 3 * tick, proxy, sizeof proxy);
         order->taken[tick] = taken, order->since[tick] = since;
     }
     client.last = begin;

@@ -265,6 +265,7 @@ PANDIS_API const char *pandis_error(int error) {
                    "-ffast-math and its parts";
         case PANDIS_ERROR_LARGE:
             return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
+        case PANDIS_ERROR_KIND: return "a grid of forces knows no distance outside, so it has no contact";
         case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
         default: return "unknown error";

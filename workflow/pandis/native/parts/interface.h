@@ -110,6 +110,61 @@ typedef struct {
     double stiffness; /* force per length of the scene */
 } pandis_object;
 
+/* What a surface feels like, beside its stiffness, which is the object's. Friction is force along the surface per force
+ * against it: up to `sticking` the proxy stays where it is, and once it slides, `sliding` (not more) is what it drags.
+ * Damping is force per speed of the probe: `damping` along the normal, never so that it pulls towards the surface, and
+ * `drag` along the surface. Everything is in units of the scene, and not negative. */
+typedef struct {
+    double sticking, sliding, damping, drag;
+} pandis_material;
+
+/* What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which
+ * is where the device is, hangs on it by a spring. All zero, and then pandis_contact_open. One contact belongs to one
+ * probe and one object; it may be copied. */
+typedef struct {
+    double radius; /* of the proxy, scene lengths: 0 for a point */
+    double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
+                    * the force at ridges */
+    int32_t budget; /* queries of one step at most; what is left to do goes on in the next one */
+    /* the state, in the object's unit frame */
+    int32_t state, planes, sticks, settled, face;
+    pandis_object object; /* as it lay in the last step */
+    double ball[4], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
+} pandis_contact;
+
+/* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the
+ * budget, or `slide`, did not let the proxy go as far as it would. WAITING: there has been no position outside of the object
+ * yet, and until there is one there is no force, since nobody knows from which side the probe has come. */
+enum { PANDIS_TOUCHING = 1, PANDIS_STICKING = 2, PANDIS_BEHIND = 4, PANDIS_WAITING = 8 };
+
+/* What pandis_contact_step answers, in units and coordinates of the scene. */
+typedef struct {
+    double force[3], proxy[3];
+    double normal[3]; /* of the surface (of several, of all together): against it the proxy is pressed; 0 if it is not */
+    double depth;     /* by which the probe is pressed beyond the proxy, along the normal */
+    double slip;      /* by which the proxy slid along the surface */
+    int state;        /* bits: see above */
+    int flag;         /* the worst of the queries; PANDIS_INVALID: no force, and the proxy stays */
+    int planes;       /* that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
+    int queries;      /* that this step took */
+    int32_t object;   /* of a scene */
+    int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, where the field says it: see pandis_answer */
+} pandis_touch;
+
+/* Begin a contact with a probe of a radius (scene lengths). Returns 0, PANDIS_ERROR_POSE (of the object, or the radius), or
+ * PANDIS_ERROR_KIND: a grid of forces knows no distance outside. */
+PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius);
+
+/* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes
+ * through the surface: free motion is followed, however thin what lies between; along the surface it takes short steps, on
+ * up to three planes at once. The object may have another pose than last time: the proxy goes with it; with
+ * another field or scale the contact begins anew. Returns the flag. */
+PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
+                                   double dt, const pandis_material *material, pandis_touch *touch);
+
+/* Say that the object's shape is another one (pandis_refit): where it has come over the proxy, the proxy goes out. */
+PANDIS_API void pandis_contact_moved(pandis_contact *contact);
+
 /* Objects under one probe. Each is asked again only when the probe may touch it: a field that is
  * nowhere nearer than d cannot be touched before the probe has gone that far. Forces are those of
  * pandis_object_force, added up in the order of the objects, to the last bit as long as no field's
@@ -119,6 +174,10 @@ typedef struct {
     size_t count;
     double *room;
     size_t asked; /* so many fields were asked for the last answer */
+    pandis_contact *contacts; /* one for each object, where there are any; what is below is theirs */
+    const pandis_material *const *materials;
+    double probe[3];
+    size_t touched; /* so many objects were touched in the last step */
 } pandis_scene;
 
 /* Doubles that a scene of so many objects needs; objects that are looked at together. */
@@ -136,6 +195,19 @@ PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object);
 /* The sum of the penalty forces of all objects at a point of the scene. Returns the worst flag of
  * those that were asked. */
 PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
+
+/* Give the scene a contact for each object, which the caller keeps, and begin them with a probe of a radius. Of materials,
+ * one for each object, the array may be NULL, and each of them. Returns 0, or the first error of pandis_contact_open: that
+ * object, and whatever lies nowhere, is left out. */
+PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
+                                       const pandis_material *const *materials, double radius);
+
+/* Move the probe to a position, `dt` seconds after the last one, and step the contacts of all objects that it may touch.
+ * The force is the sum of theirs, in the order of the objects, to the last bit that of stepping all of them. Fills in at
+ * most `most` touches (NULL: none), of those objects that are touched; scene->touched says how many are. An object that is
+ * moved (pandis_scene_moved) carries its proxy along. Returns the worst flag. */
+PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
+                                  pandis_touch *touches, size_t most);
 
 /* The penalty force of one object at a point of the scene. Returns the flag. */
 PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]);

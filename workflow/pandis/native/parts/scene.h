@@ -112,10 +112,32 @@ PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objec
     const double origin[3] = {0};
     int error = 0;
     scene->objects = objects, scene->count = count, scene->room = room, scene->asked = 0;
+    scene->contacts = NULL, scene->materials = NULL, scene->touched = 0;
     for (size_t i = 0; i < PANDIS_SCENE_ROOM(count) / 4; i++) pandis__keep_ball(pandis__ball(scene, i), origin, 1e150);
     for (size_t i = 0; i < count; i++)
         if (pandis_scene_moved(scene, i)) error = PANDIS_ERROR_POSE;
     return error;
+}
+
+/* The next object, from one on, that may be touched at a point; the count, if there is none. */
+static size_t pandis__next_awake(const pandis_scene *scene, size_t from, const double *point) {
+    size_t start = from - from % PANDIS_SCENE_BLOCK;
+    for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
+        const double *ball = pandis__ball(scene, start);
+        int awake = from > start; /* its block has been looked at */
+        for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
+            double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
+            double z = point[2] - ball[i + 2 * PANDIS_SCENE_BLOCK];
+            awake |= x * x + y * y + z * z >= ball[i + 3 * PANDIS_SCENE_BLOCK];
+        }
+        for (size_t i = from; awake && i < scene->count && i < start + PANDIS_SCENE_BLOCK; i++) {
+            const double *own = pandis__ball(scene, i);
+            double x = point[0] - own[0], y = point[1] - own[PANDIS_SCENE_BLOCK];
+            double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
+            if (x * x + y * y + z * z >= own[3 * PANDIS_SCENE_BLOCK]) return i;
+        }
+    }
+    return scene->count;
 }
 
 PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
@@ -124,23 +146,7 @@ PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], do
     scene->asked = 0;
     for (int k = 0; k < 3; k++)
         if (!(fabs(point[k]) <= 1e100)) return PANDIS_INVALID;
-    for (size_t start = 0; start < scene->count; start += PANDIS_SCENE_BLOCK) {
-        const double *ball = pandis__ball(scene, start);
-        int awake = 0;
-        for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
-            double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
-            double z = point[2] - ball[i + 2 * PANDIS_SCENE_BLOCK];
-            awake |= x * x + y * y + z * z >= ball[i + 3 * PANDIS_SCENE_BLOCK];
-        }
-        for (size_t i = start; awake && i < scene->count && i < start + PANDIS_SCENE_BLOCK; i++) {
-            const double *own = pandis__ball(scene, i);
-            double x = point[0] - own[0], y = point[1] - own[PANDIS_SCENE_BLOCK];
-            double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
-            if (x * x + y * y + z * z < own[3 * PANDIS_SCENE_BLOCK]) continue;
-            int flag = pandis__visit(scene, i, point, force);
-            worst = pandis__worse(flag, worst);
-        }
-    }
+    for (size_t i = 0; (i = pandis__next_awake(scene, i, point)) < scene->count; i++)
+        worst = pandis__worse(pandis__visit(scene, i, point, force), worst);
     return worst;
 }
-

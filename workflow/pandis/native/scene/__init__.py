@@ -72,6 +72,13 @@ def _fill(place, placed):
     place.scale, place.stiffness = placed.scale, placed.stiffness
 
 
+def placed_object(placed):
+    """Return an object, for other C code, of something `Placed`, which has to live as long."""
+    made = _Object()
+    _fill(made, placed)
+    return made
+
+
 @cache
 def library():
     """Return the compiled library with its functions' types declared."""

@@ -1,0 +1,262 @@
+"""Contacts of a probe with an object, as ``pandis.h`` keeps them: a proxy that no wall lets through."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.errors import PandisError
+from pandis.native.compiler import load
+from pandis.native.runtime import library as runtime
+from pandis.native.scene import NativeScene, placed_object
+
+#: Bits of `Touches.state`, as in ``pandis.h``.
+TOUCHING, STICKING, BEHIND, WAITING = 1, 2, 4, 8
+
+
+class Material(ctypes.Structure):
+    """What a surface feels like, beside its stiffness, which is the object's.
+
+    Attributes
+    ----------
+    sticking, sliding : float
+        Friction: force along the surface per force against it, at rest and while it slides.
+    damping : float
+        Force per speed of the probe along the normal; never so that it pulls.
+    drag : float
+        Force per speed of the proxy along the surface.
+    """
+
+    _fields_ = tuple((name, ctypes.c_double) for name in ("sticking", "sliding", "damping", "drag"))
+
+
+class _State(ctypes.Structure):
+    _fields_ = (
+        ("radius", ctypes.c_double),
+        ("slide", ctypes.c_double),
+        ("budget", ctypes.c_int32),
+    )
+
+
+class Touches(NamedTuple):
+    """What steps answer, a row for each, in units and coordinates of the scene.
+
+    Attributes
+    ----------
+    force, proxy, normal : ndarray, shape (n, 3)
+        The normal is that of the surface against which the proxy is pressed; 0 if it is not.
+    depth, slip : ndarray, shape (n,)
+        How far the probe is beyond the proxy, and how far the proxy has slid.
+    state, flag, planes, queries, face : ndarray, shape (n,)
+        As in ``pandis_touch``.
+    seconds : ndarray, shape (n,), or None
+    """
+
+    force: np.ndarray
+    proxy: np.ndarray
+    normal: np.ndarray
+    depth: np.ndarray
+    slip: np.ndarray
+    state: np.ndarray
+    flag: np.ndarray
+    planes: np.ndarray
+    queries: np.ndarray
+    face: np.ndarray
+    seconds: np.ndarray | None
+
+    @classmethod
+    def empty(cls, count, timed):
+        """Return rows for so many steps, to be filled."""
+        vectors = [np.empty((count, 3)) for _ in range(3)]
+        numbers = [np.empty(count) for _ in range(2)]
+        whole = [np.empty(count, np.int32) for _ in range(5)]
+        return cls(*vectors, *numbers, *whole, np.empty(count) if timed else None)
+
+
+class _Rows(ctypes.Structure):
+    _order = (
+        *("force", "proxy", "normal", "depth", "slip", "seconds"),
+        *("state", "flag", "planes", "queries", "face"),
+    )
+    _fields_ = tuple((name, ctypes.c_void_p) for name in _order)
+
+    @classmethod
+    def of(cls, touches):
+        columns = touches._asdict()
+        return cls(*(None if columns[name] is None else columns[name].ctypes.data
+                     for name in cls._order))  # fmt: skip
+
+
+@cache
+def library():
+    """Return the compiled library with its functions' types declared."""
+    lib = load(Path(__file__).with_name("contact.c"))
+    pointer, f64 = ctypes.c_void_p, ctypes.c_double
+    size = ctypes.c_size_t
+    lib.contact_bytes.restype = lib.contact_touch_bytes.restype = size
+    lib.pandis_contact_open.argtypes = [pointer, pointer, f64]
+    lib.pandis_contact_moved.argtypes = [pointer]
+    lib.contact_follow.argtypes = [pointer, pointer, pointer, size, f64, *[pointer] * 2]
+    lib.pandis_scene_touch_open.argtypes = [pointer, pointer, pointer, f64]
+    lib.contact_scene_follow.argtypes = [pointer, pointer, size, f64, *[pointer] * 5]
+    lib.contact_scene_touches.restype = size
+    lib.contact_scene_touches.argtypes = [pointer, pointer, f64, *[pointer] * 3, size]
+    lib.contact_step_all.argtypes = [pointer, pointer, pointer, size, f64, pointer]
+    return lib
+
+
+class NativeContact:
+    """A probe that is kept out of an object.
+
+    Parameters
+    ----------
+    placed : pandis.native.scene.Placed
+    radius : float
+        Of the probe, scene lengths.
+    material : Material, optional
+        Smooth and undamped by default.
+
+    Raises
+    ------
+    PandisError
+        The object lies nowhere, or is a grid of forces, which knows no distance outside.
+    """
+
+    def __init__(self, placed, radius=0.0, material=None):
+        self._library, self.placed = library(), placed
+        self.material = Material() if material is None else material
+        self._object = placed_object(placed)
+        self._state = ctypes.create_string_buffer(self._library.contact_bytes())
+        error = self._library.pandis_contact_open(
+            self._state, ctypes.byref(self._object), float(radius)
+        )
+        if error:
+            raise PandisError(runtime().pandis_error(error).decode())
+
+    @property
+    def settings(self):
+        """``radius``, ``slide`` and ``budget`` of the contact, which may be set."""
+        return _State.from_buffer(self._state)
+
+    def move(self, placed):
+        """Give the object another place; the proxy goes with it."""
+        self.placed, self._object = placed, placed_object(placed)
+
+    def reshaped(self):
+        """Say that the object's field has another shape than before (`MovingField.refit`)."""
+        self._library.pandis_contact_moved(self._state)
+
+    def follow(self, path, dt=1e-3, timed=False):
+        """Step along a path.
+
+        Parameters
+        ----------
+        path : ndarray, shape (n, 3)
+            Positions of the probe, scene units.
+        dt : float
+            Seconds from one to the next.
+        timed : bool
+            Whether to take the time of each step.
+
+        Returns
+        -------
+        Touches
+        """
+        path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
+        touches = Touches.empty(len(path), timed)
+        self._library.contact_follow(
+            self._state, ctypes.byref(self._object), path.ctypes.data, len(path), dt,
+            ctypes.byref(self.material), ctypes.byref(_Rows.of(touches)),
+        )  # fmt: skip
+        return touches
+
+
+class SceneForces(NamedTuple):
+    """Forces (n, 3), flags, queries, objects touched and seconds (n,), step by step of a scene."""
+
+    force: np.ndarray
+    flag: np.ndarray
+    asked: np.ndarray
+    touched: np.ndarray
+    seconds: np.ndarray | None
+
+
+class TouchedScene(NativeScene):
+    """Objects under one probe, each of which keeps it out.
+
+    Parameters
+    ----------
+    objects : list of pandis.native.scene.Placed
+    radius : float
+        Of the probe, scene lengths.
+    materials : list of Material or None, optional
+        One for each object.
+
+    Raises
+    ------
+    PandisError
+        An object lies nowhere, or is a grid of forces.
+    """
+
+    def __init__(self, objects, radius=0.0, materials=None):
+        super().__init__(objects)
+        self._touching = library()
+        count = len(self.objects)
+        self.materials = list(materials or [None] * count)
+        address = [None if m is None else ctypes.addressof(m) for m in self.materials]
+        self._materials = (ctypes.c_void_p * max(count, 1))(*address)
+        self._contacts = ctypes.create_string_buffer(max(count, 1) * self._touching.contact_bytes())
+        self.radius = radius
+        self.restart()
+
+    def restart(self):
+        """Begin all contacts anew: the next position has to lie outside of the objects."""
+        self._check(self._open(self._contacts))
+
+    def _open(self, contacts):
+        radius = float(self.radius)
+        return self._touching.pandis_scene_touch_open(
+            self._scene, contacts, self._materials, radius
+        )
+
+    def follow(self, path, dt=1e-3, timed=False):
+        """Step along a path (n, 3), scene units, ``dt`` seconds apart; returns `SceneForces`."""
+        path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
+        count = len(path)
+        force, flag = np.empty((count, 3)), np.empty(count, np.uint8)
+        asked, touched = np.empty(count, np.int64), np.empty(count, np.int64)
+        seconds = np.empty(count) if timed else None
+        self._touching.contact_scene_follow(
+            self._scene, path.ctypes.data, count, dt, force.ctypes.data, flag.ctypes.data,
+            asked.ctypes.data, touched.ctypes.data, seconds.ctypes.data if timed else None,
+        )  # fmt: skip
+        return SceneForces(force, flag, asked, touched, seconds)
+
+    def touches(self, position, dt=1e-3):
+        """Make one step; returns the objects (n,) that are touched, and their `Touches`."""
+        most = len(self.objects)
+        position = np.ascontiguousarray(position, np.float64)
+        rows, objects = Touches.empty(most, False), np.empty(most, np.int32)
+        room = ctypes.create_string_buffer(max(most, 1) * self._touching.contact_touch_bytes())
+        count = self._touching.contact_scene_touches(
+            self._scene, position.ctypes.data, dt, ctypes.byref(_Rows.of(rows)),
+            objects.ctypes.data, room, most,
+        )  # fmt: skip
+        return objects[:count], Touches(*(None if c is None else c[:count] for c in rows))
+
+    def step_all(self, path, dt=1e-3):
+        """Return the forces (n, 3) along a path by stepping every object's contact at every step.
+
+        The contacts are others than the scene's, and begin with the path.
+        """
+        path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
+        others = ctypes.create_string_buffer(len(self._contacts))
+        self._check(self._open(others))
+        force = np.empty_like(path)
+        self._touching.contact_step_all(
+            self._scene, others, path.ctypes.data, len(path), dt, force.ctypes.data
+        )
+        self.restart()
+        return force

@@ -1,0 +1,82 @@
+/* Contacts of pandis.h, for Python: a probe that goes along a path. */
+#define _POSIX_C_SOURCE 199309L
+#define PANDIS_IMPLEMENTATION
+#include "../pandis.h"
+
+#include <time.h>
+
+size_t contact_bytes(void) { return sizeof(pandis_contact); }
+size_t contact_touch_bytes(void) { return sizeof(pandis_touch); }
+
+static double seconds(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* Where the answers of steps go, a row for each; seconds may be NULL. */
+typedef struct {
+    double *force, *proxy, *normal, *depth, *slip, *seconds;
+    int32_t *state, *flag, *planes, *queries, *face;
+} contact_rows;
+
+static void put(const contact_rows *rows, size_t i, const pandis_touch *touch) {
+    memcpy(rows->force + 3 * i, touch->force, sizeof touch->force);
+    memcpy(rows->proxy + 3 * i, touch->proxy, sizeof touch->proxy);
+    memcpy(rows->normal + 3 * i, touch->normal, sizeof touch->normal);
+    rows->depth[i] = touch->depth, rows->slip[i] = touch->slip, rows->state[i] = touch->state;
+    rows->flag[i] = touch->flag, rows->planes[i] = touch->planes, rows->queries[i] = touch->queries;
+    rows->face[i] = touch->face;
+}
+
+/* Step along a path of positions (three doubles each), `dt` apart. */
+void contact_follow(pandis_contact *contact, const pandis_object *object, const double *path, size_t count, double dt,
+                    const pandis_material *material, const contact_rows *rows) {
+    pandis_touch touch;
+    for (size_t i = 0; i < count; i++) {
+        double start = rows->seconds ? seconds() : 0;
+        pandis_contact_step(contact, object, path + 3 * i, dt, material, &touch);
+        if (rows->seconds) rows->seconds[i] = seconds() - start;
+        put(rows, i, &touch);
+    }
+}
+
+/* Step the contacts of a scene along a path: forces (three doubles each), flags, queries and objects touched, step by
+ * step; with `taken` also the seconds of each. */
+void contact_scene_follow(pandis_scene *scene, const double *path, size_t count, double dt, double *forces,
+                          unsigned char *flags, int64_t *asked, int64_t *touched, double *taken) {
+    for (size_t i = 0; i < count; i++) {
+        double start = taken ? seconds() : 0;
+        flags[i] = (unsigned char)pandis_scene_touch(scene, path + 3 * i, dt, forces + 3 * i, NULL, 0);
+        if (taken) taken[i] = seconds() - start;
+        asked[i] = (int64_t)scene->asked, touched[i] = (int64_t)scene->touched;
+    }
+}
+
+/* The touches of one more step, at most so many; returns how many there are. */
+size_t contact_scene_touches(pandis_scene *scene, const double *position, double dt, const contact_rows *rows,
+                             int32_t *objects, pandis_touch *room, size_t most) {
+    double force[3];
+    (void)pandis_scene_touch(scene, position, dt, force, room, most);
+    size_t count = scene->touched < most ? scene->touched : most;
+    for (size_t i = 0; i < count; i++) {
+        put(rows, i, room + i);
+        objects[i] = room[i].object;
+    }
+    return scene->touched;
+}
+
+/* The same forces by stepping every contact of its own at every step. */
+void contact_step_all(const pandis_scene *scene, pandis_contact *contacts, const double *path, size_t count, double dt,
+                      double *forces) {
+    pandis_touch touch;
+    for (size_t i = 0; i < count; i++) {
+        double *sum = forces + 3 * i;
+        sum[0] = sum[1] = sum[2] = 0;
+        for (size_t k = 0; k < scene->count; k++) {
+            const pandis_material *material = scene->materials ? scene->materials[k] : NULL;
+            pandis_contact_step(contacts + k, scene->objects + k, path + 3 * i, dt, material, &touch);
+            for (int axis = 0; axis < 3; axis++) sum[axis] += touch.force[axis];
+        }
+    }
+}

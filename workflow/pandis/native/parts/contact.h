@@ -1,0 +1,289 @@
+/* ---------------------------------------------------------------- contact */
+
+#define PANDIS__SMALL 1e-13  /* of the unit frame: no way at all */
+#define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
+
+/* Make the ball anew above where the proxy is; puts it onto the surface, where that has come over it. 0: no answer. */
+static int pandis__regain(pandis__proxy *p) {
+    pandis__look look;
+    double at[3];
+    if (!pandis__look_at(p, p->x, &look)) return 0;
+    if (look.distance < 0) memcpy(p->x, look.foot, sizeof look.foot);
+    p->count = 0;
+    pandis__learn(p, &look, p->x, 0);
+    pandis__take_ball(p, &look);
+    for (double lift = PANDIS__HOVER; look.free < lift / 2 && lift > PANDIS__LEAST_HOVER; lift /= 4) {
+        pandis__lifted(p, p->x, lift, at);
+        if (!pandis__look_at(p, at, &look)) return 0;
+        if (look.free > p->ball[3]) pandis__take_ball(p, &look);
+    }
+    return 1;
+}
+
+/* How the proxy may go in a step. */
+typedef struct {
+    double travel;           /* along the surface, at most */
+    double sticking, sliding; /* friction per force against the surface */
+    double soft;             /* share of the way along it that drag leaves */
+    double slip;             /* that friction and drag leave; below 0 until it is known */
+    double shrink;           /* share of a hop that is tried */
+    double slid, goal[3];    /* how far it has slid; where it would go without friction */
+    int active, held, stuck, turned; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
+                              * how often another wall was in the way */
+} pandis__way;
+
+/* How far the proxy may go along the surface towards a place `step` away, under a pressure. */
+static double pandis__rubbed(pandis_contact *c, pandis__way *way, double step, double press) {
+    double friction = (c->sticks ? way->sticking : way->sliding) * press;
+    if (way->slip < 0) { /* the first look at it in this step */
+        c->sticks = friction > 0 && step <= friction;
+        friction = way->sliding * press;
+        way->slip = c->sticks ? 0 : friction > 0 || way->soft < 1 ? fmax(0, step - friction) * way->soft : 1e300;
+    }
+    return fmin(fmax(0, step - friction), way->slip);
+}
+
+/* Where to go next towards the probe: the point in front of all planes that is nearest to it, as far as friction lets
+ * the proxy go. Returns how far that is. */
+static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
+    way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
+    double wanted = pandis__between(way->goal, p->x), step = wanted;
+    way->held = 0;
+    if (way->active) {
+        step = pandis__rubbed(p->state, way, step, pandis__between(way->goal, probe));
+        if (step > way->travel) step = way->travel, way->held = 1;
+    }
+    double share = wanted > 0 ? step / wanted : 0;
+    for (int k = 0; k < 3; k++) target[k] = p->x[k] + share * (way->goal[k] - p->x[k]);
+    return step;
+}
+
+/* The proxy has gone somewhere. */
+static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *place) {
+    double step = pandis__between(place, p->x);
+    way->travel -= step, way->shrink = 1;
+    p->state->settled = 0;
+    if (way->active) way->slip -= step, way->slid += step;
+    memcpy(p->x, place, 3 * sizeof *place);
+}
+
+/* Move towards a place that is beyond what is known to be free: to the rim of the ball, where it is looked at next. */
+static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
+    pandis__look look;
+    double rim[3], place[3], far = pandis__between(at, p->ball), share = fmin(1, 0.95 * p->ball[3] / far);
+    for (int k = 0; k < 3; k++) rim[k] = p->ball[k] + share * (at[k] - p->ball[k]);
+    if (!pandis__look_at(p, rim, &look)) return 0;
+    if (look.free > 0) {
+        double to = pandis__between(target, rim), within = to > look.free ? look.free / to : 1;
+        for (int k = 0; k < 3; k++) place[k] = rim[k] + within * (target[k] - rim[k]);
+        pandis__take_ball(p, &look);
+        pandis__arrive(p, way, place);
+    }
+    pandis__learn(p, &look, p->x, 0);
+    return 1;
+}
+
+/* Try to bring the proxy to a target. 0: there was no answer. */
+static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
+    pandis_contact *c = p->state;
+    pandis__look look;
+    double at[3], place[3], step = pandis__between(target, p->x);
+    double most = way->active ? way->shrink * fmax(1.6 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
+    if (step > most)
+        for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
+    double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
+    if (p->exact || over > 0.25 * c->lift) {
+        pandis__lifted(p, target, c->lift, at);
+        if (!pandis__look_at(p, at, &look)) return 0;
+        int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
+        if (!joined && way->active) way->shrink *= 0.3;
+        if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
+        if (look.free < 0.5 * c->lift) c->lift = fmax(look.free, PANDIS__LEAST_HOVER);
+        pandis__take_ball(p, &look);
+        height = look.free - pandis__between(target, at); /* of the target, at least */
+    }
+    if (p->exact && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
+        pandis__learn(p, &look, target, height);
+        if (!pandis__look_at(p, target, &look)) return 0;
+        height = look.distance;
+        if (height > -PANDIS__SLIVER) look.at[0] = (double)NAN; /* nothing new */
+    }
+    if (!p->exact && height < PANDIS__HOVER) { /* an approximate distance is looked at closely */
+        if (!pandis__look_at(p, target, &look)) return 0;
+        if (look.distance < -PANDIS__HOVER) { /* not what was expected there */
+            way->shrink *= 0.3;
+            return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, target, target);
+        }
+        if (look.free > p->ball[3]) pandis__take_ball(p, &look);
+        height = look.distance;
+    }
+    if (look.at[0] == look.at[0]) pandis__learn(p, &look, target, height);
+    pandis__nearest_in_front(p->plane, p->count, target, place);
+    if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
+        pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
+        way->shrink *= 0.25;
+        if (way->shrink > 1e-2) return 1;
+        way->held = way->stuck = 1; /* the next step tries again */
+        return 1;
+    }
+    if (pandis__between(place, target) > PANDIS__SLIVER && ++way->turned < 4) return 1; /* another wall: look there first */
+    pandis__arrive(p, way, place);
+    return 1;
+}
+
+/* Look once more at planes that meet at less than a right angle's tenth, each from its own side: on a curved surface an old
+ * one may be left that is none here. 0: there was no answer. */
+static int pandis__confirm(pandis__proxy *p, const pandis__way *way) {
+    pandis__look look;
+    double at[3];
+    int newest = p->count - 1;
+    for (int i = newest - 1; i >= 0; i--) {
+        const double *normal = p->plane[i].normal;
+        if (!(way->active >> i & 1) || pandis__dot(normal, p->plane[newest].normal) < 0.9) continue;
+        for (int k = 0; k < 3; k++) at[k] = p->x[k] + p->state->lift * normal[k];
+        if (!pandis__look_at(p, at, &look)) return 0;
+        pandis__drop(p, i), newest--;
+        pandis__learn(p, &look, p->x, 0);
+        newest = p->count - 1, i = newest < i ? newest : i;
+    }
+    return 1;
+}
+
+/* Bring the proxy as near to the probe as it can come. Returns 0 if there was no answer. */
+static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
+    pandis_contact *c = p->state;
+    double target[3];
+    int soon = p->exact ? 2 : 3; /* queries after which a small rest waits for the next step */
+    for (;;) {
+        double step = pandis__aim(p, way, probe, target);
+        if (step <= PANDIS__SMALL) {
+            int alone = (way->active & (way->active - 1)) == 0;
+            if (alone || c->settled || p->queries + 3 > c->budget) return 1;
+            if (!pandis__confirm(p, way)) return 0;
+            c->settled = 1;
+            continue;
+        }
+        if (!way->active && pandis__between(target, p->ball) < p->ball[3]) { /* known to be free */
+            pandis__arrive(p, way, target);
+            return 1;
+        }
+        if (p->queries >= c->budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
+            way->held |= p->queries >= c->budget;
+            return 1;
+        }
+        if (!pandis__hop(p, way, probe, target)) return 0;
+        if (way->stuck) return 1;
+    }
+}
+
+/* The pull of the spring and the damping, in the object's frame and scene units, from where probe and proxy are. */
+static void pandis__pull(const pandis_contact *c, const pandis_object *o, const double *normal, double damping,
+                         double *force) {
+    double per = o->scale / o->field->scale;
+    for (int k = 0; k < 3; k++) force[k] = o->stiffness * per * c->pull[k];
+    double push = pandis__dot(force, normal), fast = -damping * pandis__dot(c->velocity, normal) * per;
+    if (!(push > 0)) return;
+    /* no more than the spring gives: so it starts at nothing, and never pulls */
+    fast = fast > push ? push : fast < -push ? -push : fast;
+    for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
+}
+
+PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius) {
+    memset(contact, 0, sizeof *contact);
+    if (!pandis__lies(object) || !(radius >= 0 && radius <= 1e100)) return PANDIS_ERROR_POSE;
+    if (!pandis__knows_distance(object->field)) return PANDIS_ERROR_KIND;
+    contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = -1;
+    contact->slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
+    return 0;
+}
+
+PANDIS_API void pandis_contact_moved(pandis_contact *contact) { contact->ball[3] = -1; }
+
+/* Begin outside: there nothing stands between probe and proxy. */
+static int pandis__begin(pandis__proxy *p, const double *probe) {
+    pandis__look look;
+    p->count = 0;
+    if (!pandis__look_at(p, probe, &look) || look.distance < 0) return 0;
+    memcpy(p->x, probe, 3 * sizeof *probe);
+    pandis__take_ball(p, &look);
+    pandis__learn(p, &look, probe, look.distance);
+    p->state->state = PANDIS__CLEAR;
+    return 1;
+}
+
+static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, const pandis_object *o, double damping,
+                               pandis_touch *touch) {
+    const pandis_contact *c = p->state;
+    double per = o->scale / p->field->scale, normal[3], force[3], place[3];
+    for (int k = 0; k < 3; k++) normal[k] = way->active ? way->goal[k] - c->probe[k] : c->pull[k];
+    if (!pandis__normalise(normal)) normal[0] = normal[1] = normal[2] = 0;
+    pandis__pull(c, o, normal, damping, force);
+    for (int k = 0; k < 3; k++) place[k] = c->proxy[k] / p->field->scale + p->field->centre[k];
+    for (int k = 0; k < 3; k++) {
+        const double *row = o->rotation + 3 * k;
+        touch->force[k] = pandis__dot(row, force);
+        touch->normal[k] = way->active ? pandis__dot(row, normal) : 0;
+        touch->proxy[k] = o->scale * pandis__dot(row, place) + o->translation[k];
+    }
+    touch->slip = way->slid * per, touch->face = c->face;
+    touch->state = (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
+    for (int i = 0; i < PANDIS__PLANES; i++) touch->planes += way->active >> i & 1;
+    if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
+    if (way->held) touch->state |= PANDIS_BEHIND;
+}
+
+PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
+                                   double dt, const pandis_material *material, pandis_touch *touch) {
+    static const pandis_material smooth = {0, 0, 0, 0};
+    const pandis_field *f = object->field;
+    double point[3], probe[3], per = f->scale / object->scale; /* of the unit frame for one of the scene */
+    memset(touch, 0, sizeof *touch);
+    touch->flag = PANDIS_INVALID, touch->face = -1;
+    pandis__enter(object, position, point);
+    if (!pandis__unit(f, point, probe) || !(dt > 0)) return PANDIS_INVALID;
+    if (!material) material = &smooth;
+    if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
+    contact->object = *object;
+    pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
+    p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
+    if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
+    p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
+    memcpy(p.plane, contact->plane, sizeof contact->plane);
+    contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
+
+    double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
+    double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
+    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0};
+    int answered = 1;
+    if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
+    else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
+    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
+    touch->queries = p.queries, touch->flag = p.flag;
+    if (contact->state == PANDIS__BEGINS) {
+        touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;
+        return touch->flag;
+    }
+    if (!answered) return touch->flag = PANDIS_INVALID;
+    contact->planes = p.count < 3 ? p.count : 3;
+    memcpy(contact->plane, p.plane + (p.count - contact->planes), (size_t)contact->planes * sizeof *p.plane);
+    int active = way.active;
+    contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;
+    if (!active) contact->sticks = 0;
+    if (contact->state == PANDIS__CLEAR) contact->lift = PANDIS__HOVER;
+    /* the spring, whose length changes by no more than probe and proxy may go */
+    double most = moved + way.travel + way.slid, change = 0;
+    for (int k = 0; k < 3; k++) {
+        pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;
+        change += (pulled[k] - contact->pull[k]) * (pulled[k] - contact->pull[k]);
+    }
+    double share = change > most * most ? most / sqrt(change) : 1, smoothed = dt / (dt + 0.002);
+    for (int k = 0; k < 3; k++) {
+        contact->pull[k] += share * (pulled[k] - contact->pull[k]);
+        double fast = contact->state == PANDIS__TOUCHES ? (probe[k] - contact->probe[k]) / dt : 0;
+        double before = contact->state == PANDIS__TOUCHES ? contact->velocity[k] : 0;
+        contact->velocity[k] = before + smoothed * (fast - before);
+        contact->probe[k] = probe[k];
+    }
+    pandis__tell_touch(&p, &way, object, material->damping, touch);
+    return touch->flag;
+}

@@ -1,0 +1,134 @@
+/* ---------------------------------------------------------------- a proxy: what it knows of the surface near it
+ *
+ * All in the object's unit frame. The proxy is a point; a probe of radius r makes the surface that far thicker. What is
+ * known to be free is a ball, around a point a little above the proxy, as large as the distance there. The proxy goes from
+ * ball to ball, each of which overlaps with the one before: so nothing that has a surface lies on its way. What is known of
+ * the surface are planes, each through the foot of a point that was looked at. */
+
+#define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
+#define PANDIS__LEAST_HOVER 2e-6
+#define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
+#define PANDIS__TRUSTED 0.8      /* share of an approximate distance that is free */
+#define PANDIS__GUESSED 0.05     /* by which a distance may be too large where the file does not say it */
+
+enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
+
+/* A proxy while it is moved in a step. */
+typedef struct {
+    pandis_contact *state;
+    const pandis_field *field;
+    double radius, tolerance; /* by which planes are compared */
+    int exact;                /* its distances are those of a surface, not of an approximation */
+    int queries, flag, count;
+    pandis__plane plane[PANDIS__PLANES];
+    double *x, *ball;
+} pandis__proxy;
+
+/* What a look at a point says: distance, the ball around it that is free, and the surface's foot and normal. */
+typedef struct {
+    double at[3], distance, free, normal[3], foot[3];
+    int32_t face;
+} pandis__look;
+
+static int pandis__knows_distance(const pandis_field *f) {
+    return f->kind && !(f->kind == PANDIS_GRID && f->as.grid.rule <= PANDIS__TRILINEAR);
+}
+
+/* Look at a point; 0 if there is no answer. */
+static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *look) {
+    const pandis_field *f = p->field;
+    pandis_answer answer;
+    double point[3];
+    for (int k = 0; k < 3; k++) look->at[k] = at[k], point[k] = at[k] / f->scale + f->centre[k];
+    pandis_query(f, point, &answer);
+    p->queries++;
+    p->flag = pandis__worse(answer.flag, p->flag);
+    if (answer.flag == PANDIS_INVALID) return 0;
+    double distance = answer.distance * f->scale, free = distance;
+    if (p->exact) {
+        free = fmin(distance, answer.clear * f->scale);
+    } else if (answer.flag == PANDIS_OK) {
+        free = fmax(PANDIS__TRUSTED * distance, distance - f->margin[0]);
+    } else {
+        double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
+        double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
+        free = fmax(away, fmin(distance, distance - guessed));
+    }
+    look->distance = distance - p->radius, look->free = free - p->radius, look->face = answer.face;
+    for (int k = 0; k < 3; k++) {
+        look->normal[k] = answer.normal[k];
+        look->foot[k] = at[k] - look->distance * answer.normal[k];
+    }
+    return 1;
+}
+
+static void pandis__drop(pandis__proxy *p, int index) {
+    for (int i = index; i + 1 < p->count; i++) p->plane[i] = p->plane[i + 1];
+    p->count--;
+}
+
+/* Forget what the last look shows to be no surface here: planes from which the surface bends away (the new foot is
+ * behind them, or, where they meet, not in front of them), those through a place that is free, and those seen from too far
+ * away. */
+static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, const double *place, double height) {
+    double stale = PANDIS__STALE * PANDIS__HOVER;
+    for (int i = p->count - 1; i >= 0; i--) {
+        const pandis__plane *old = p->plane + i;
+        double off[3], between[3], cross[3];
+        for (int k = 0; k < 3; k++) off[k] = old->foot[k] - place[k], between[k] = seen->foot[k] - old->foot[k];
+        pandis__cross(old->normal, seen->normal, cross);
+        double angle = sqrt(pandis__dot(cross, cross)), apart = sqrt(pandis__dot(between, between));
+        int same = angle < fmax(1e-7, p->tolerance) && pandis__dot(old->normal, seen->normal) > 0;
+        int bent = pandis__dot(old->normal, between) <= 1e-3 * angle * apart;
+        int open = height > p->tolerance && pandis__height(old, place) < height / 2;
+        if (same || bent || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
+    }
+}
+
+/* Add the plane of a look, as the last one; `place` is where the proxy would be, at least so high over the surface. */
+static void pandis__learn(pandis__proxy *p, const pandis__look *look, const double *place, double height) {
+    pandis__plane seen;
+    memcpy(seen.normal, look->normal, sizeof seen.normal);
+    memcpy(seen.foot, look->foot, sizeof seen.foot);
+    seen.offset = pandis__dot(seen.normal, seen.foot);
+    pandis__forget(p, &seen, place, height);
+    if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
+    p->plane[p->count++] = seen;
+    p->state->face = look->face;
+}
+
+/* Where to look from, to see whether the proxy can be at a place: as high over the planes near it as `lift`, or between
+ * them, where they face each other. */
+static void pandis__lifted(const pandis__proxy *p, const double *place, double lift, double *at) {
+    double up[3] = {0}, height = lift;
+    memcpy(at, place, 3 * sizeof *at);
+    for (int i = 0; i < p->count; i++) {
+        double h = pandis__height(p->plane + i, place);
+        if (h < 1e-3 * lift)
+            for (int k = 0; k < 3; k++) up[k] += p->plane[i].normal[k];
+        height = fmin(height, fmax(h, 0));
+    }
+    if (!pandis__normalise(up)) { /* it touches nothing: away from what is nearest */
+        double least = lift;
+        for (int i = 0; i < p->count; i++) {
+            double h = pandis__height(p->plane + i, place);
+            if (h < least) least = h, memcpy(up, p->plane[i].normal, sizeof up);
+        }
+    }
+    lift -= height;
+    for (int i = 0; i < p->count; i++) { /* half of the way to a plane that faces it */
+        double h = pandis__height(p->plane + i, place), along = pandis__dot(up, p->plane[i].normal);
+        if (along < 0 && h >= 1e-3 * lift) lift = fmin(lift, h / (1 - along));
+    }
+    for (int k = 0; k < 3; k++) at[k] += lift * up[k];
+}
+
+static double pandis__between(const double *a, const double *b) {
+    double off[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return sqrt(pandis__dot(off, off));
+}
+
+static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
+    memcpy(p->ball, look->at, 3 * sizeof *p->ball);
+    p->ball[3] = look->free;
+}
