@@ -10,6 +10,9 @@ from typing import NamedTuple
 
 import igl
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 
 from pandis.native.contact import TouchedScene
 from pandis.native.device import DONE, Order, run_simulated
@@ -29,7 +32,11 @@ _HAND, _HARD = (400.0, 3.0), 1.2
 #: Runs whose proxies libigl is asked about together.
 _TOGETHER = 500
 #: So near (m), the direction to the closest point is rounding.
-_ON_IT = 1e-10
+_ON_IT = 1e-7
+#: Metres that a proxy may have gone in a tick around something.
+_LOCAL = 1e-3
+#: Balls among which a way is looked for.
+_TRIED = 1500
 #: Faces that are compared with a way at a time.
 _SOME = 4096
 
@@ -243,12 +250,38 @@ def _fault(run, distance, outward, margin, oracle):
     """Return which of a judgement's faults a run has, if any."""
     if -distance.min() > margin:
         return "deep"
-    # the way, as far outside as a proxy may lie inside
-    away = np.maximum(distance, margin)
-    lifted = run.places + (away - distance)[:, None] * outward
-    lengths = np.linalg.norm(np.diff(lifted, axis=0), axis=1)
-    # balls that are free and overlap leave no room for a surface
-    unclear = np.flatnonzero(lengths > away[:-1] + away[1:])
-    if any(oracle.crosses(lifted[i], lifted[i + 1]) for i in unclear):
-        return "crossed"
+    # through what is no thicker than two margins a proxy comes without being deeper than one
+    for i in np.flatnonzero(np.linalg.norm(np.diff(run.places, axis=0), axis=1) > 2 * margin):
+        if _through(run.places[i : i + 2], distance[i : i + 2], outward[i : i + 2], margin, oracle):
+            return "crossed"
     return "around" if run.apart > MARGIN and not run.ended else None
+
+
+def _through(places, distance, outward, margin, oracle):
+    """Return whether no free way leads from one place to the next, of two (2, 3), near them.
+
+    What happens between ticks is not known. The straight way is tried first, as far outside as a
+    proxy may lie inside; then, if it is short, ways through balls that are free, by libigl's
+    distances, and overlap.
+    """
+    length = np.linalg.norm(places[1] - places[0])
+    if length <= np.maximum(0.0, distance).sum():
+        return False
+    lifted = places + (np.maximum(distance, margin) - distance)[:, None] * outward
+    if not oracle.crosses(*lifted):
+        return False
+    if length > _LOCAL:
+        return True
+    rng = np.random.default_rng(0)
+    centres = rng.normal(size=(_TRIED, 3))
+    centres *= 2 * length * rng.random((_TRIED, 1)) / np.linalg.norm(centres, axis=1)[:, None]
+    centres += places.mean(axis=0)
+    radius = oracle.look(centres)[0]
+    centres, radius = centres[radius > 0], radius[radius > 0]
+    # a proxy may be off by a margin, so it belongs to every ball that is as near
+    nodes = np.concatenate([places, centres])
+    reach = np.concatenate([[margin, margin], radius])
+    near = cdist(nodes, nodes) <= reach[:, None] + reach
+    near[0, 1] = near[1, 0] = False
+    parts = connected_components(csr_matrix(near), directed=False)[1]
+    return bool(parts[0] != parts[1])

@@ -359,9 +359,9 @@ typedef struct {
                     * the force at ridges */
     int32_t budget; /* queries of one step at most; what is left to do goes on in the next one */
     /* the state, in the object's unit frame */
-    int32_t state, planes, sticks, settled, face;
+    int32_t state, planes, sticks, settled, close, face;
     pandis_object object; /* as it lay in the last step */
-    double ball[4], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
+    double ball[5], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
 } pandis_contact;
 
 /* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the
@@ -2834,7 +2834,10 @@ static int pandis__nearest_in_front(const pandis__plane *planes, int count, cons
 #define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
 #define PANDIS__LEAST_HOVER 2e-6
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
+#define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
+#define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
 #define PANDIS__TRUSTED 0.8      /* share of an approximate distance that is free */
+#define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
 #define PANDIS__GUESSED 0.05     /* by which a distance may be too large where the file does not say it */
 
 enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
@@ -2850,9 +2853,10 @@ typedef struct {
     double *x, *ball;
 } pandis__proxy;
 
-/* What a look at a point says: distance, the ball around it that is free, and the surface's foot and normal. */
+/* What a look at a point says: distance, the ball around it that is free, and the one that needs no other look to be
+ * entered, and the surface's foot and normal. */
 typedef struct {
-    double at[3], distance, free, normal[3], foot[3];
+    double at[3], distance, free, sure, normal[3], foot[3];
     int32_t face;
 } pandis__look;
 
@@ -2870,17 +2874,22 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     p->queries++;
     p->flag = pandis__worse(answer.flag, p->flag);
     if (answer.flag == PANDIS_INVALID) return 0;
-    double distance = answer.distance * f->scale, free = distance;
+    double distance = answer.distance * f->scale, free = distance, sure;
     if (p->exact) {
-        free = fmin(distance, answer.clear * f->scale);
+        sure = free = fmin(distance, answer.clear * f->scale);
     } else if (answer.flag == PANDIS_OK) {
-        free = fmax(PANDIS__TRUSTED * distance, distance - f->margin[0]);
+        sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * distance, sure);
     } else {
+        /* the margin holds in the box; beyond it only where the surface cannot be is known */
+        int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
         double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
         double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
-        free = fmax(away, fmin(distance, distance - guessed));
+        /* and how far the surface is at least: what a spline covers goes so far beyond it */
+        double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
+        sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
     }
-    look->distance = distance - p->radius, look->free = free - p->radius, look->face = answer.face;
+    look->distance = distance - p->radius, look->free = free - p->radius;
+    look->sure = fmin(sure, free) - p->radius, look->face = answer.face;
     for (int k = 0; k < 3; k++) {
         look->normal[k] = answer.normal[k];
         look->foot[k] = at[k] - look->distance * answer.normal[k];
@@ -2905,7 +2914,8 @@ static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, const do
         pandis__cross(old->normal, seen->normal, cross);
         double angle = sqrt(pandis__dot(cross, cross)), apart = sqrt(pandis__dot(between, between));
         int same = angle < fmax(1e-7, p->tolerance) && pandis__dot(old->normal, seen->normal) > 0;
-        int bent = pandis__dot(old->normal, between) <= 1e-3 * angle * apart;
+        double ahead = pandis__dot(old->normal, between);
+        int bent = angle < 0.1 ? ahead <= 1e-3 * angle * apart : ahead < -PANDIS__BEHIND;
         int open = height > p->tolerance && pandis__height(old, place) < height / 2;
         if (same || bent || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
     }
@@ -2923,30 +2933,33 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     p->state->face = look->face;
 }
 
-/* Where to look from, to see whether the proxy can be at a place: as high over the planes near it as `lift`, or between
+/* Where to look from, to see whether the proxy can be at a place: as high over all planes near it as `lift`, or between
  * them, where they face each other. */
 static void pandis__lifted(const pandis__proxy *p, const double *place, double lift, double *at) {
-    double up[3] = {0}, height = lift;
-    memcpy(at, place, 3 * sizeof *at);
+    double lacks[PANDIS__PLANES], up[3] = {0}, share = 0, far = INFINITY;
     for (int i = 0; i < p->count; i++) {
-        double h = pandis__height(p->plane + i, place);
-        if (h < 1e-3 * lift)
-            for (int k = 0; k < 3; k++) up[k] += p->plane[i].normal[k];
-        height = fmin(height, fmax(h, 0));
-    }
-    if (!pandis__normalise(up)) { /* it touches nothing: away from what is nearest */
-        double least = lift;
-        for (int i = 0; i < p->count; i++) {
-            double h = pandis__height(p->plane + i, place);
-            if (h < least) least = h, memcpy(up, p->plane[i].normal, sizeof up);
+        double height = pandis__height(p->plane + i, place);
+        lacks[i] = height < lift ? lift - (height > 0 ? height : 0) : 0;
+        for (int j = 0; j < i; j++) { /* of two that face each other, the one that is farther does not count */
+            double along = pandis__dot(p->plane[i].normal, p->plane[j].normal);
+            if (along > -0.5 || fmin(lacks[i], lacks[j]) > (1 - PANDIS__NEAR) * lift) continue;
+            lacks[lacks[i] < lacks[j] ? i : j] = 0;
         }
     }
-    lift -= height;
-    for (int i = 0; i < p->count; i++) { /* half of the way to a plane that faces it */
-        double h = pandis__height(p->plane + i, place), along = pandis__dot(up, p->plane[i].normal);
-        if (along < 0 && h >= 1e-3 * lift) lift = fmin(lift, h / (1 - along));
+    for (int i = 0; i < p->count; i++)
+        for (int k = 0; k < 3; k++) up[k] += lacks[i] * p->plane[i].normal[k];
+    for (int i = 0; i < p->count; i++) { /* planes that are nearly one lift no higher than one does */
+        double lifts = pandis__dot(up, p->plane[i].normal);
+        if (lacks[i] > 0 && lifts > 0) share = fmax(share, fmin(1, lacks[i] / lifts));
     }
-    for (int k = 0; k < 3; k++) at[k] += lift * up[k];
+    double length = share * sqrt(pandis__dot(up, up));
+    for (int i = 0; i < p->count && length > 0; i++) { /* half of the way to a plane that faces it */
+        double height = pandis__height(p->plane + i, place);
+        double along = share * pandis__dot(up, p->plane[i].normal) / length;
+        if (along < 0 && !(lacks[i] > 0) && height >= 0) far = fmin(far, height / (1 - along));
+    }
+    if (length > far) share *= far / length;
+    for (int k = 0; k < 3; k++) at[k] = place[k] + share * up[k];
 }
 
 static double pandis__between(const double *a, const double *b) {
@@ -2956,28 +2969,36 @@ static double pandis__between(const double *a, const double *b) {
 
 static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
     memcpy(p->ball, look->at, 3 * sizeof *p->ball);
-    p->ball[3] = look->free;
+    p->ball[3] = look->free, p->ball[4] = look->sure;
 }
 /* ---------------------------------------------------------------- contact */
 
 #define PANDIS__SMALL 1e-13  /* of the unit frame: no way at all */
+#define PANDIS__ABOVE 4e-6   /* so high over a plane it is not yet there */
 #define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
 
-/* Make the ball anew above where the proxy is; puts it onto the surface, where that has come over it. 0: no answer. */
-static int pandis__regain(pandis__proxy *p) {
+/* Take a larger ball, above where the proxy is. 0: no answer. */
+static int pandis__widen(pandis__proxy *p) {
     pandis__look look;
     double at[3];
+    for (double lift = PANDIS__HOVER; p->ball[3] < lift / 4 && lift > PANDIS__LEAST_HOVER; lift /= 4) {
+        pandis__lifted(p, p->x, lift, at);
+        if (!pandis__look_at(p, at, &look)) return 0;
+        /* it reaches the proxy, or nearly so in a corner */
+        if (look.free > p->ball[3] && pandis__between(at, p->x) <= 2 * look.free) pandis__take_ball(p, &look);
+    }
+    return 1;
+}
+
+/* Make the ball anew; puts the proxy onto the surface, where that has come over it. 0: no answer. */
+static int pandis__regain(pandis__proxy *p) {
+    pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
     if (look.distance < 0) memcpy(p->x, look.foot, sizeof look.foot);
     p->count = 0;
     pandis__learn(p, &look, p->x, 0);
     pandis__take_ball(p, &look);
-    for (double lift = PANDIS__HOVER; look.free < lift / 2 && lift > PANDIS__LEAST_HOVER; lift /= 4) {
-        pandis__lifted(p, p->x, lift, at);
-        if (!pandis__look_at(p, at, &look)) return 0;
-        if (look.free > p->ball[3]) pandis__take_ball(p, &look);
-    }
-    return 1;
+    return pandis__widen(p);
 }
 
 /* How the proxy may go in a step. */
@@ -2988,8 +3009,11 @@ typedef struct {
     double slip;             /* that friction and drag leave; below 0 until it is known */
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
-    int active, held, stuck, turned; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
-                              * how often another wall was in the way */
+    int arriving;            /* it is not yet on the planes */
+    int active, held, stuck, turned, refused, lost, narrow; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
+                              * how often another wall was in the way; how often a step
+                              * would have led away from the probe; how often a ball did not join the last one, or did
+                              * not reach the proxy's place */
 } pandis__way;
 
 /* How far the proxy may go along the surface towards a place `step` away, under a pressure. */
@@ -3008,28 +3032,44 @@ static double pandis__rubbed(pandis_contact *c, pandis__way *way, double step, d
 static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
     double wanted = pandis__between(way->goal, p->x), step = wanted;
-    way->held = 0;
+    way->held = way->arriving = 0;
+    double reach = 1; /* share of the way to the probe at which the first plane is met */
+    for (int i = 0, touches = 0; i < p->count; i++) {
+        double above = pandis__height(p->plane + i, p->x), below = -pandis__height(p->plane + i, probe);
+        touches |= above <= PANDIS__ABOVE;
+        way->arriving = way->active && !touches;
+        if (below > 0 && above > 0) reach = fmin(reach, above / (above + below));
+    }
+    if (way->active && way->arriving) { /* it does not rub before it has arrived */
+        for (int k = 0; k < 3; k++) target[k] = p->x[k] + reach * (probe[k] - p->x[k]);
+        return pandis__between(target, p->x);
+    }
     if (way->active) {
         step = pandis__rubbed(p->state, way, step, pandis__between(way->goal, probe));
         if (step > way->travel) step = way->travel, way->held = 1;
     }
     double share = wanted > 0 ? step / wanted : 0;
-    for (int k = 0; k < 3; k++) target[k] = p->x[k] + share * (way->goal[k] - p->x[k]);
+    for (int k = 0; k < 3; k++) target[k] = share < 1 ? p->x[k] + share * (way->goal[k] - p->x[k]) : way->goal[k];
     return step;
 }
 
 /* The proxy has gone somewhere. */
 static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *place) {
     double step = pandis__between(place, p->x);
-    way->travel -= step, way->shrink = 1;
-    p->state->settled = 0;
-    if (way->active) way->slip -= step, way->slid += step;
+    way->shrink = 1;
+    if (step > 1e-3 * PANDIS__SLIVER) p->state->settled = 0;
+    if (step > PANDIS__SLIVER) p->state->close = 0;
+    if (way->active && !way->arriving) way->slip = fmax(0, way->slip - step), way->slid += step, way->travel -= step;
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
 /* Move towards a place that is beyond what is known to be free: to the rim of the ball, where it is looked at next. */
 static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
+    if (way->active && !way->arriving) { /* it lies on the surface, and stays there */
+        way->held = way->stuck = 1;
+        return 1;
+    }
     double rim[3], place[3], far = pandis__between(at, p->ball), share = fmin(1, 0.95 * p->ball[3] / far);
     for (int k = 0; k < 3; k++) rim[k] = p->ball[k] + share * (at[k] - p->ball[k]);
     if (!pandis__look_at(p, rim, &look)) return 0;
@@ -3052,23 +3092,35 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     if (step > most)
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
     double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
-    if (p->exact || over > 0.25 * c->lift) {
+    int closely = !p->exact || c->close; /* at the place itself, not from above */
+    if (!closely || over > 0.25 * c->lift) {
         pandis__lifted(p, target, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
         int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
+        if (!joined && way->active && way->lost++ < 2) { /* a wall that is not known, or not any more */
+            double before = 0; /* the ball has to lie in front of it: else it is a wall's other side */
+            for (int k = 0; k < 3; k++) before += (p->ball[k] - look.foot[k]) * look.normal[k];
+            if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, &look)) return 0;
+            pandis__learn(p, &look, p->x, 0);
+            return 1;
+        }
         if (!joined && way->active) way->shrink *= 0.3;
         if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
-        if (look.free < 0.5 * c->lift) c->lift = fmax(look.free, PANDIS__LEAST_HOVER);
+        if (pandis__between(target, at) > 2 * look.free && way->narrow++ < 3) { /* another wall is near: between them */
+            pandis__learn(p, &look, p->x, 0);
+            return 1;
+        }
+        if (look.free < 0.5 * c->lift) c->lift = fmax(look.free, PANDIS__HOVER / 64);
         pandis__take_ball(p, &look);
         height = look.free - pandis__between(target, at); /* of the target, at least */
     }
-    if (p->exact && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
+    if (!closely && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
         pandis__learn(p, &look, target, height);
         if (!pandis__look_at(p, target, &look)) return 0;
         height = look.distance;
         if (height > -PANDIS__SLIVER) look.at[0] = (double)NAN; /* nothing new */
     }
-    if (!p->exact && height < PANDIS__HOVER) { /* an approximate distance is looked at closely */
+    if (closely && height < PANDIS__HOVER) {
         if (!pandis__look_at(p, target, &look)) return 0;
         if (look.distance < -PANDIS__HOVER) { /* not what was expected there */
             way->shrink *= 0.3;
@@ -3081,56 +3133,92 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     pandis__nearest_in_front(p->plane, p->count, target, place);
     if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
         pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
+        if (!way->refused++) { /* what is known does not fit: begin with what the surface is where the proxy is */
+            if (!pandis__look_at(p, p->x, &look)) return 0;
+            p->count = 0;
+            pandis__learn(p, &look, p->x, 0);
+            c->close = 1;
+            return 1;
+        }
         way->shrink *= 0.25;
         if (way->shrink > 1e-2) return 1;
         way->held = way->stuck = 1; /* the next step tries again */
         return 1;
     }
-    if (pandis__between(place, target) > PANDIS__SLIVER && ++way->turned < 4) return 1; /* another wall: look there first */
+    if (pandis__between(place, target) > PANDIS__SLIVER) { /* another wall: look there first */
+        way->held = way->stuck = ++way->turned > 6;
+        return 1;
+    }
     pandis__arrive(p, way, place);
     return 1;
 }
 
-/* Look once more at planes that meet at less than a right angle's tenth, each from its own side: on a curved surface an old
- * one may be left that is none here. 0: there was no answer. */
-static int pandis__confirm(pandis__proxy *p, const pandis__way *way) {
+/* Look once more at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it was
+ * another, -1 if there was no answer. */
+static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, int active) {
+    const pandis__plane held = *plane;
+    const double *facing = NULL;
     pandis__look look;
-    double at[3];
-    int newest = p->count - 1;
-    for (int i = newest - 1; i >= 0; i--) {
-        const double *normal = p->plane[i].normal;
-        if (!(way->active >> i & 1) || pandis__dot(normal, p->plane[newest].normal) < 0.9) continue;
-        for (int k = 0; k < 3; k++) at[k] = p->x[k] + p->state->lift * normal[k];
-        if (!pandis__look_at(p, at, &look)) return 0;
-        pandis__drop(p, i), newest--;
-        pandis__learn(p, &look, p->x, 0);
-        newest = p->count - 1, i = newest < i ? newest : i;
+    double at[3], up[3], cross[3], least = 0.9;
+    for (int j = 0; j < p->count; j++) { /* the plane that is turned away most */
+        double c = pandis__dot(p->plane[j].normal, held.normal);
+        if ((active >> j & 1) && c < least) least = c, facing = p->plane[j].normal;
     }
-    return 1;
+    for (int k = 0; k < 3; k++)
+        up[k] = facing ? (1 - 2 * least) * held.normal[k] + (2 - least) * facing[k] : held.normal[k];
+    if (!pandis__normalise(up)) return 0;
+    for (int k = 0; k < 3; k++) at[k] = p->x[k] + p->state->lift * up[k];
+    if (!pandis__look_at(p, at, &look)) return -1;
+    pandis__cross(look.normal, held.normal, cross);
+    for (int j = 0; j < p->count; j++)
+        if (!memcmp(p->plane + j, &held, sizeof held)) pandis__drop(p, j--);
+    double height = p->exact ? look.free - p->state->lift : 0; /* of the proxy, at least */
+    pandis__learn(p, &look, p->x, height);
+    return pandis__dot(cross, cross) > 1e-18 || height > p->tolerance;
+}
+
+/* Look again at planes that hold the proxy: where it rests, at all of them, for on a curved surface an old one may be left
+ * that is none here; on its way, at those seen from far. Returns how many were others, -1 if there was no answer. */
+static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
+    pandis__plane held[PANDIS__PLANES];
+    int count = p->count, changed = 0;
+    memcpy(held, p->plane, sizeof held);
+    for (int i = 0; i < count; i++) {
+        int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
+        if (!(way->active >> i & 1) || !(rests || distant)) continue;
+        int other = pandis__look_again(p, held + i, count == p->count ? way->active : 0);
+        if (other < 0) return -1;
+        changed += rests ? other : 1;
+    }
+    return changed;
 }
 
 /* Bring the proxy as near to the probe as it can come. Returns 0 if there was no answer. */
 static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis_contact *c = p->state;
     double target[3];
-    int soon = p->exact ? 2 : 3; /* queries after which a small rest waits for the next step */
+    if (pandis__between(probe, p->ball) < p->ball[4]) { /* known to be free, whatever planes say */
+        memcpy(p->x, probe, 3 * sizeof *probe);
+        return 1;
+    }
+    if (c->state == PANDIS__TOUCHES && p->ball[3] < PANDIS__HOVER / 16 && !pandis__widen(p)) return 0;
+    const int soon = p->queries + 2; /* queries after which a small rest waits for the next step */
     for (;;) {
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
-            int alone = (way->active & (way->active - 1)) == 0;
-            if (alone || c->settled || p->queries + 3 > c->budget) return 1;
-            if (!pandis__confirm(p, way)) return 0;
-            c->settled = 1;
+            if (!way->active || way->held || c->sticks || c->settled > 8 || p->queries + 3 > c->budget) return 1;
+            int changed = pandis__confirm(p, way, 1);
+            if (changed < 0) return 0;
+            c->settled = changed ? c->settled + 1 : 9;
             continue;
-        }
-        if (!way->active && pandis__between(target, p->ball) < p->ball[3]) { /* known to be free */
-            pandis__arrive(p, way, target);
-            return 1;
         }
         if (p->queries >= c->budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
             way->held |= p->queries >= c->budget;
             return 1;
         }
+        int distant = way->active && !way->arriving && p->count > 1 ? pandis__confirm(p, way, 0) : 0;
+        if (distant < 0) return 0;
+        if (distant) continue;
         if (!pandis__hop(p, way, probe, target)) return 0;
         if (way->stuck) return 1;
     }
@@ -3213,7 +3301,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
 
     double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
     double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0};
+    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
@@ -3229,9 +3317,9 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     int active = way.active;
     contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;
     if (!active) contact->sticks = 0;
-    if (contact->state == PANDIS__CLEAR) contact->lift = PANDIS__HOVER;
+    if (contact->state == PANDIS__CLEAR) contact->lift = PANDIS__HOVER, contact->settled = contact->close = 0;
     /* the spring, whose length changes by no more than probe and proxy may go */
-    double most = moved + way.travel + way.slid, change = 0;
+    double most = 2 * moved + contact->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {
         pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;
         change += (pulled[k] - contact->pull[k]) * (pulled[k] - contact->pull[k]);
@@ -3267,7 +3355,7 @@ PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *cont
 static void pandis__wake(const pandis_scene *scene, size_t index) {
     pandis_contact *c = scene->contacts + index;
     double point[3], probe[3];
-    if (c->state != PANDIS__CLEAR) return;
+    if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return; /* it is behind */
     pandis__enter(&c->object, scene->probe, point); /* where it lay then */
     if (!pandis__unit(c->object.field, point, probe)) return;
     memcpy(c->proxy, probe, sizeof probe), memcpy(c->probe, probe, sizeof probe);
@@ -3276,7 +3364,8 @@ static void pandis__wake(const pandis_scene *scene, size_t index) {
 /* How far the probe may go before a contact has to be stepped again, in scene units. */
 static double pandis__at_ease(const pandis_contact *c, const pandis_object *o) {
     if (c->state != PANDIS__CLEAR || pandis__dot(c->pull, c->pull) > 0) return 0;
-    return (c->ball[3] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
+    if (memcmp(c->proxy, c->probe, sizeof c->probe)) return 0;
+    return (c->ball[4] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
 }
 
 PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],

@@ -127,9 +127,9 @@ typedef struct {
                     * the force at ridges */
     int32_t budget; /* queries of one step at most; what is left to do goes on in the next one */
     /* the state, in the object's unit frame */
-    int32_t state, planes, sticks, settled, face;
+    int32_t state, planes, sticks, settled, close, face;
     pandis_object object; /* as it lay in the last step */
-    double ball[4], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
+    double ball[5], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
 } pandis_contact;
 
 /* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the

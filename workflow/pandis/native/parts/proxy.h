@@ -8,7 +8,10 @@
 #define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
 #define PANDIS__LEAST_HOVER 2e-6
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
+#define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
+#define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
 #define PANDIS__TRUSTED 0.8      /* share of an approximate distance that is free */
+#define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
 #define PANDIS__GUESSED 0.05     /* by which a distance may be too large where the file does not say it */
 
 enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
@@ -24,9 +27,10 @@ typedef struct {
     double *x, *ball;
 } pandis__proxy;
 
-/* What a look at a point says: distance, the ball around it that is free, and the surface's foot and normal. */
+/* What a look at a point says: distance, the ball around it that is free, and the one that needs no other look to be
+ * entered, and the surface's foot and normal. */
 typedef struct {
-    double at[3], distance, free, normal[3], foot[3];
+    double at[3], distance, free, sure, normal[3], foot[3];
     int32_t face;
 } pandis__look;
 
@@ -44,17 +48,22 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     p->queries++;
     p->flag = pandis__worse(answer.flag, p->flag);
     if (answer.flag == PANDIS_INVALID) return 0;
-    double distance = answer.distance * f->scale, free = distance;
+    double distance = answer.distance * f->scale, free = distance, sure;
     if (p->exact) {
-        free = fmin(distance, answer.clear * f->scale);
+        sure = free = fmin(distance, answer.clear * f->scale);
     } else if (answer.flag == PANDIS_OK) {
-        free = fmax(PANDIS__TRUSTED * distance, distance - f->margin[0]);
+        sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * distance, sure);
     } else {
+        /* the margin holds in the box; beyond it only where the surface cannot be is known */
+        int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
         double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
         double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
-        free = fmax(away, fmin(distance, distance - guessed));
+        /* and how far the surface is at least: what a spline covers goes so far beyond it */
+        double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
+        sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
     }
-    look->distance = distance - p->radius, look->free = free - p->radius, look->face = answer.face;
+    look->distance = distance - p->radius, look->free = free - p->radius;
+    look->sure = fmin(sure, free) - p->radius, look->face = answer.face;
     for (int k = 0; k < 3; k++) {
         look->normal[k] = answer.normal[k];
         look->foot[k] = at[k] - look->distance * answer.normal[k];
@@ -79,7 +88,8 @@ static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, const do
         pandis__cross(old->normal, seen->normal, cross);
         double angle = sqrt(pandis__dot(cross, cross)), apart = sqrt(pandis__dot(between, between));
         int same = angle < fmax(1e-7, p->tolerance) && pandis__dot(old->normal, seen->normal) > 0;
-        int bent = pandis__dot(old->normal, between) <= 1e-3 * angle * apart;
+        double ahead = pandis__dot(old->normal, between);
+        int bent = angle < 0.1 ? ahead <= 1e-3 * angle * apart : ahead < -PANDIS__BEHIND;
         int open = height > p->tolerance && pandis__height(old, place) < height / 2;
         if (same || bent || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
     }
@@ -97,30 +107,33 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     p->state->face = look->face;
 }
 
-/* Where to look from, to see whether the proxy can be at a place: as high over the planes near it as `lift`, or between
+/* Where to look from, to see whether the proxy can be at a place: as high over all planes near it as `lift`, or between
  * them, where they face each other. */
 static void pandis__lifted(const pandis__proxy *p, const double *place, double lift, double *at) {
-    double up[3] = {0}, height = lift;
-    memcpy(at, place, 3 * sizeof *at);
+    double lacks[PANDIS__PLANES], up[3] = {0}, share = 0, far = INFINITY;
     for (int i = 0; i < p->count; i++) {
-        double h = pandis__height(p->plane + i, place);
-        if (h < 1e-3 * lift)
-            for (int k = 0; k < 3; k++) up[k] += p->plane[i].normal[k];
-        height = fmin(height, fmax(h, 0));
-    }
-    if (!pandis__normalise(up)) { /* it touches nothing: away from what is nearest */
-        double least = lift;
-        for (int i = 0; i < p->count; i++) {
-            double h = pandis__height(p->plane + i, place);
-            if (h < least) least = h, memcpy(up, p->plane[i].normal, sizeof up);
+        double height = pandis__height(p->plane + i, place);
+        lacks[i] = height < lift ? lift - (height > 0 ? height : 0) : 0;
+        for (int j = 0; j < i; j++) { /* of two that face each other, the one that is farther does not count */
+            double along = pandis__dot(p->plane[i].normal, p->plane[j].normal);
+            if (along > -0.5 || fmin(lacks[i], lacks[j]) > (1 - PANDIS__NEAR) * lift) continue;
+            lacks[lacks[i] < lacks[j] ? i : j] = 0;
         }
     }
-    lift -= height;
-    for (int i = 0; i < p->count; i++) { /* half of the way to a plane that faces it */
-        double h = pandis__height(p->plane + i, place), along = pandis__dot(up, p->plane[i].normal);
-        if (along < 0 && h >= 1e-3 * lift) lift = fmin(lift, h / (1 - along));
+    for (int i = 0; i < p->count; i++)
+        for (int k = 0; k < 3; k++) up[k] += lacks[i] * p->plane[i].normal[k];
+    for (int i = 0; i < p->count; i++) { /* planes that are nearly one lift no higher than one does */
+        double lifts = pandis__dot(up, p->plane[i].normal);
+        if (lacks[i] > 0 && lifts > 0) share = fmax(share, fmin(1, lacks[i] / lifts));
     }
-    for (int k = 0; k < 3; k++) at[k] += lift * up[k];
+    double length = share * sqrt(pandis__dot(up, up));
+    for (int i = 0; i < p->count && length > 0; i++) { /* half of the way to a plane that faces it */
+        double height = pandis__height(p->plane + i, place);
+        double along = share * pandis__dot(up, p->plane[i].normal) / length;
+        if (along < 0 && !(lacks[i] > 0) && height >= 0) far = fmin(far, height / (1 - along));
+    }
+    if (length > far) share *= far / length;
+    for (int k = 0; k < 3; k++) at[k] = place[k] + share * up[k];
 }
 
 static double pandis__between(const double *a, const double *b) {
@@ -130,5 +143,5 @@ static double pandis__between(const double *a, const double *b) {
 
 static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
     memcpy(p->ball, look->at, 3 * sizeof *p->ball);
-    p->ball[3] = look->free;
+    p->ball[3] = look->free, p->ball[4] = look->sure;
 }

@@ -18,7 +18,7 @@ PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *cont
 static void pandis__wake(const pandis_scene *scene, size_t index) {
     pandis_contact *c = scene->contacts + index;
     double point[3], probe[3];
-    if (c->state != PANDIS__CLEAR) return;
+    if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return; /* it is behind */
     pandis__enter(&c->object, scene->probe, point); /* where it lay then */
     if (!pandis__unit(c->object.field, point, probe)) return;
     memcpy(c->proxy, probe, sizeof probe), memcpy(c->probe, probe, sizeof probe);
@@ -27,7 +27,8 @@ static void pandis__wake(const pandis_scene *scene, size_t index) {
 /* How far the probe may go before a contact has to be stepped again, in scene units. */
 static double pandis__at_ease(const pandis_contact *c, const pandis_object *o) {
     if (c->state != PANDIS__CLEAR || pandis__dot(c->pull, c->pull) > 0) return 0;
-    return (c->ball[3] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
+    if (memcmp(c->proxy, c->probe, sizeof c->probe)) return 0;
+    return (c->ball[4] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
 }
 
 PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
