@@ -3,19 +3,25 @@ scenes skip nothing that counts."""
 
 import numpy as np
 import pytest
-from conftest import FRAME
-from support import artifact
 
+from conftest import FRAME
 from pandis.errors import PandisError
 from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
 from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.native.contact import (
-    BEHIND, STICKING, TOUCHING, WAITING, Material, NativeContact, TouchedScene,
+    BEHIND,
+    STICKING,
+    TOUCHING,
+    WAITING,
+    Material,
+    NativeContact,
+    TouchedScene,
 )  # fmt: skip
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
+from support import artifact
 
 #: Everything that knows a distance outside.
 KNOWING = (

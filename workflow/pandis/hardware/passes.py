@@ -33,8 +33,8 @@ _HAND, _HARD = (400.0, 3.0), 1.2
 _TOGETHER = 500
 #: So near (m), the direction to the closest point is rounding.
 _ON_IT = 1e-7
-#: Metres that a proxy may have gone in a tick around something.
-_LOCAL = 1e-3
+#: How much longer than the straight way a free one may be.
+_DETOUR = 1.5
 #: Balls among which a way is looked for.
 _TRIED = 1500
 #: Faces that are compared with a way at a time.
@@ -261,8 +261,8 @@ def _through(places, distance, outward, margin, oracle):
     """Return whether no free way leads from one place to the next, of two (2, 3), near them.
 
     What happens between ticks is not known. The straight way is tried first, as far outside as a
-    proxy may lie inside; then, if it is short, ways through balls that are free, by libigl's
-    distances, and overlap.
+    proxy may lie inside; then ways that are not much longer, through balls that are free, by
+    libigl's distances, and overlap.
     """
     length = np.linalg.norm(places[1] - places[0])
     if length <= np.maximum(0.0, distance).sum():
@@ -270,12 +270,13 @@ def _through(places, distance, outward, margin, oracle):
     lifted = places + (np.maximum(distance, margin) - distance)[:, None] * outward
     if not oracle.crosses(*lifted):
         return False
-    if length > _LOCAL:
-        return True
     rng = np.random.default_rng(0)
     centres = rng.normal(size=(_TRIED, 3))
-    centres *= 2 * length * rng.random((_TRIED, 1)) / np.linalg.norm(centres, axis=1)[:, None]
+    centres /= np.linalg.norm(centres, axis=1)[:, None]
+    centres *= _DETOUR / 2 * length * np.cbrt(rng.random((_TRIED, 1)))
     centres += places.mean(axis=0)
+    ways = np.linalg.norm(centres[:, None] - places, axis=2).sum(axis=1)
+    centres = centres[ways <= _DETOUR * length]
     radius = oracle.look(centres)[0]
     centres, radius = centres[radius > 0], radius[radius > 0]
     # a proxy may be off by a margin, so it belongs to every ball that is as near

@@ -1,4 +1,4 @@
-"""Contacts of a probe with an object, as ``pandis.h`` keeps them: a proxy that no wall lets through."""
+"""Contacts, as ``pandis.h`` keeps them: a proxy that no wall lets through."""
 
 import ctypes
 from functools import cache

@@ -1,0 +1,66 @@
+"""Fields of a body in the unit frame, as the benchmarks of contacts ask them."""
+
+import re
+from pathlib import Path
+
+import common  # noqa: F401 - makes pandis importable
+import numpy as np
+
+from pandis.export.clearance import clearance
+from pandis.export.native import native_bytes
+from pandis.fields.exact import ExactField
+from pandis.fields.grids import open_field
+from pandis.geometry.frame import Frame
+from pandis.grids.compact import file_parts, pack_body
+from pandis.grids.dense import DenseGrid
+from pandis.grids.spline import SplineFit, samples_for
+from pandis.native.runtime import COMPACT, NativeField
+from pandis.native.runtime.files import pack
+from pandis.run.artifact import Artifact
+from pandis.run.catalogue import GRID_FIELDS, parse_field
+from pandis.run.stage import silent_progress
+
+UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+#: Unit frame, inside and outside: of the splines and of the grids.
+BAND, WIDE = (0.08, 0.04), (0.2, 0.1)
+
+
+def field_of(body, name):
+    """Return a field of a body by name.
+
+    Parameters
+    ----------
+    body : pandis.geometry.body.Body
+    name : str
+        ``exact``, ``compact-{bits}``, ``spline-{kilobytes}K`` or a grid, as in a configuration.
+
+    Returns
+    -------
+    pandis.native.runtime.NativeField
+    """
+    engine = body.distance
+    if name == "exact":
+        field = ExactField("exact", body)
+        return NativeField(native_bytes(field, "exact", {}, safe=_safe(field, engine)))
+    kind, size = re.fullmatch(r"(.*)-(\d+)K?", name).groups()
+    if kind == "compact":
+        return NativeField(pack(COMPACT, UNIT, *file_parts(*pack_body(body, int(size))), {}, 3))
+    if kind == "spline":
+        budget = 1000 * int(size)
+        fit = SplineFit(engine, body.surface, BAND, 0, samples_for(budget=budget))
+        made = fit.build(fit.choose_size(budget), budget, silent_progress)
+        field, rule = _opened("spline-auto", *made), "spline"
+    else:
+        grid = DenseGrid(engine, GRID_FIELDS[kind], int(size), WIDE, silent_progress)
+        values = np.concatenate(list(grid.slabs(32)))
+        field, rule = _opened(name, {"values": values}, grid.attributes()), kind
+    return NativeField(native_bytes(field, rule, {}, safe=_safe(field, engine)))
+
+
+def _opened(name, arrays, attributes):
+    held = Artifact(Path("grid.zarr.zip"), "grid", arrays, attributes | UNIT.attributes(), {}, "")
+    return open_field(parse_field(name, ()), held)
+
+
+def _safe(field, engine):
+    return clearance(lambda points: field.query(points)[::2], engine)

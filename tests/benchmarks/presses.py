@@ -1,0 +1,122 @@
+"""Lets a hand press through thin places, with a proxy and without; writes docs/figures/presses.csv.
+
+Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/presses.py [PRESSES]
+
+A plate of 2 mm, the bunny's ears, a sword and a slit of 0.5 mm, each 10 cm long, under every
+simulated device at its stiffness (1000 N/m at most). The hand presses with 1.2 times the device's
+largest force, up to 17 degrees off the normal. Fields that miss more of the force on a shape than
+is allowed (`missing`) are listed with that share, and not pressed. What counts as a pass, and who
+says so: `pandis.hardware.passes`. PRESSES are all presses together (10,000 by default).
+"""
+
+import sys
+
+import numpy as np
+import trimesh
+from bodies import UNIT, field_of
+from common import SCANS, load, write
+
+from pandis.errors import PandisError
+from pandis.fields.exact import ExactField
+from pandis.geometry.body import Body
+from pandis.geometry.frame import UNIT_SIDE, Frame
+from pandis.geometry.measure import MISSING_LIMIT
+from pandis.geometry.physical import Scale
+from pandis.hardware.devices import DEVICES
+from pandis.hardware.passes import ABOVE, Oracle, draw, judge, run
+from pandis.hardware.walls import compare, open_walls
+
+SIZE, SLANT, SURFACE = 0.1, 0.3, 100_000
+SWORD = "watertight/sword_22293v_44582f.obj"
+KINDS = "exact", "compact-16", "spline-800K", "tricubic-96"
+COLUMNS = (
+    *("shape", "field", "missing", "error_mm", "device", "stiffness_n_m", "presses", "strongest_n"),
+    *("deepest_mm", "passes", "around", "ended", "penalty_strongest_n", "penalty_passes"),
+)
+
+
+def block(size, at=(0, 0, 0)):
+    """Return a subdivided box, m."""
+    box = trimesh.creation.box(size)
+    for _ in range(3):
+        box = box.subdivide()
+    return box.vertices + np.array(at), box.faces
+
+
+def shapes():
+    """Return meshes, unit frame, which of their faces are pressed (m), and from how far above."""
+    slit = [block((0.1, 0.05, 0.02), (0, 0, z)) for z in (-0.01025, 0.01025)]
+    both = (np.concatenate([v for v, _ in slit]),
+            np.concatenate([slit[0][1], slit[1][1] + len(slit[0][0])]))  # fmt: skip
+    made = {"plate": block((0.1, 0.1, 0.002)), "slit": both}
+    for name, (vertices, faces) in made.items():
+        frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
+        made[name] = frame.to_unit(vertices), faces
+    where = {
+        "plate": lambda c: (np.abs(c[:, :2]).max(axis=1) < 0.035) & (np.abs(c[:, 2]) > 9e-4),
+        "slit": lambda c: (np.abs(c) < [0.04, 0.02, 3e-4]).all(axis=1),
+        "bunny": lambda c: c[:, 1] > 0.022,
+        "sword": lambda c: np.ones(len(c), bool),
+    }
+    made |= {"bunny": load(SCANS["bunny"]), "sword": load(SWORD)}
+    return {name: (*mesh, where[name], 2e-4 if name == "slit" else ABOVE)
+            for name, mesh in made.items()}  # fmt: skip
+
+
+def places_on(vertices, faces, which, count, rng):
+    """Return points (n, 3) of some faces, by area, and their normals."""
+    across = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
+                      vertices[faces[:, 2]] - vertices[faces[:, 0]])  # fmt: skip
+    area = np.linalg.norm(across, axis=1)
+    chance = area * which(vertices[faces].mean(axis=1))
+    picked = rng.choice(len(faces), count, p=chance / chance.sum())
+    share = rng.dirichlet(np.ones(3), count)
+    feet = np.einsum("ij,ijk->ik", share, vertices[faces[picked]])
+    return feet, across[picked] / area[picked][:, None]
+
+
+def pressed(field, spec, oracle, presses, error):
+    """Return the columns of one field on one device."""
+    stiffness = min(spec.stiffness, 1000.0)
+    proxy = list(run(field, spec, SIZE, stiffness, presses, 0.0))
+    penalty = list(run(field, spec, SIZE, stiffness, presses))
+    judged, other = judge(proxy, oracle, error), judge(penalty, oracle, error)
+    return {
+        "stiffness_n_m": stiffness, "presses": judged.presses, "passes": judged.passed,
+        "strongest_n": max(s.strongest for s, _ in proxy), "deepest_mm": 1e3 * judged.deepest,
+        "around": judged.around, "ended": judged.ended, "penalty_passes": other.passed,
+        "penalty_strongest_n": max(s.strongest for s, _ in penalty),
+    }  # fmt: skip
+
+
+def main(wanted):
+    """Press all shapes."""
+    rows, metres = [], SIZE / UNIT_SIDE
+    for shape, (vertices, faces, which, above) in shapes().items():
+        body, oracle = Body(vertices, faces, UNIT), Oracle(vertices * metres, faces)
+        exact = ExactField("exact", body)
+        walls = open_walls(exact, body.surface, Scale(SIZE, 400.0), 0)
+        for kind in KINDS:
+            rng = np.random.default_rng(0)
+            field = field_of(body, kind)
+            missing = compare(lambda p, f=field: f.force(p, 1.0), walls).missing
+            on_it = places_on(vertices, faces, lambda c: np.ones(len(c), bool), SURFACE, rng)[0]
+            error = float(np.abs(field.query(on_it).distance).max()) * metres
+            row = {"shape": shape, "field": kind, "missing": missing, "error_mm": 1e3 * error}
+            if missing > MISSING_LIMIT:
+                rows.append(row)
+                continue
+            for device, spec in DEVICES.items():
+                feet, outward = places_on(vertices * metres, faces, which, wanted // 48, rng)
+                presses = draw(feet, outward, spec, SLANT, rng, above)
+                free = oracle.look(np.array([press.start for press in presses]))[0] > above / 3
+                presses = [press for press, is_free in zip(presses, free, strict=True) if is_free]
+                rows.append(row | {"device": device} | pressed(field, spec, oracle, presses, error))
+                print(rows[-1], flush=True)
+    if not rows:
+        raise PandisError("no field could be pressed")
+    write("presses", COLUMNS, rows)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10_000)

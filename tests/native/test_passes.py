@@ -1,0 +1,105 @@
+"""Nothing lets a hand through, by an oracle that would see it: passes are found where they are."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support import artifact
+
+from pandis.export.native import native_bytes
+from pandis.fields.compact import CompactField
+from pandis.fields.exact import ExactField
+from pandis.geometry.body import Body
+from pandis.geometry.frame import UNIT_SIDE, Frame
+from pandis.geometry.shapes import Box
+from pandis.grids.compact import build_compact
+from pandis.hardware.devices import DEVICES
+from pandis.hardware.passes import MARGIN, Oracle, draw, judge, run
+from pandis.native.contact import Material
+from pandis.native.runtime import NativeField
+
+SIZE, THICK = 0.1, 0.002
+
+
+@pytest.fixture(scope="module")
+def plate():
+    """Return fields of a plate of 100 x 100 x 2 mm by kind, and the oracle; metres."""
+    half = np.array([0.9, 0.9, 0.9 * THICK / SIZE])
+    vertices, faces = Box(tuple(half)).tessellation(cuts=4)
+    frame = Frame((0.0, 0.0, 0.0), 1.0)
+    mesh = artifact("mesh", {"vertices": vertices, "faces": faces},
+                    {**frame.attributes(), "shape": None})  # fmt: skip
+    body = Body.open(mesh)
+    arrays, record = build_compact(body, 16, 0, lambda text: None)
+    packed = artifact("compact", arrays, record.attributes() | frame.attributes())
+    made = {
+        "exact": (ExactField("exact", body), "exact"),
+        "compact": (CompactField("compact-16", packed), "compact"),
+    }
+    fields = {name: NativeField(native_bytes(*given, {})) for name, given in made.items()}
+    return fields, Oracle(vertices * SIZE / UNIT_SIDE, faces)
+
+
+def presses_on(count, device, seed=0):
+    """Return presses on both sides of the plate, away from its rim."""
+    rng = np.random.default_rng(seed)
+    side = rng.choice([-1.0, 1.0], count)
+    feet = np.column_stack([*rng.uniform(-0.03, 0.03, (2, count)), side * THICK / 2])
+    outward = np.column_stack([np.zeros((count, 2)), side])
+    return draw(feet, outward, DEVICES[device], 0.4, rng)
+
+
+@pytest.mark.parametrize("device", ["touch", "omega-3"])
+def test_a_plate_lets_no_proxy_through_and_every_penalty_force(plate, device):
+    fields, oracle = plate
+    spec, presses = DEVICES[device], presses_on(12, device)
+    stiffness = min(spec.stiffness, 1000.0)
+    for name, field in fields.items():
+        for material in (None, Material(0.5, 0.4, 0.5, 0.1)):
+            runs = run(field, spec, SIZE, stiffness, presses, 0.0, material)
+            judged = judge(runs, oracle, 2e-6)
+            assert judged.passed == 0, (name, judged)
+            assert judged.presses == 12
+            assert judged.ended == 0
+    penalty = judge(run(fields["exact"], spec, SIZE, stiffness, presses), oracle, 0.0)
+    assert penalty.passed == 12
+
+
+def test_a_force_that_a_proxy_holds_is_what_the_hand_gives(plate):
+    fields, _ = plate
+    spec, presses = DEVICES["touch"], presses_on(4, "touch")
+    for session, proxy in run(fields["exact"], spec, SIZE, 400.0, presses, 0.0):
+        assert session.strongest > 1.5  # of 2 N; a penalty force gives 0.4 at most
+        assert np.abs(proxy[:, 2]).min() > THICK / 2 - 1e-9
+
+
+def path_of(*corners, steps=400):
+    """Return a run whose proxy goes along corners, as fast as a hand does."""
+    corners = np.array(corners)
+    at = np.linspace(0, len(corners) - 1, steps)
+    path = np.stack([np.interp(at, np.arange(len(corners)), c) for c in corners.T], axis=1)
+    return SimpleNamespace(cause=0, position=path[-1:]), path
+
+
+def test_the_oracle_sees_a_pass_wherever_it_is(plate):
+    _, oracle = plate
+    over = THICK / 2 + 1e-6
+    kept = path_of([0, 0, 0.01], [0, 0, over], [0.03, 0, over], [0, 0, 0.01])
+    assert judge([kept], oracle, 0.0).passed == 0
+    session, path = kept
+    deep = path.copy()
+    deep[200, 2] = THICK / 2 - 2 * MARGIN  # one tick of four hundred
+    assert judge([(session, deep)], oracle, 0.0).deep == 1
+    assert judge([(session, deep)], oracle, 2 * MARGIN).passed == 0
+    through = path.copy()
+    through[200:300, 2] = -over  # from one side to the other between two ticks, never inside
+    assert judge([(session, through)], oracle, 0.0).crossed == 1
+    caught = SimpleNamespace(cause=0, position=np.array([[0, 0, -0.01]]))
+    assert judge([(caught, path)], oracle, 0.0).around == 1
+
+
+def test_a_way_around_the_rim_is_no_pass(plate):
+    _, oracle = plate
+    rim = SIZE / 2 + 3e-5
+    around = path_of([0.048, 0, 0.002], [rim, 0, 0.001], [rim, 0, -0.001], [0.048, 0, -0.002])
+    assert judge([around], oracle, 0.0).passed == 0
