@@ -167,6 +167,8 @@ def generated():
             refit=tables.refit_table(),
             worst=tables.worst_table(),
             large=tables.large_table(),
+            presses=tables.press_table(),
+            contact=tables.contact_table(),
             order=tables.order_table(),
             full=tables.full_table(),
             native=tables.native_table(),

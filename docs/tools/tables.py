@@ -299,6 +299,51 @@ def large_table():
     return _noted(table, notes)
 
 
+def press_table():
+    """Return the table of presses through thin places."""
+    notes, rows = _figures("presses")
+    table = [
+        "| shape | field | lacks of its force | largest error at the surface (mm) | presses "
+        "| let through, proxy | let through, penalty | deepest proxy (mm) "
+        "| strongest force, proxy and penalty (N) |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for shape, field in dict.fromkeys((row["shape"], row["field"]) for row in rows):
+        of_it = [row for row in rows if (row["shape"], row["field"]) == (shape, field)]
+        first, pressed = of_it[0], [row for row in of_it if int(row["presses"] or 0)]
+        cells = [shape, f"`{field}`", _percent(float(first["missing"]))]
+        cells += [f"{float(first['error_mm']):.2g}"]
+        if not pressed:
+            table.append(_row([*cells, "not pressed", *[""] * 4]))
+            continue
+        total = {
+            k: sum(int(r[k]) for r in pressed) for k in ("presses", "passes", "penalty_passes")
+        }
+        cells += [f"{total[name]:,}" for name in ("presses", "passes", "penalty_passes")]
+        cells += [f"{max(float(row['deepest_mm']) for row in pressed):.3f}"]
+        most = [max(float(row[f"{k}strongest_n"]) for row in pressed) for k in ("", "penalty_")]
+        table.append(_row([*cells, " and ".join(f"{value:.1f}" for value in most)]))
+    return _noted(table, notes)
+
+
+def contact_table():
+    """Return the table of what a contact costs and holds."""
+    notes, rows = _figures("contact")
+    table = [
+        "| field | motion | ticks | touching | queries, median and 99.9 % | µs, median and 99.9 % "
+        "| steepest (N/ms), beyond its bound | proxy too deep | deepest (mm) |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        cells = [f"`{row['field']}`", row["motion"], f"{int(row['ticks']):,}"]
+        cells += [_percent(float(row["touching"]))]
+        cells += [f"{float(row['queries']):.0f}, {float(row['queries_p99.9']):.0f}"]
+        cells += [f"{float(row['us']):.1f}, {float(row['us_p99.9']):.0f}"]
+        cells += [f"{float(row['steepest_n_per_ms']):.2f}, {row['over_bound']}", row["passes"]]
+        table.append(_row([*cells, f"{float(row['deepest_mm']):.3f}"]))
+    return _noted(table, notes)
+
+
 def distance_table():
     """Return the table of speed and memory."""
     notes, rows = _figures("distances")

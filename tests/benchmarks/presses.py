@@ -5,7 +5,8 @@ Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/presses.py [PRESSE
 A plate of 2 mm, the bunny's ears, a sword and a slit of 0.5 mm, each 10 cm long, under every
 simulated device at its stiffness (1000 N/m at most). The hand presses with 1.2 times the device's
 largest force, up to 17 degrees off the normal. Fields that miss more of the force on a shape than
-is allowed (`missing`) are listed with that share, and not pressed. What counts as a pass, and who
+is allowed (`missing`) are listed with that share, and not pressed; nor are presses that would begin
+where the field has the object and the shape has none (`ghosts`). What counts as a pass, and who
 says so: `pandis.hardware.passes`. PRESSES are all presses together (10,000 by default).
 """
 
@@ -26,11 +27,12 @@ from pandis.hardware.devices import DEVICES
 from pandis.hardware.passes import ABOVE, Oracle, draw, judge, run
 from pandis.hardware.walls import compare, open_walls
 
-SIZE, SLANT, SURFACE = 0.1, 0.3, 100_000
+SIZE, STIFFEST, SLANT, SURFACE = 0.1, 1000.0, 0.3, 100_000
 SWORD = "watertight/sword_22293v_44582f.obj"
 KINDS = "exact", "compact-16", "spline-800K", "tricubic-96"
 COLUMNS = (
-    *("shape", "field", "missing", "error_mm", "device", "stiffness_n_m", "presses", "strongest_n"),
+    *("shape", "field", "missing", "error_mm", "device", "stiffness_n_m", "ghosts", "presses"),
+    "strongest_n",
     *("deepest_mm", "passes", "around", "ended", "penalty_strongest_n", "penalty_passes"),
 )
 
@@ -77,7 +79,7 @@ def places_on(vertices, faces, which, count, rng):
 
 def pressed(field, spec, oracle, presses, error):
     """Return the columns of one field on one device."""
-    stiffness = min(spec.stiffness, 1000.0)
+    stiffness = min(spec.stiffness, STIFFEST)
     proxy = list(run(field, spec, SIZE, stiffness, presses, 0.0))
     penalty = list(run(field, spec, SIZE, stiffness, presses))
     judged, other = judge(proxy, oracle, error), judge(penalty, oracle, error)
@@ -108,9 +110,16 @@ def main(wanted):
                 continue
             for device, spec in DEVICES.items():
                 feet, outward = places_on(vertices * metres, faces, which, wanted // 48, rng)
-                presses = draw(feet, outward, spec, SLANT, rng, above)
+                stiffness = min(spec.stiffness, STIFFEST)
+                presses = draw(feet, outward, spec, stiffness, SLANT, rng, above)
                 free = oracle.look(np.array([press.start for press in presses]))[0] > above / 3
-                presses = [press for press, is_free in zip(presses, free, strict=True) if is_free]
+                starts = np.array([press.start for press in presses]) / metres
+                ghosts = field.query(starts).distance <= 0
+                presses = [presses[i] for i in np.flatnonzero(free & ~ghosts)]
+                row["ghosts"] = int((free & ghosts).sum())
+                if not presses:
+                    rows.append(row | {"device": device, "presses": 0})
+                    continue
                 rows.append(row | {"device": device} | pressed(field, spec, oracle, presses, error))
                 print(rows[-1], flush=True)
     if not rows:

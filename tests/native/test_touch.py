@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pandis.hardware import touch
+from pandis.native.contact import Material
 from pandis.native.runtime import NativeField
 from verdicts import PRESSED, SOUND, changed, validated
 
@@ -35,6 +36,25 @@ def test_the_simulated_device_is_led_into_the_object(exported):
     session = touch.touch_simulated(NativeField(exported), "touch", 0.1, 140.0, 1.5)
     assert session.strongest > 0.5
     assert np.linalg.norm(session.position, axis=1).min() < 0.045
+
+
+def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exported, files, capsys):
+    material = Material(0.3, 0.3, 0.0, 0.0)
+    held = touch.touch_simulated(
+        NativeField(exported), "touch", 0.1, 400.0, 1.5, proxy=(0.0, material)
+    )
+    assert np.linalg.norm(held.proxy, axis=1).min() > 0.05 - 1e-6
+    # the hand is stronger than the device: it comes through, and the force still points back
+    assert held.position[:, 1].min() < 0
+    deep = held.position[:, 1] < 0
+    assert held.force[deep, 1].min() > 0.8  # what the motors stand for long
+    words = [str(exported), "--simulated", "--proxy", "--friction", "0.3", "--seconds", "1.2"]
+    assert touch.main(words) == 0
+    assert "A simulated device ran" in capsys.readouterr().out
+    assert touch.main([str(files["trilinear"]), *words[1:]]) == 1
+    assert "knows no distance outside" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        touch.main([str(exported), "--proxy"])
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ class Judged(NamedTuple):
         return self.deep + self.crossed
 
 
-def draw(feet, outward, spec, slant, rng, above=ABOVE):
+def draw(feet, outward, spec, stiffness, slant, rng, above=ABOVE):
     """Draw presses on surface points.
 
     Parameters
@@ -91,6 +91,8 @@ def draw(feet, outward, spec, slant, rng, above=ABOVE):
     feet, outward : ndarray, shape (n, 3)
         Surface points (m) and their outward normals.
     spec : pandis.hardware.devices.Specification
+    stiffness : float
+        Of the object, N/m.
     slant : float
         Largest angle between press and normal, rad.
     rng : numpy.random.Generator
@@ -107,7 +109,7 @@ def draw(feet, outward, spec, slant, rng, above=ABOVE):
         side -= (side @ normal) * normal
         angle = rng.uniform(0, slant)
         way = -np.cos(angle) * normal + np.sin(angle) * side / np.linalg.norm(side)
-        far = _HARD * spec.force / _HAND[0]
+        far = _HARD * spec.force * (1 / _HAND[0] + 1 / stiffness)
         presses.append(Press(foot - above * way, foot + far * way))
     return presses
 

@@ -23,6 +23,7 @@ from pandis.geometry.frame import UNIT_SIDE
 from pandis.geometry.physical import Scale
 from pandis.hardware.attached import Span, run_attached, stiffness_for
 from pandis.hardware.devices import DEVICES
+from pandis.native.contact import Material, TouchedScene
 from pandis.native.device import Order, run_simulated
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
@@ -81,8 +82,23 @@ def known(path, model, size):
     return pressed, validated.walls, ""
 
 
-def touch_simulated(field, model, size, stiffness, seconds):
+def touch_simulated(field, model, size, stiffness, seconds, proxy=None):
     """Lead a simulated device through the middle of an object and back, by the clock.
+
+    Parameters
+    ----------
+    field : pandis.native.runtime.NativeField
+    model : str
+        A key of `pandis.hardware.devices.DEVICES`.
+    size, stiffness, seconds : float
+        Metres of the longest side, N/m, and how long.
+    proxy : tuple of (float, pandis.native.contact.Material), optional
+        Radius of a proxy, m, and what the surface feels like; the penalty force without it.
+
+    Raises
+    ------
+    PandisError
+        The field is a grid of forces, which has no proxy.
 
     Returns
     -------
@@ -94,7 +110,8 @@ def touch_simulated(field, model, size, stiffness, seconds):
     height = 0.6 * size * np.cos(np.linspace(0, 2 * np.pi, ticks))
     rest = np.column_stack([np.zeros(ticks), height, np.zeros(ticks)])
     device = spec.simulated(*HAND, 0, period, stiffness)
-    scene = NativeScene([Placed.at(field, size, stiffness)])
+    placed = [Placed.at(field, size, stiffness)]
+    scene = NativeScene(placed) if proxy is None else TouchedScene(placed, proxy[0], [proxy[1]])
     # nothing is late on a device that does not exist
     late = {"deadline": 1.0, "gap": 1.0, "patience": 5.0}
     order = Order(scene, ticks, spec.limits(period, stiffness), period, armed=True, **late)
@@ -122,10 +139,17 @@ def main(words=None):
     parser.add_argument("--size", type=float, default=0.1, help="longest side, m")
     parser.add_argument("--stiffness", type=float, default=400.0, help="asked for, N/m")
     parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--proxy", action="store_true", help="a proxy that no wall lets through")
+    parser.add_argument("--radius", type=float, default=0.0, help="of the proxy, m")
+    parser.add_argument("--friction", type=float, default=0.0, help="of the proxy: force per force")
     parser.add_argument("--arm", action="store_true", help="send forces, with PANDIS_ARM=1")
     given = parser.parse_args(words)
     if not given.simulated and given.model not in ATTACHED:
         parser.error(f"only {' and '.join(ATTACHED)} can be attached; others with --simulated")
+    if given.proxy and not given.simulated:
+        parser.error("what is known to be safe is about penalty forces: --proxy needs --simulated")
+    if not (given.radius >= 0 and given.friction >= 0):
+        parser.error("--radius and --friction are numbers from 0 on")
     try:
         field = NativeField(given.field)
     except PandisError as error:
@@ -138,7 +162,15 @@ def main(words=None):
     if given.simulated:
         most = min(given.stiffness, DEVICES[given.model].stiffness)
         stiffness = most if why else stiffness_for(most, DEVICES[given.model], pressed, walls)[0]
-        session = touch_simulated(field, given.model, given.size, stiffness, given.seconds)
+        rubs = Material(given.friction, given.friction, 0.0, 0.0)
+        proxy = (given.radius, rubs) if given.proxy else None
+        try:
+            session = touch_simulated(
+                field, given.model, given.size, stiffness, given.seconds, proxy
+            )
+        except PandisError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 1
         print(f"A simulated device ran, and no other. It {told(session, stiffness)}.")
         return 0
     options = AttachedOptions(
