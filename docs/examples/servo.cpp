@@ -4,7 +4,9 @@
 //     ./servo results/bunny/export/pandis-exact.pandis 400
 //
 // A probe of 50 g is let down onto the object from above, guided by a hand that keeps it over one place,
-// and comes to rest on it. Replace `Probe` by your device: read its position, send it the force.
+// and comes to rest on it. It is kept out by a proxy, which nothing lets through and which rubs; a grid of
+// forces knows no distance outside, and gives its penalty force. Replace `Probe` by your device: read its
+// position, send it the force.
 #define PANDIS_IMPLEMENTATION
 #include "pandis.h"
 
@@ -69,13 +71,18 @@ int main(int count, char **words) {
     pandis_field field;                                      // opened before the loop: this takes long
     if (int error = pandis_open_file(&field, words[1])) return std::puts(pandis_error(error)), 1;
     const double unit = 0.10 / pandis_longest_side(&field);  // the longest side is to be 10 cm
-    const double stiffness = std::atof(words[2]) * unit;     // N per mesh unit
+    const double stiffness = std::atof(words[2]);            // N/m
+    const pandis_object object = {&field, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}, unit, stiffness};  // in metres
+    const pandis_material surface = {0.4, 0.3, 0, 0.1};      // friction at rest and sliding; damping, drag
+    pandis_contact contact;
+    const bool has_proxy = pandis_contact_open(&contact, &object, 0) == 0;
+    if (!has_proxy) std::puts("no proxy: this field gives its penalty force");
     Probe probe = {};
     if (!level_place(&field, 0.004 / unit, probe.guide)) return std::puts("nothing to stand on: 4 mm are needed"), 1;
     std::copy(probe.guide, probe.guide + 3, probe.position);
     probe.position[1] += 0.002 / unit;
     double longest = 0, force[3] = {0, 0, 0}, held = 0;      // held: upwards, mean of the last half second
-    for (int k = 0; k < 100; k++) pandis_force(&field, probe.position, stiffness, force);  // fills the caches
+    for (int k = 0; k < 100; k++) pandis_force(&field, probe.position, 0, force);  // fills the caches
     keep_time();
 
     using clock = std::chrono::steady_clock;
@@ -84,7 +91,15 @@ int main(int count, char **words) {
     for (int tick = 0; tick < 2000; tick++) {
         std::this_thread::sleep_until(due += period);        // an absolute deadline: no drift
         const auto begin = clock::now();
-        int flag = pandis_force(&field, probe.position, stiffness, force);
+        int flag;
+        if (has_proxy) {
+            const double place[3] = {probe.position[0] * unit, probe.position[1] * unit, probe.position[2] * unit};
+            pandis_touch touch;
+            flag = pandis_contact_step(&contact, &object, place, 1e-3, &surface, &touch);
+            std::copy(touch.force, touch.force + 3, force);
+        } else {
+            flag = pandis_force(&field, probe.position, stiffness * unit, force);
+        }
         const double taken = std::chrono::duration<double>(clock::now() - begin).count();
         if (flag == PANDIS_INVALID) return std::puts("no answer: the position or the stiffness is no number"), 1;
         probe.step(force, unit, 1e-3);

@@ -82,7 +82,7 @@ def pressed(field, spec, oracle, presses, error):
     stiffness = min(spec.stiffness, STIFFEST)
     proxy = list(run(field, spec, SIZE, stiffness, presses, 0.0))
     penalty = list(run(field, spec, SIZE, stiffness, presses))
-    judged, other = judge(proxy, oracle, error), judge(penalty, oracle, error)
+    judged, other = judge(proxy, oracle, error), judge(penalty, oracle, error, detours=False)
     return {
         "stiffness_n_m": stiffness, "presses": judged.presses, "passes": judged.passed,
         "strongest_n": max(s.strongest for s, _ in proxy), "deepest_mm": 1e3 * judged.deepest,

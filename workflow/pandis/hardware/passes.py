@@ -34,9 +34,9 @@ _TOGETHER = 500
 #: So near (m), the direction to the closest point is rounding.
 _ON_IT = 1e-7
 #: How much longer than the straight way a free one may be.
-_DETOUR = 1.5
+_DETOUR = 2.0
 #: Balls among which a way is looked for.
-_TRIED = 1500
+_TRIED = 3000
 #: Faces that are compared with a way at a time.
 _SOME = 4096
 
@@ -201,7 +201,7 @@ def run(field, spec, size, stiffness, presses, radius=None, material=None):
         yield session, proxy
 
 
-def judge(runs, oracle, error):
+def judge(runs, oracle, error, detours=True):
     """Judge runs of presses.
 
     Parameters
@@ -211,6 +211,9 @@ def judge(runs, oracle, error):
     oracle : Oracle
     error : float
         The field's largest error at the surface, m.
+    detours : bool
+        Whether a proxy may have gone around something in a tick; a probe under a penalty force,
+        which is outside, inside and outside again, has not.
 
     Returns
     -------
@@ -224,7 +227,8 @@ def judge(runs, oracle, error):
         ends = np.cumsum([len(run.places) for run in group])[:-1]
         parts = zip(*(np.split(column, ends) for column in looks), strict=True)
         for run, (distance, outward) in zip(group, parts, strict=True):
-            found.append((_fault(run, distance, outward, margin, oracle), -distance.min()))
+            fault = _fault(run, distance, outward, margin, oracle, detours)
+            found.append((fault, -distance.min()))
     faults = [fault for fault, _ in found]
     return Judged(
         presses=len(held),
@@ -248,18 +252,20 @@ class _Run(NamedTuple):
         return cls(proxies[moved], session.cause != DONE, apart)
 
 
-def _fault(run, distance, outward, margin, oracle):
+def _fault(run, distance, outward, margin, oracle, detours=True):
     """Return which of a judgement's faults a run has, if any."""
     if -distance.min() > margin:
         return "deep"
     # through what is no thicker than two margins a proxy comes without being deeper than one
     for i in np.flatnonzero(np.linalg.norm(np.diff(run.places, axis=0), axis=1) > 2 * margin):
-        if _through(run.places[i : i + 2], distance[i : i + 2], outward[i : i + 2], margin, oracle):
+        if _through(
+            run.places[i : i + 2], distance[i : i + 2], outward[i : i + 2], margin, oracle, detours
+        ):
             return "crossed"
     return "around" if run.apart > MARGIN and not run.ended else None
 
 
-def _through(places, distance, outward, margin, oracle):
+def _through(places, distance, outward, margin, oracle, detours):
     """Return whether no free way leads from one place to the next, of two (2, 3), near them.
 
     What happens between ticks is not known. The straight way is tried first, as far outside as a
@@ -272,6 +278,8 @@ def _through(places, distance, outward, margin, oracle):
     lifted = places + (np.maximum(distance, margin) - distance)[:, None] * outward
     if not oracle.crosses(*lifted):
         return False
+    if not detours:
+        return True
     rng = np.random.default_rng(0)
     centres = rng.normal(size=(_TRIED, 3))
     centres /= np.linalg.norm(centres, axis=1)[:, None]

@@ -2975,6 +2975,7 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
 
 #define PANDIS__SMALL 1e-13  /* of the unit frame: no way at all */
 #define PANDIS__ABOVE 4e-6   /* so high over a plane it is not yet there */
+#define PANDIS__GAP 5e-4     /* between a ball and the place in an edge or a corner from which it is seen */
 #define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
 
 /* Take a larger ball, above where the proxy is. 0: no answer. */
@@ -3106,7 +3107,9 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         }
         if (!joined && way->active) way->shrink *= 0.3;
         if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
-        if (pandis__between(target, at) > 2 * look.free && way->narrow++ < 3) { /* another wall is near: between them */
+        double gap = pandis__between(target, at) - look.free;
+        if (gap > (closely ? look.free : PANDIS__GAP) && way->narrow++ < 6) { /* another wall is near: between them, and lower in the edge */
+            if (gap < look.free) c->lift = fmax(c->lift * fmax(0.4, PANDIS__GAP / gap), PANDIS__HOVER / 64);
             pandis__learn(p, &look, p->x, 0);
             return 1;
         }
