@@ -79,7 +79,7 @@ def path_of(*corners, steps=400):
     corners = np.array(corners)
     at = np.linspace(0, len(corners) - 1, steps)
     path = np.stack([np.interp(at, np.arange(len(corners)), c) for c in corners.T], axis=1)
-    return SimpleNamespace(cause=0, position=path[-1:]), path
+    return SimpleNamespace(cause=0, position=path[-1:], force=path), path
 
 
 def test_the_oracle_sees_a_pass_wherever_it_is(plate):

@@ -247,6 +247,9 @@ class _Run(NamedTuple):
 
     @classmethod
     def of(cls, session, proxies):
+        if session.cause != DONE:  # from its end on nobody has asked for a force
+            given = np.flatnonzero(session.force.any(axis=1))
+            proxies = proxies[: given[-1] + 1 if len(given) else 1]
         moved = np.concatenate([[True], (np.diff(proxies, axis=0) != 0).any(axis=1)])
         apart = float(np.linalg.norm(proxies[-1] - session.position[-1]))
         return cls(proxies[moved], session.cause != DONE, apart)
