@@ -436,7 +436,7 @@ PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *cont
 
 /* Move the probe to a position, `dt` seconds after the last one, and step the contacts of all objects that it may touch.
  * The force is the sum of theirs, in the order of the objects, to the last bit that of stepping all of them. Fills in at
- * most `most` touches (NULL: none), of those objects that are touched; scene->touched says how many are. An object that is
+ * most `most` touches (NULL: none), of those objects that are touched, or whose proxy is behind; scene->touched says how many are. An object that is
  * moved (pandis_scene_moved) carries its proxy along. Returns the worst flag. */
 PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
                                   pandis_touch *touches, size_t most);
@@ -3280,7 +3280,8 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
     touch->state = (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
     for (int i = 0; i < PANDIS__PLANES; i++) touch->planes += way->active >> i & 1;
     if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
-    if (way->held) touch->state |= PANDIS_BEHIND;
+    int apart = memcmp(c->proxy, c->probe, sizeof c->probe) != 0;
+    if (way->held || (!way->active && apart)) touch->state |= PANDIS_BEHIND;
 }
 
 PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
@@ -3394,7 +3395,7 @@ PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3],
         scene->asked += (size_t)touch.queries;
         for (int k = 0; k < 3; k++) force[k] += touch.force[k], far = fmax(far, fabs(o->translation[k]));
         pandis__keep_ball(pandis__ball(scene, i), position, pandis__at_ease(c, o) - 1e-12 * far);
-        if (!(touch.state & PANDIS_TOUCHING)) continue;
+        if (!(touch.state & (PANDIS_TOUCHING | PANDIS_BEHIND))) continue;
         touch.object = (int32_t)i;
         if (touches && scene->touched < most) touches[scene->touched] = touch;
         scene->touched++;

@@ -307,7 +307,8 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
     touch->state = (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
     for (int i = 0; i < PANDIS__PLANES; i++) touch->planes += way->active >> i & 1;
     if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
-    if (way->held) touch->state |= PANDIS_BEHIND;
+    int apart = memcmp(c->proxy, c->probe, sizeof c->probe) != 0;
+    if (way->held || (!way->active && apart)) touch->state |= PANDIS_BEHIND;
 }
 
 PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],

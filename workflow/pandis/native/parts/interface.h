@@ -204,7 +204,7 @@ PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *cont
 
 /* Move the probe to a position, `dt` seconds after the last one, and step the contacts of all objects that it may touch.
  * The force is the sum of theirs, in the order of the objects, to the last bit that of stepping all of them. Fills in at
- * most `most` touches (NULL: none), of those objects that are touched; scene->touched says how many are. An object that is
+ * most `most` touches (NULL: none), of those objects that are touched, or whose proxy is behind; scene->touched says how many are. An object that is
  * moved (pandis_scene_moved) carries its proxy along. Returns the worst flag. */
 PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
                                   pandis_touch *touches, size_t most);

@@ -54,7 +54,7 @@ PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3],
         scene->asked += (size_t)touch.queries;
         for (int k = 0; k < 3; k++) force[k] += touch.force[k], far = fmax(far, fabs(o->translation[k]));
         pandis__keep_ball(pandis__ball(scene, i), position, pandis__at_ease(c, o) - 1e-12 * far);
-        if (!(touch.state & PANDIS_TOUCHING)) continue;
+        if (!(touch.state & (PANDIS_TOUCHING | PANDIS_BEHIND))) continue;
         touch.object = (int32_t)i;
         if (touches && scene->touched < most) touches[scene->touched] = touch;
         scene->touched++;
