@@ -11,7 +11,6 @@ from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
 from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.native.contact import (
-    BEHIND,
     STICKING,
     TOUCHING,
     WAITING,
@@ -195,8 +194,6 @@ def test_random_motion_never_takes_the_proxy_inside(files, name):
     inside = field.query(field.frame.to_mesh(touches.proxy * UNIT_SIDE / 0.1)).distance * unit
     slack = 2e-5 if name in EXACT else 1e-3
     assert inside.min() > -slack
-    apart = np.linalg.norm(touches.force[(touches.state & ~BEHIND) == 0], axis=1)
-    assert np.median(apart, axis=0) == 0 if len(apart) else True
 
 
 def test_the_force_changes_by_no_more_than_its_bound(files):
@@ -307,7 +304,7 @@ def test_at_half_of_the_cone_it_sticks_for_a_minute_without_creeping(files):
 def test_closed_loops_give_no_energy(files, name, friction):
     field, _ = opened(files, name)
     feet, normals = surface_of(field, 25)
-    rng, worst = np.random.default_rng(6), 0.0
+    worst = 0.0
     for foot, normal in zip(metres(field, feet), normals, strict=True):
         first, second = np.linalg.svd(normal[None])[2][1:]
         turn = np.linspace(0, 2 * np.pi, 400)[:, None]
@@ -320,7 +317,6 @@ def test_closed_loops_give_no_energy(files, name, friction):
         middle = (force[:-1] + force[1:]) / 2
         work = np.einsum("ij,ij->", middle, np.diff(loop, axis=0))
         worst = max(worst, work / (0.5 * 400 * 0.003**2))
-    del rng
     assert worst < (0.01 if friction == 0 else 0.002)
 
 

@@ -357,7 +357,7 @@ typedef struct {
     double radius; /* of the proxy, scene lengths: 0 for a point */
     double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
                     * the force at ridges */
-    int32_t budget; /* queries of one step at most; what is left to do goes on in the next one */
+    int32_t budget; /* queries after which a step ends, two more at most; what is left goes on in the next one */
     /* the state, in the object's unit frame */
     int32_t state, planes, sticks, settled, close, face;
     pandis_object object; /* as it lay in the last step */
