@@ -104,3 +104,22 @@ def test_a_way_around_the_rim_is_no_pass(plate):
     rim = SIZE / 2 + 3e-5
     around = path_of([0.048, 0, 0.002], [rim, 0, 0.001], [rim, 0, -0.001], [0.048, 0, -0.002])
     assert judge([around], oracle, 0.0).passed == 0
+
+
+def test_a_narrow_way_over_a_ridge_is_no_pass_and_one_through_it_is():
+    gap, ridge = 3e-4, (2e-4, 0.02, 3e-3)
+
+    def oracle(height):
+        """Return that of a slit between two blocks, with a ridge so high on the lower one."""
+        blocks = [((0.02, 0.02, 0.004), (gap + 0.004) / 2), ((0.02, 0.02, 0.004), -(gap + 0.004) / 2),
+                  (ridge, height - (gap + ridge[2]) / 2)]  # fmt: skip
+        parts = [(Box(tuple(np.array(size) / 2)).tessellation(cuts=3), z) for size, z in blocks]
+        vertices = [corners + [0, 0, z] for (corners, _), z in parts]
+        starts = np.cumsum([0, *(len(v) for v in vertices[:-1])])
+        faces = [f + start for ((_, f), _), start in zip(parts, starts, strict=True)]
+        return Oracle(np.concatenate(vertices), np.concatenate(faces))
+
+    low = 1e-5 - gap / 2
+    over = path_of([-2e-3, 0, low], [-2e-3, 0, low], [2e-3, 0, low], [2e-3, 0, low], steps=4)
+    assert judge([over], oracle(gap / 2), 0.0).passed == 0
+    assert judge([over], oracle(gap), 0.0).crossed == 1

@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import igl
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from pandis.native.contact import TouchedScene
@@ -35,8 +33,9 @@ _TOGETHER = 500
 _ON_IT = 1e-7
 #: How much longer than the straight way a free one may be.
 _DETOUR = 2.0
-#: Balls among which a way is looked for.
-_TRIED = 3000
+#: A way around is looked for in so many rounds, in each of which so many balls get so many others
+#: on their rims; smaller ones than a share of the margin lead nowhere.
+_ROUNDS, _GROWN, _RIM, _LEAST = 60, 48, 10, 0.1
 #: Faces that are compared with a way at a time.
 _SOME = 4096
 
@@ -272,8 +271,8 @@ def _through(places, distance, outward, margin, oracle, detours):
     """Return whether no free way leads from one place to the next, of two (2, 3), near them.
 
     What happens between ticks is not known. The straight way is tried first, as far outside as a
-    proxy may lie inside; then ways that are not much longer, through balls that are free, by
-    libigl's distances, and overlap.
+    proxy may lie inside; then ways that are not much longer, through balls that are free by
+    libigl's distances.
     """
     length = np.linalg.norm(places[1] - places[0])
     if length <= np.maximum(0.0, distance).sum():
@@ -281,21 +280,35 @@ def _through(places, distance, outward, margin, oracle, detours):
     lifted = places + (np.maximum(distance, margin) - distance)[:, None] * outward
     if not oracle.crosses(*lifted):
         return False
-    if not detours:
-        return True
-    rng = np.random.default_rng(0)
-    centres = rng.normal(size=(_TRIED, 3))
-    centres /= np.linalg.norm(centres, axis=1)[:, None]
-    centres *= _DETOUR / 2 * length * np.cbrt(rng.random((_TRIED, 1)))
-    centres += places.mean(axis=0)
-    ways = np.linalg.norm(centres[:, None] - places, axis=2).sum(axis=1)
-    centres = centres[ways <= _DETOUR * length]
-    radius = oracle.look(centres)[0]
-    centres, radius = centres[radius > 0], radius[radius > 0]
-    # a proxy may be off by a margin, so it belongs to every ball that is as near
-    nodes = np.concatenate([places, centres])
-    reach = np.concatenate([[margin, margin], radius])
-    near = cdist(nodes, nodes) <= reach[:, None] + reach
-    near[0, 1] = near[1, 0] = False
-    parts = connected_components(csr_matrix(near), directed=False)[1]
-    return bool(parts[0] != parts[1])
+    return not (detours and _leads_around(places, margin, oracle, _DETOUR * length))
+
+
+def _leads_around(places, margin, oracle, longest):
+    """Return whether free balls, each overlapping one before, lead from one place to the other.
+
+    A proxy may be off by a margin, so every ball that is as near belongs to a place. Balls are
+    grown from rims of others, first of those that are nearest to the other place, within the
+    ellipsoid of ways that are at most so long.
+    """
+    rng, (start, goal) = np.random.default_rng(0), places
+    centres, radius, grown = start[None], np.array([margin]), np.zeros(1, bool)
+    for _ in range(_ROUNDS):
+        left = np.linalg.norm(centres - goal, axis=1) - radius
+        if left.min() <= margin:
+            return True
+        left[grown] = np.inf
+        chosen = np.argsort(left, kind="stable")[:_GROWN]
+        chosen = chosen[~grown[chosen]]
+        if not len(chosen):
+            return False
+        grown[chosen] = True
+        away = rng.normal(size=(len(chosen), _RIM, 3))
+        away /= np.linalg.norm(away, axis=2, keepdims=True)
+        tried = (centres[chosen, None] + radius[chosen, None, None] * away).reshape(-1, 3)
+        way = np.linalg.norm(tried - start, axis=1) + np.linalg.norm(tried - goal, axis=1)
+        tried = tried[way <= longest]
+        free = oracle.look(tried)[0] if len(tried) else np.empty(0)
+        kept = (free > _LEAST * margin) & (cdist(tried, centres) >= radius / 2).all(axis=1)
+        centres, radius = np.concatenate([centres, tried[kept]]), np.append(radius, free[kept])
+        grown = np.append(grown, np.zeros(kept.sum(), bool))
+    return False
