@@ -111,8 +111,8 @@ def test_a_narrow_way_over_a_ridge_is_no_pass_and_one_through_it_is():
 
     def oracle(height):
         """Return that of a slit between two blocks, with a ridge so high on the lower one."""
-        blocks = [((0.02, 0.02, 0.004), (gap + 0.004) / 2), ((0.02, 0.02, 0.004), -(gap + 0.004) / 2),
-                  (ridge, height - (gap + ridge[2]) / 2)]  # fmt: skip
+        wall, away = (0.02, 0.02, 0.004), (gap + 0.004) / 2
+        blocks = [(wall, away), (wall, -away), (ridge, height - (gap + ridge[2]) / 2)]
         parts = [(Box(tuple(np.array(size) / 2)).tessellation(cuts=3), z) for size, z in blocks]
         vertices = [corners + [0, 0, z] for (corners, _), z in parts]
         starts = np.cumsum([0, *(len(v) for v in vertices[:-1])])

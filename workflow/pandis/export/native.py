@@ -216,16 +216,31 @@ def export_native(field, kind, provenance, weight_bits, body, log, original_face
     PandisError
         ``pandis.h`` does not answer as the field does.
     """
-    parts = _parts(field, kind, weight_bits)
-    if original_faces and isinstance(field, CompactField):
-        *numbers, sections = parts
-        faces = {"ORIG": find_originals(body, field.arrays, field.record)}
-        parts = *numbers, sections | faces
+    *numbers, sections = _parts(field, kind, weight_bits)
+    parts = *numbers, sections | _said_of_faces(field, body, original_faces)
     # the file that is checked is let go of before the next one is made: each can be a gigabyte
     safe = _checked(
         field, kind, NativeField(_file(field, parts, provenance)), weight_bits, body, log
     )
     return _file(field, parts, provenance, safe)
+
+
+def _said_of_faces(field, body, original_faces):
+    """Return the sections that say of a mesh's faces which they are, and what they are made of."""
+    exact = isinstance(field, ExactField) and not body.shape
+    if not exact and not isinstance(field, CompactField):
+        return {}
+    sections, regions = {}, body.regions
+    of_face = regions and regions.of_face
+    if not exact and (original_faces or regions):
+        originals = find_originals(body, field.arrays, field.record)
+        if original_faces:
+            sections["ORIG"] = originals
+        of_face = regions and np.where(originals < 0, 0, regions.of_face[originals])
+    if regions:
+        names = b"".join(name.encode() + b"\0" for name in regions.names)
+        sections |= {"REGN": of_face.astype(np.uint8), "RNAM": names}
+    return sections
 
 
 def _checked(field, kind, native, weight_bits, body, log):

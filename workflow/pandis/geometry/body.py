@@ -5,11 +5,21 @@ made from plain arrays. Only here is it asked whether the object is a mesh or a 
 """
 
 from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
 
 from pandis.geometry.distance import MeshDistance, ShapeDistance
 from pandis.geometry.frame import Frame
 from pandis.geometry.sampling import Surface
 from pandis.geometry.shapes import find_shape
+
+
+class Regions(NamedTuple):
+    """Which material each face has: a number for each, shape (F,), and what the materials are."""
+
+    of_face: np.ndarray
+    names: tuple
 
 
 class Body:
@@ -23,18 +33,21 @@ class Body:
         That of the bounding box, unless given.
     shape : str, optional
         The name of the closed form (`pandis.geometry.shapes`) that the mesh approximates.
+    regions : Regions, optional
     """
 
-    def __init__(self, vertices, faces, frame=None, shape=None):
+    def __init__(self, vertices, faces, frame=None, shape=None, regions=None):
         self.vertices, self.faces, self.shape = vertices, faces, shape
+        self.regions = regions
         self.frame = frame or Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
 
     @classmethod
     def open(cls, mesh):
         """Open the body of an artifact of kind ``mesh``."""
         frame = Frame.of(mesh)
-        shape = mesh.attributes.get("shape")
-        return cls(mesh.arrays["vertices"], mesh.arrays["faces"], frame, shape)
+        shape, names = mesh.attributes.get("shape"), mesh.attributes.get("regions")
+        regions = Regions(mesh.arrays["region"], tuple(names)) if names else None
+        return cls(mesh.arrays["vertices"], mesh.arrays["faces"], frame, shape, regions)
 
     @cached_property
     def corners(self):

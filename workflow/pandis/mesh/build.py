@@ -6,7 +6,8 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.shapes import find_shape
 from pandis.mesh.declared import declared_unit
 from pandis.mesh.diagnosis import diagnose
-from pandis.mesh.intake import find_file, read_mesh
+from pandis.mesh.intake import find_file, read_mesh, unpacked
+from pandis.mesh.regions import regions_of
 from pandis.mesh.repair import repair
 
 
@@ -47,6 +48,11 @@ def build(options, source_file, log):
         **frame.attributes(),
         "shape": None,
     }
+    with unpacked(source, path) as plain:
+        given = plain, record["format"], arrays["vertices"], arrays["faces"], log
+        regions = regions_of(*given, seconds=limits[0], memory_gb=limits[1])
+    if regions:
+        arrays["region"], attributes["regions"] = regions
     return arrays, attributes
 
 

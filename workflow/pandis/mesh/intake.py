@@ -3,6 +3,7 @@
 import gzip
 import shutil
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,7 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
             f"{source}: the file's sha256 is {digest}, the configuration says {sha256.lower()}; "
             "the file changed or the download broke: fetch it again, or correct sha256"
         )
-    packed, ending = path.suffix.lower() == ".gz", format_of(path)
+    ending = format_of(path)
     if ending not in FORMATS:
         raise PandisError(
             f"{source}: unknown format '.{ending}'; known are "
@@ -69,26 +70,18 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
             + ", each also as .gz; convert the mesh to one of them"
         )
     complaints = {}
-    with tempfile.TemporaryDirectory() as folder:
-        if packed:
-            plain = Path(folder) / path.stem
-            try:
-                with gzip.open(path) as stream, plain.open("wb") as unpacked:
-                    shutil.copyfileobj(stream, unpacked)
-            except (OSError, EOFError) as error:
-                raise PandisError(f"{source}: not a whole gzip file ({error})") from error
-            path = plain
-        if packing := compression(path, ending):
+    with unpacked(source, path) as plain:
+        if packing := compression(plain, ending):
             raise PandisError(
                 f"{source}: its triangles are compressed with {packing}, which no "
                 "reader here knows; export the scene again without compression"
             )
-        says = declared(path, ending)
+        says = declared(plain, ending)
         limits = {"seconds": seconds, "memory_gb": memory_gb}
         readings = {}
         for reader in readers_of(ending, says):
             try:
-                mesh = tools.call(f"read_{reader}", path=str(path.resolve()), **limits)
+                mesh = tools.call(f"read_{reader}", path=str(plain.resolve()), **limits)
                 check_arrays(*mesh)
             except BadMesh as error:
                 # no second opinion: PyMeshLab would drop such vertices and their faces in silence
@@ -113,6 +106,28 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
     record["declared_triangles"] = str(says) if says else None
     complaints.pop(reader, None)
     return *readings[reader], record | {"passed_over": complaints}
+
+
+@contextmanager
+def unpacked(source, path):
+    """Give a file as it is, or, if it is a gzip file, what is in it, while the body runs.
+
+    Raises
+    ------
+    PandisError
+        It is not a whole gzip file.
+    """
+    if path.suffix.lower() != ".gz":
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder) / path.stem
+        try:
+            with gzip.open(path) as stream, plain.open("wb") as target:
+                shutil.copyfileobj(stream, target)
+        except (OSError, EOFError) as error:
+            raise PandisError(f"{source}: not a whole gzip file ({error})") from error
+        yield plain
 
 
 def readers_of(ending, says):

@@ -12,7 +12,7 @@ from pandis.mesh.holes import least_cost_triangles
 
 
 def read_obj(path):
-    """Read positions and polygons of an OBJ file.
+    """Read positions, polygons and the names of materials of an OBJ file.
 
     Parameters
     ----------
@@ -22,6 +22,8 @@ def read_obj(path):
     -------
     vertices : ndarray, shape (V, 3), float64
     faces : ndarray, shape (F, 3), int64
+    names : list of (str or None)
+        Of each face's material.
 
     Raises
     ------
@@ -30,19 +32,22 @@ def read_obj(path):
     """
     with open(path, encoding="utf-8", errors="replace") as stream:
         text = re.sub(r"\\\r?\n", " ", stream.read())
-    vertices, polygons = [], []
+    vertices, polygons, names, name = [], [], [], None
     for line in text.splitlines():
         words = line.split("#")[0].split()
         if not words:
             continue
         if words[0] == "v":
             vertices.append([float(word) for word in words[1:4]])
+        elif words[0] == "usemtl":
+            name = line.split(maxsplit=1)[1].strip() if len(words) > 1 else None
         elif words[0] == "f":
             corners = [int(word.split("/")[0]) for word in words[1:]]
             # negative: counted back from the last vertex so far
             polygons.append([c - 1 if c > 0 else len(vertices) + c for c in corners])
+            names += [name] * max(len(corners) - 2, 0)
     vertices = np.asarray(vertices, np.float64).reshape(-1, 3)
-    return vertices, triangulate_polygons(vertices, polygons)
+    return vertices, triangulate_polygons(vertices, polygons), names
 
 
 def triangulate_polygons(vertices, polygons):

@@ -43,6 +43,8 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     -------
     vertices : ndarray, shape (V, 3), float64
     faces : ndarray, shape (F, 3), int64
+    names : ndarray, shape (F,), of text
+        Of ``read_materials`` alone.
 
     Raises
     ------
@@ -92,7 +94,7 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
                 raise ToolError(f"crashed (signal {-done.returncode})")
             raise ToolError((done.stderr.strip().splitlines() or ["no message"])[-1])
         with np.load(output) as data:
-            return data["vertices"], data["faces"]
+            return tuple(data[key] for key in ("vertices", "faces", "names") if key in data)
 
 
 # --- readers ---------------------------------------------------------------------------
@@ -110,7 +112,14 @@ def read_polygons(path):
     """Read an OBJ file with polygons: see `pandis.mesh.polygons`."""
     from pandis.mesh.polygons import read_obj
 
-    return read_obj(path)
+    return read_obj(path)[:2]
+
+
+def read_materials(path, form):
+    """Read a file with the names of its faces' materials: see `pandis.mesh.materials`."""
+    from pandis.mesh.materials import materials_of
+
+    return materials_of(Path(path), form)
 
 
 def read_pymeshlab(path):
@@ -261,6 +270,7 @@ OPERATIONS = {
     for f in (
         read_trimesh,
         read_polygons,
+        read_materials,
         read_pymeshlab,
         read_libigl,
         clean,
@@ -284,14 +294,15 @@ def main(arguments):
         with np.load(given) as data:
             mesh = data["vertices"], data["faces"]
     try:
-        vertices, faces = OPERATIONS[operation](*mesh, **json.loads(parameters))
+        vertices, faces, *names = OPERATIONS[operation](*mesh, **json.loads(parameters))
     except MemoryError:
         raise
     except Exception as error:
         # one line on stderr is what the parent quotes
         sys.exit(" ".join(f"{type(error).__name__}: {error}".split())[:300])
     vertices = np.asarray(vertices, np.float64).reshape(-1, 3)
-    np.savez(output, vertices=vertices, faces=np.asarray(faces, np.int64).reshape(-1, 3))
+    faces = np.asarray(faces, np.int64).reshape(-1, 3)
+    np.savez(output, vertices=vertices, faces=faces, **({"names": names[0]} if names else {}))
 
 
 if __name__ == "__main__":

@@ -123,6 +123,7 @@ typedef struct {
     int32_t face; /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several
                    * one: of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and where there is no
                    * answer, -1 */
+    int32_t region; /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
 } pandis_answer;
 
 /* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and
@@ -236,6 +237,7 @@ typedef struct {
     int kind, mapped;
     double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
     double low[3], high[3], margin[2]; /* see pandis__measure; unit frame */
+    const uint8_t *regions;            /* of each face, in the field's own order; NULL: not said */
     union {
         pandis__network network;
         pandis__grid grid;
@@ -264,6 +266,10 @@ PANDIS_API size_t pandis_bytes(const pandis_field *field);
 /* A box around the surface, in mesh units (all that the field covers, if its file does not say where the
  * surface lies). */
 PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]);
+
+/* The name of a region (pandis_answer.region): of the material that the mesh's file gives its faces. NULL if there is no
+ * such region. */
+PANDIS_API const char *pandis_region(const pandis_field *field, int region);
 
 /* The length of the longest side of the mesh that the field was made from, in its units. */
 PANDIS_API double pandis_longest_side(const pandis_field *field);
@@ -358,8 +364,10 @@ typedef struct {
     double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
                     * the force at ridges */
     int32_t budget; /* queries after which a step ends, two more at most; what is left goes on in the next one */
+    int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
+    const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
     /* the state, in the object's unit frame */
-    int32_t state, planes, sticks, settled, close, face;
+    int32_t state, planes, sticks, settled, close, face, region;
     pandis_object object; /* as it lay in the last step */
     double ball[5], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
 } pandis_contact;
@@ -381,6 +389,7 @@ typedef struct {
     int queries;      /* that this step took */
     int32_t object;   /* of a scene */
     int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, where the field says it: see pandis_answer */
+    int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
 /* Begin a contact with a probe of a radius (scene lengths). Returns 0, PANDIS_ERROR_POSE (of the object, or the radius), or
@@ -390,7 +399,8 @@ PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object 
 /* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes
  * through the surface: free motion is followed, however thin what lies between; along the surface it takes short steps, on
  * up to three planes at once. The object may have another pose than last time: the proxy goes with it; with
- * another field or scale the contact begins anew. Returns the flag. */
+ * another field or scale the contact begins anew. Of several materials (contact->materials) that of the region counts in
+ * which the proxy lay before, the first one where there is none. Returns the flag. */
 PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
                                    double dt, const pandis_material *material, pandis_touch *touch);
 
@@ -901,10 +911,11 @@ static int pandis__meets(const double *const *c, const double *p, const double *
 /* ---------------------------------------------------------------- closest points of a mesh */
 
 /* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
- * may be wrong. Afterwards there are the closest point, and the face of mesh.zarr.zip that it is on (-1: not said). */
+ * may be wrong. Afterwards there are the closest point, the face of mesh.zarr.zip that it is on (-1: not said), and the
+ * place of its face in the field's own order (-1: it has none). */
 typedef struct {
     double reach, guess, closest[3];
-    int32_t face;
+    int32_t face, place;
 } pandis__start;
 
 typedef struct {
@@ -1393,7 +1404,7 @@ PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double
     cut = *clear < (double)INFINITY;
     pandis__find_mesh_foot(t, face, u, &foot);
     for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
-    begin->face = face;
+    begin->face = begin->place = face;
     pandis__pseudonormal(t, face, &foot, n);
     sign = pandis__sign(t, u, &foot, n);
     if (cut && pandis__within(t, u)) sign = pandis__cut_sign(t, u, face, &foot, *clear);
@@ -1818,7 +1829,7 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
         return PANDIS_BEYOND;
     }
     if (face == INT32_MAX) return PANDIS_INVALID;
-    begin->face = t->original ? t->original[face] : -1;
+    begin->face = t->original ? t->original[face] : -1, begin->place = face;
     pandis__packed b;
     pandis__foot foot;
     pandis__unpack(t, face / PANDIS__BLOCK, &b);
@@ -2325,7 +2336,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
         answer->clear = mesh ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
-    answer->flag = flag, answer->face = -1;
+    answer->flag = flag, answer->face = answer->region = -1;
 }
 
 static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis_answer *answer) {
@@ -2347,23 +2358,25 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
         }
     }
     pandis__tell(field, d, n[0], clear, flag, answer);
-    answer->face = answer->flag == PANDIS_INVALID || answer->flag == PANDIS_BEYOND ? -1 : begin->face;
+    if (answer->flag == PANDIS_INVALID || answer->flag == PANDIS_BEYOND) return;
+    answer->face = begin->face;
+    if (field->regions && begin->place >= 0) answer->region = field->regions[begin->place];
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
-    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
+    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
     if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */
@@ -2857,7 +2870,7 @@ typedef struct {
  * entered, and the surface's foot and normal. */
 typedef struct {
     double at[3], distance, free, sure, normal[3], foot[3];
-    int32_t face;
+    int32_t face, region;
 } pandis__look;
 
 static int pandis__knows_distance(const pandis_field *f) {
@@ -2889,7 +2902,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
     }
     look->distance = distance - p->radius, look->free = free - p->radius;
-    look->sure = fmin(sure, free) - p->radius, look->face = answer.face;
+    look->sure = fmin(sure, free) - p->radius, look->face = answer.face, look->region = answer.region;
     for (int k = 0; k < 3; k++) {
         look->normal[k] = answer.normal[k];
         look->foot[k] = at[k] - look->distance * answer.normal[k];
@@ -2930,7 +2943,7 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     pandis__forget(p, &seen, place, height);
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
-    p->state->face = look->face;
+    p->state->face = look->face, p->state->region = look->region;
 }
 
 /* Where to look from, to see whether the proxy can be at a place: as high over all planes near it as `lift`, or between
@@ -3243,7 +3256,7 @@ PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object 
     memset(contact, 0, sizeof *contact);
     if (!pandis__lies(object) || !(radius >= 0 && radius <= 1e100)) return PANDIS_ERROR_POSE;
     if (!pandis__knows_distance(object->field)) return PANDIS_ERROR_KIND;
-    contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = -1;
+    contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = contact->region = -1, contact->materials = 1;
     contact->slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
     return 0;
 }
@@ -3262,6 +3275,17 @@ static int pandis__begin(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
+/* In which region the proxy lies, by a mesh of the same object. */
+static void pandis__find_region(pandis__proxy *p) {
+    const pandis_field *f = p->field;
+    pandis_answer answer;
+    double point[3];
+    for (int k = 0; k < 3; k++) point[k] = p->x[k] / f->scale + f->centre[k];
+    pandis_query(p->state->regions, point, &answer);
+    p->queries++;
+    p->state->region = answer.region;
+}
+
 static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, const pandis_object *o, double damping,
                                pandis_touch *touch) {
     const pandis_contact *c = p->state;
@@ -3276,7 +3300,7 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
         touch->normal[k] = way->active ? pandis__dot(row, normal) : 0;
         touch->proxy[k] = o->scale * pandis__dot(row, place) + o->translation[k];
     }
-    touch->slip = way->slid * per, touch->face = c->face;
+    touch->slip = way->slid * per, touch->face = c->face, touch->region = c->region;
     touch->state = (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
     for (int i = 0; i < PANDIS__PLANES; i++) touch->planes += way->active >> i & 1;
     if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
@@ -3290,10 +3314,11 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     const pandis_field *f = object->field;
     double point[3], probe[3], per = f->scale / object->scale; /* of the unit frame for one of the scene */
     memset(touch, 0, sizeof *touch);
-    touch->flag = PANDIS_INVALID, touch->face = -1;
+    touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
     if (!pandis__unit(f, point, probe) || !(dt > 0)) return PANDIS_INVALID;
     if (!material) material = &smooth;
+    else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     contact->object = *object;
     pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
@@ -3310,6 +3335,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
     if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
+    if (answered && way.active && contact->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
     if (contact->state == PANDIS__BEGINS) {
         touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;
@@ -3443,35 +3469,44 @@ static int32_t pandis__whole(const pandis_field *f, int k) {
 
 static double pandis__real(const pandis_field *f, int k) { return pandis__f64(f->data + 128 + 8 * k); }
 
-/* A section by its name, if it holds `count` values of `each` bytes; sections have been checked. */
-static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
-    uint32_t sections = pandis__u32(f->data + 36);
-    for (uint32_t i = 0; i < sections; i++) {
-        const unsigned char *entry = f->data + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
+/* A section by its name, and how many bytes it has; NULL if there is none. */
+static const unsigned char *pandis__find(const pandis_field *f, const char *name, uint64_t *bytes) {
+    const unsigned char *entry = f->data + PANDIS__HEADER;
+    *bytes = 0;
+    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections; i++, entry += PANDIS__SECTION) {
         if (memcmp(entry, name, 4)) continue;
-        return pandis__u64(entry + 16) == count * each ? f->data + (size_t)pandis__u64(entry + 8) : NULL;
+        *bytes = pandis__u64(entry + 16);
+        return f->data + (size_t)pandis__u64(entry + 8);
     }
     return NULL;
+}
+
+/* A section by its name, if it holds `count` values of `each` bytes; sections have been checked. */
+static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
+    uint64_t bytes;
+    const unsigned char *section = pandis__find(f, name, &bytes);
+    return bytes == count * each ? section : NULL;
 }
 
 /* Whether there is a section of a name. */
 static int pandis__has_section(const pandis_field *f, const char *name) {
-    const unsigned char *entry = f->data + PANDIS__HEADER;
-    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections; i++, entry += PANDIS__SECTION)
-        if (!memcmp(entry, name, 4)) return 1;
-    return 0;
+    uint64_t bytes;
+    return pandis__find(f, name, &bytes) != NULL;
 }
 
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size) {
-    const unsigned char *entry = field->kind ? field->data + PANDIS__HEADER : NULL;
-    uint32_t sections = field->kind ? pandis__u32(field->data + 36) : 0;
-    *size = 0;
-    for (uint32_t i = 0; i < sections; i++, entry += PANDIS__SECTION) {
-        if (memcmp(entry, "PROV", 4)) continue;
-        *size = (size_t)pandis__u64(entry + 16);
-        return (const char *)(field->data + (size_t)pandis__u64(entry + 8));
-    }
-    return NULL;
+    uint64_t bytes = 0;
+    const unsigned char *text = field->kind ? pandis__find(field, "PROV", &bytes) : NULL;
+    *size = (size_t)bytes;
+    return (const char *)text;
+}
+
+PANDIS_API const char *pandis_region(const pandis_field *field, int region) {
+    uint64_t bytes = 0;
+    const char *name = field->regions ? (const char *)pandis__find(field, "RNAM", &bytes) : NULL;
+    const char *end = name ? name + bytes : NULL;
+    for (int i = 0; i < region && name < end; i++) name += strlen(name) + 1; /* the last one ends with a zero */
+    return region >= 0 && name < end ? name : NULL;
 }
 
 static int pandis__finite(const float *values, uint64_t count) {
@@ -3756,6 +3791,21 @@ static int pandis__measure(pandis_field *f) {
     return 1;
 }
 
+/* A region for each face, and its name. */
+static int pandis__open_regions(pandis_field *f) {
+    int mesh = f->kind == PANDIS_MESH;
+    uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
+    uint64_t bytes, names = 0;
+    const unsigned char *text = pandis__find(f, "RNAM", &bytes);
+    const uint8_t *regions = (const uint8_t *)pandis__section(f, "REGN", count, 1);
+    if (!regions || !text || !bytes || text[bytes - 1]) return 0;
+    for (uint64_t i = 0; i < bytes; i++) names += !text[i];
+    for (uint64_t i = 0; i < count; i++)
+        if (regions[i] >= names) return 0;
+    f->regions = regions;
+    return 1;
+}
+
 static int pandis__open(pandis_field *field, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;
     const uint32_t order = PANDIS__ORDER;
@@ -3796,7 +3846,8 @@ static int pandis__open(pandis_field *field, const void *data, size_t size) {
     if (kind == PANDIS_SHAPE) good = pandis__open_shape(field);
     if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;
-    return 0;
+    int meshes = kind == PANDIS_MESH || kind == PANDIS_COMPACT;
+    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : 0;
 }
 
 PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {

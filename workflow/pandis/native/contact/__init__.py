@@ -32,12 +32,27 @@ class Material(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_double) for name in ("sticking", "sliding", "damping", "drag"))
 
 
+def _array(material):
+    """Return materials as C has them: one of them, several, or None for a smooth surface."""
+    several = [material] if material is None or isinstance(material, Material) else material
+    return (Material * len(several))(*(Material() if m is None else m for m in several))
+
+
 class _State(ctypes.Structure):
     _fields_ = (
         ("radius", ctypes.c_double),
         ("slide", ctypes.c_double),
         ("budget", ctypes.c_int32),
+        ("materials", ctypes.c_int32),
+        ("regions", ctypes.c_void_p),
     )
+
+    def set(self, materials, regions=None, budget=None):
+        """Set how many materials there are, whose regions count, and how many queries are made."""
+        self.materials = len(materials)
+        self.regions = None if regions is None else regions.address
+        if budget is not None:
+            self.budget = budget
 
 
 class Touches(NamedTuple):
@@ -49,7 +64,7 @@ class Touches(NamedTuple):
         The normal is that of the surface against which the proxy is pressed; 0 if it is not.
     depth, slip : ndarray, shape (n,)
         How far the probe is beyond the proxy, and how far the proxy has slid.
-    state, flag, planes, queries, face : ndarray, shape (n,)
+    state, flag, planes, queries, face, region : ndarray, shape (n,)
         As in ``pandis_touch``.
     seconds : ndarray, shape (n,), or None
     """
@@ -64,6 +79,7 @@ class Touches(NamedTuple):
     planes: np.ndarray
     queries: np.ndarray
     face: np.ndarray
+    region: np.ndarray
     seconds: np.ndarray | None
 
     @classmethod
@@ -71,14 +87,14 @@ class Touches(NamedTuple):
         """Return rows for so many steps, to be filled."""
         vectors = [np.empty((count, 3)) for _ in range(3)]
         numbers = [np.empty(count) for _ in range(2)]
-        whole = [np.empty(count, np.int32) for _ in range(5)]
+        whole = [np.empty(count, np.int32) for _ in range(6)]
         return cls(*vectors, *numbers, *whole, np.empty(count) if timed else None)
 
 
 class _Rows(ctypes.Structure):
     _order = (
         *("force", "proxy", "normal", "depth", "slip", "seconds"),
-        *("state", "flag", "planes", "queries", "face"),
+        *("state", "flag", "planes", "queries", "face", "region"),
     )
     _fields_ = tuple((name, ctypes.c_void_p) for name in _order)
 
@@ -115,8 +131,10 @@ class NativeContact:
     placed : pandis.native.scene.Placed
     radius : float
         Of the probe, scene lengths.
-    material : Material, optional
-        Smooth and undamped by default.
+    material : Material, or sequence of Material, optional
+        Of the surface, or of each of its regions; smooth and undamped by default.
+    regions : pandis.native.runtime.NativeField, optional
+        A mesh of the same object, whose regions count if the object's field has none.
 
     Raises
     ------
@@ -124,9 +142,9 @@ class NativeContact:
         The object lies nowhere, or is a grid of forces, which knows no distance outside.
     """
 
-    def __init__(self, placed, radius=0.0, material=None):
-        self._library, self.placed = library(), placed
-        self.material = Material() if material is None else material
+    def __init__(self, placed, radius=0.0, material=None, regions=None):
+        self._library, self.placed, self._regions = library(), placed, regions
+        self.materials = _array(material)
         self._object = placed_object(placed)
         self._state = ctypes.create_string_buffer(self._library.contact_bytes())
         error = self._library.pandis_contact_open(
@@ -134,6 +152,7 @@ class NativeContact:
         )
         if error:
             raise PandisError(runtime().pandis_error(error).decode())
+        self.settings.set(self.materials, regions)
 
     @property
     def settings(self):
@@ -168,7 +187,7 @@ class NativeContact:
         touches = Touches.empty(len(path), timed)
         self._library.contact_follow(
             self._state, ctypes.byref(self._object), path.ctypes.data, len(path), dt,
-            ctypes.byref(self.material), ctypes.byref(_Rows.of(touches)),
+            self.materials, ctypes.byref(_Rows.of(touches)),
         )  # fmt: skip
         return touches
 
@@ -191,8 +210,12 @@ class TouchedScene(NativeScene):
     objects : list of pandis.native.scene.Placed
     radius : float
         Of the probe, scene lengths.
-    materials : list of Material or None, optional
-        One for each object.
+    materials : list of (Material, sequence of Material, or None), optional
+        For each object, that of its surface, or those of its regions.
+    regions : list of (pandis.native.runtime.NativeField or None), optional
+        For each object, a mesh whose regions count if its field has none.
+    budget : int, optional
+        Queries after which a step of a contact ends; 24 by default.
 
     Raises
     ------
@@ -200,12 +223,13 @@ class TouchedScene(NativeScene):
         An object lies nowhere, or is a grid of forces.
     """
 
-    def __init__(self, objects, radius=0.0, materials=None):
+    def __init__(self, objects, radius=0.0, materials=None, regions=None, budget=None):
         super().__init__(objects)
         self._touching = library()
         count = len(self.objects)
-        self.materials = list(materials or [None] * count)
-        address = [None if m is None else ctypes.addressof(m) for m in self.materials]
+        self.materials = [_array(m) for m in materials or [None] * count]
+        self._regions, self._budget = list(regions or [None] * count), budget
+        address = [ctypes.addressof(m) for m in self.materials]
         self._materials = (ctypes.c_void_p * max(count, 1))(*address)
         self._contacts = ctypes.create_string_buffer(max(count, 1) * self._touching.contact_bytes())
         self.radius = radius
@@ -216,10 +240,15 @@ class TouchedScene(NativeScene):
         self._check(self._open(self._contacts))
 
     def _open(self, contacts):
-        radius = float(self.radius)
-        return self._touching.pandis_scene_touch_open(
+        radius, size = float(self.radius), self._touching.contact_bytes()
+        error = self._touching.pandis_scene_touch_open(
             self._scene, contacts, self._materials, radius
         )
+        for i, (materials, regions) in enumerate(zip(self.materials, self._regions, strict=True)):
+            state = _State.from_buffer(contacts, i * size)
+            # one that cannot be touched has no budget, and gets none
+            state.set(materials, regions, self._budget if state.budget else None)
+        return error
 
     def follow(self, path, dt=1e-3, timed=False):
         """Step along a path (n, 3), scene units, ``dt`` seconds apart; returns `SceneForces`."""

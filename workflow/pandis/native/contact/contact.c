@@ -17,7 +17,7 @@ static double seconds(void) {
 /* Where the answers of steps go, a row for each; seconds may be NULL. */
 typedef struct {
     double *force, *proxy, *normal, *depth, *slip, *seconds;
-    int32_t *state, *flag, *planes, *queries, *face;
+    int32_t *state, *flag, *planes, *queries, *face, *region;
 } contact_rows;
 
 static void put(const contact_rows *rows, size_t i, const pandis_touch *touch) {
@@ -26,7 +26,7 @@ static void put(const contact_rows *rows, size_t i, const pandis_touch *touch) {
     memcpy(rows->normal + 3 * i, touch->normal, sizeof touch->normal);
     rows->depth[i] = touch->depth, rows->slip[i] = touch->slip, rows->state[i] = touch->state;
     rows->flag[i] = touch->flag, rows->planes[i] = touch->planes, rows->queries[i] = touch->queries;
-    rows->face[i] = touch->face;
+    rows->face[i] = touch->face, rows->region[i] = touch->region;
 }
 
 /* Step along a path of positions (three doubles each), `dt` apart. */

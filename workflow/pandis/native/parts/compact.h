@@ -300,7 +300,7 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
         return PANDIS_BEYOND;
     }
     if (face == INT32_MAX) return PANDIS_INVALID;
-    begin->face = t->original ? t->original[face] : -1;
+    begin->face = t->original ? t->original[face] : -1, begin->place = face;
     pandis__packed b;
     pandis__foot foot;
     pandis__unpack(t, face / PANDIS__BLOCK, &b);

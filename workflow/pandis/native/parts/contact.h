@@ -270,7 +270,7 @@ PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object 
     memset(contact, 0, sizeof *contact);
     if (!pandis__lies(object) || !(radius >= 0 && radius <= 1e100)) return PANDIS_ERROR_POSE;
     if (!pandis__knows_distance(object->field)) return PANDIS_ERROR_KIND;
-    contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = -1;
+    contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = contact->region = -1, contact->materials = 1;
     contact->slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
     return 0;
 }
@@ -289,6 +289,17 @@ static int pandis__begin(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
+/* In which region the proxy lies, by a mesh of the same object. */
+static void pandis__find_region(pandis__proxy *p) {
+    const pandis_field *f = p->field;
+    pandis_answer answer;
+    double point[3];
+    for (int k = 0; k < 3; k++) point[k] = p->x[k] / f->scale + f->centre[k];
+    pandis_query(p->state->regions, point, &answer);
+    p->queries++;
+    p->state->region = answer.region;
+}
+
 static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, const pandis_object *o, double damping,
                                pandis_touch *touch) {
     const pandis_contact *c = p->state;
@@ -303,7 +314,7 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
         touch->normal[k] = way->active ? pandis__dot(row, normal) : 0;
         touch->proxy[k] = o->scale * pandis__dot(row, place) + o->translation[k];
     }
-    touch->slip = way->slid * per, touch->face = c->face;
+    touch->slip = way->slid * per, touch->face = c->face, touch->region = c->region;
     touch->state = (way->active ? PANDIS_TOUCHING : 0) | (way->active && c->sticks ? PANDIS_STICKING : 0);
     for (int i = 0; i < PANDIS__PLANES; i++) touch->planes += way->active >> i & 1;
     if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
@@ -317,10 +328,11 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     const pandis_field *f = object->field;
     double point[3], probe[3], per = f->scale / object->scale; /* of the unit frame for one of the scene */
     memset(touch, 0, sizeof *touch);
-    touch->flag = PANDIS_INVALID, touch->face = -1;
+    touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
     if (!pandis__unit(f, point, probe) || !(dt > 0)) return PANDIS_INVALID;
     if (!material) material = &smooth;
+    else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     contact->object = *object;
     pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
@@ -337,6 +349,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
     if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
+    if (answered && way.active && contact->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
     if (contact->state == PANDIS__BEGINS) {
         touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;

@@ -123,6 +123,21 @@ static int pandis__measure(pandis_field *f) {
     return 1;
 }
 
+/* A region for each face, and its name. */
+static int pandis__open_regions(pandis_field *f) {
+    int mesh = f->kind == PANDIS_MESH;
+    uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
+    uint64_t bytes, names = 0;
+    const unsigned char *text = pandis__find(f, "RNAM", &bytes);
+    const uint8_t *regions = (const uint8_t *)pandis__section(f, "REGN", count, 1);
+    if (!regions || !text || !bytes || text[bytes - 1]) return 0;
+    for (uint64_t i = 0; i < bytes; i++) names += !text[i];
+    for (uint64_t i = 0; i < count; i++)
+        if (regions[i] >= names) return 0;
+    f->regions = regions;
+    return 1;
+}
+
 static int pandis__open(pandis_field *field, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;
     const uint32_t order = PANDIS__ORDER;
@@ -163,7 +178,8 @@ static int pandis__open(pandis_field *field, const void *data, size_t size) {
     if (kind == PANDIS_SHAPE) good = pandis__open_shape(field);
     if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;
-    return 0;
+    int meshes = kind == PANDIS_MESH || kind == PANDIS_COMPACT;
+    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : 0;
 }
 
 PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {

@@ -4,6 +4,7 @@ typedef struct {
     int kind, mapped;
     double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
     double low[3], high[3], margin[2]; /* see pandis__measure; unit frame */
+    const uint8_t *regions;            /* of each face, in the field's own order; NULL: not said */
     union {
         pandis__network network;
         pandis__grid grid;
@@ -32,6 +33,10 @@ PANDIS_API size_t pandis_bytes(const pandis_field *field);
 /* A box around the surface, in mesh units (all that the field covers, if its file does not say where the
  * surface lies). */
 PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]);
+
+/* The name of a region (pandis_answer.region): of the material that the mesh's file gives its faces. NULL if there is no
+ * such region. */
+PANDIS_API const char *pandis_region(const pandis_field *field, int region);
 
 /* The length of the longest side of the mesh that the field was made from, in its units. */
 PANDIS_API double pandis_longest_side(const pandis_field *field);
@@ -126,8 +131,10 @@ typedef struct {
     double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
                     * the force at ridges */
     int32_t budget; /* queries after which a step ends, two more at most; what is left goes on in the next one */
+    int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
+    const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
     /* the state, in the object's unit frame */
-    int32_t state, planes, sticks, settled, close, face;
+    int32_t state, planes, sticks, settled, close, face, region;
     pandis_object object; /* as it lay in the last step */
     double ball[5], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
 } pandis_contact;
@@ -149,6 +156,7 @@ typedef struct {
     int queries;      /* that this step took */
     int32_t object;   /* of a scene */
     int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, where the field says it: see pandis_answer */
+    int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
 /* Begin a contact with a probe of a radius (scene lengths). Returns 0, PANDIS_ERROR_POSE (of the object, or the radius), or
@@ -158,7 +166,8 @@ PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object 
 /* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes
  * through the surface: free motion is followed, however thin what lies between; along the surface it takes short steps, on
  * up to three planes at once. The object may have another pose than last time: the proxy goes with it; with
- * another field or scale the contact begins anew. Returns the flag. */
+ * another field or scale the contact begins anew. Of several materials (contact->materials) that of the region counts in
+ * which the proxy lay before, the first one where there is none. Returns the flag. */
 PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
                                    double dt, const pandis_material *material, pandis_touch *touch);
 

@@ -1,10 +1,11 @@
 /* ---------------------------------------------------------------- closest points of a mesh */
 
 /* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
- * may be wrong. Afterwards there are the closest point, and the face of mesh.zarr.zip that it is on (-1: not said). */
+ * may be wrong. Afterwards there are the closest point, the face of mesh.zarr.zip that it is on (-1: not said), and the
+ * place of its face in the field's own order (-1: it has none). */
 typedef struct {
     double reach, guess, closest[3];
-    int32_t face;
+    int32_t face, place;
 } pandis__start;
 
 typedef struct {

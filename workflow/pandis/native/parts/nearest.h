@@ -342,7 +342,7 @@ PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double
     cut = *clear < (double)INFINITY;
     pandis__find_mesh_foot(t, face, u, &foot);
     for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
-    begin->face = face;
+    begin->face = begin->place = face;
     pandis__pseudonormal(t, face, &foot, n);
     sign = pandis__sign(t, u, &foot, n);
     if (cut && pandis__within(t, u)) sign = pandis__cut_sign(t, u, face, &foot, *clear);

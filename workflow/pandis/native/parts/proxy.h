@@ -31,7 +31,7 @@ typedef struct {
  * entered, and the surface's foot and normal. */
 typedef struct {
     double at[3], distance, free, sure, normal[3], foot[3];
-    int32_t face;
+    int32_t face, region;
 } pandis__look;
 
 static int pandis__knows_distance(const pandis_field *f) {
@@ -63,7 +63,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
     }
     look->distance = distance - p->radius, look->free = free - p->radius;
-    look->sure = fmin(sure, free) - p->radius, look->face = answer.face;
+    look->sure = fmin(sure, free) - p->radius, look->face = answer.face, look->region = answer.region;
     for (int k = 0; k < 3; k++) {
         look->normal[k] = answer.normal[k];
         look->foot[k] = at[k] - look->distance * answer.normal[k];
@@ -104,7 +104,7 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     pandis__forget(p, &seen, place, height);
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
-    p->state->face = look->face;
+    p->state->face = look->face, p->state->region = look->region;
 }
 
 /* Where to look from, to see whether the proxy can be at a place: as high over all planes near it as `lift`, or between

@@ -43,7 +43,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
         answer->clear = mesh ? clear / field->scale : fabs(answer->distance);
         for (int k = 0; k < 3; k++) answer->normal[k] = n[k];
     }
-    answer->flag = flag, answer->face = -1;
+    answer->flag = flag, answer->face = answer->region = -1;
 }
 
 static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis_answer *answer) {
@@ -65,23 +65,25 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
         }
     }
     pandis__tell(field, d, n[0], clear, flag, answer);
-    answer->face = answer->flag == PANDIS_INVALID || answer->flag == PANDIS_BEYOND ? -1 : begin->face;
+    if (answer->flag == PANDIS_INVALID || answer->flag == PANDIS_BEYOND) return;
+    answer->face = begin->face;
+    if (field->regions && begin->place >= 0) answer->region = field->regions[begin->place];
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
-    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
+    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1};
+    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
     if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */

@@ -38,35 +38,44 @@ static int32_t pandis__whole(const pandis_field *f, int k) {
 
 static double pandis__real(const pandis_field *f, int k) { return pandis__f64(f->data + 128 + 8 * k); }
 
-/* A section by its name, if it holds `count` values of `each` bytes; sections have been checked. */
-static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
-    uint32_t sections = pandis__u32(f->data + 36);
-    for (uint32_t i = 0; i < sections; i++) {
-        const unsigned char *entry = f->data + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
+/* A section by its name, and how many bytes it has; NULL if there is none. */
+static const unsigned char *pandis__find(const pandis_field *f, const char *name, uint64_t *bytes) {
+    const unsigned char *entry = f->data + PANDIS__HEADER;
+    *bytes = 0;
+    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections; i++, entry += PANDIS__SECTION) {
         if (memcmp(entry, name, 4)) continue;
-        return pandis__u64(entry + 16) == count * each ? f->data + (size_t)pandis__u64(entry + 8) : NULL;
+        *bytes = pandis__u64(entry + 16);
+        return f->data + (size_t)pandis__u64(entry + 8);
     }
     return NULL;
+}
+
+/* A section by its name, if it holds `count` values of `each` bytes; sections have been checked. */
+static const void *pandis__section(const pandis_field *f, const char *name, uint64_t count, uint64_t each) {
+    uint64_t bytes;
+    const unsigned char *section = pandis__find(f, name, &bytes);
+    return bytes == count * each ? section : NULL;
 }
 
 /* Whether there is a section of a name. */
 static int pandis__has_section(const pandis_field *f, const char *name) {
-    const unsigned char *entry = f->data + PANDIS__HEADER;
-    for (uint32_t i = 0, sections = pandis__u32(f->data + 36); i < sections; i++, entry += PANDIS__SECTION)
-        if (!memcmp(entry, name, 4)) return 1;
-    return 0;
+    uint64_t bytes;
+    return pandis__find(f, name, &bytes) != NULL;
 }
 
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size) {
-    const unsigned char *entry = field->kind ? field->data + PANDIS__HEADER : NULL;
-    uint32_t sections = field->kind ? pandis__u32(field->data + 36) : 0;
-    *size = 0;
-    for (uint32_t i = 0; i < sections; i++, entry += PANDIS__SECTION) {
-        if (memcmp(entry, "PROV", 4)) continue;
-        *size = (size_t)pandis__u64(entry + 16);
-        return (const char *)(field->data + (size_t)pandis__u64(entry + 8));
-    }
-    return NULL;
+    uint64_t bytes = 0;
+    const unsigned char *text = field->kind ? pandis__find(field, "PROV", &bytes) : NULL;
+    *size = (size_t)bytes;
+    return (const char *)text;
+}
+
+PANDIS_API const char *pandis_region(const pandis_field *field, int region) {
+    uint64_t bytes = 0;
+    const char *name = field->regions ? (const char *)pandis__find(field, "RNAM", &bytes) : NULL;
+    const char *end = name ? name + bytes : NULL;
+    for (int i = 0; i < region && name < end; i++) name += strlen(name) + 1; /* the last one ends with a zero */
+    return region >= 0 && name < end ? name : NULL;
 }
 
 static int pandis__finite(const float *values, uint64_t count) {

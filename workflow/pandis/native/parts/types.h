@@ -35,6 +35,7 @@ typedef struct {
     int32_t face; /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several
                    * one: of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and where there is no
                    * answer, -1 */
+    int32_t region; /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
 } pandis_answer;
 
 /* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and

@@ -53,7 +53,9 @@ def declared(lib):
     lib.runtime_place.argtypes = [pointer, pointer, pointer]
     lib.runtime_bytes.restype, lib.runtime_bytes.argtypes = size, [pointer]
     lib.runtime_forces.argtypes = [pointer, pointer, size, f64, pointer, pointer]
-    lib.runtime_clear.argtypes = lib.runtime_faces.argtypes = [pointer, pointer, size, pointer]
+    for name in ("clear", "faces", "regions"):
+        getattr(lib, f"runtime_{name}").argtypes = [pointer, pointer, size, pointer]
+    lib.pandis_region.restype, lib.pandis_region.argtypes = ctypes.c_char_p, [pointer, ctypes.c_int]
     lib.pandis_refit_room.restype, lib.pandis_refit_room.argtypes = size, [pointer]
     lib.pandis_refit_open.argtypes = [pointer, pointer, pointer]
     lib.pandis_refit.argtypes = [pointer, pointer]
@@ -191,6 +193,25 @@ class NativeField:
         where = points.ctypes.data, len(points), faces.ctypes.data
         self._library.runtime_faces(self._field, *where)
         return faces
+
+    def regions(self, points):
+        """Return the regions (n,) in which the closest points to (n, 3) lie; -1 where none is said.
+
+        Of an exact and of a compact mesh whose source names materials.
+        """
+        points = _rows(points)
+        regions = np.empty(len(points), np.int32)
+        where = points.ctypes.data, len(points), regions.ctypes.data
+        self._library.runtime_regions(self._field, *where)
+        return regions
+
+    @property
+    def region_names(self):
+        """What the regions are called, in their order: the materials that the mesh's file names."""
+        names = []
+        while (name := self._library.pandis_region(self._field, len(names))) is not None:
+            names.append(name.decode())
+        return tuple(names)
 
     def query_within(self, points, reach):
         """Answer points (n, 3) that are nearer to the surface than ``reach``, mesh units.

@@ -25,12 +25,12 @@ void runtime_place(pandis_field *placed, const pandis_field *field, const double
 
 /* The bytes that answers are made of: not those that say where to trust a field, or where it is from. */
 size_t runtime_bytes(const pandis_field *field) {
-    static const char *const others[] = {"COVR", "SAFE", "PROV", "BOND", "ORIG"};
+    static const char *const others[] = {"COVR", "SAFE", "PROV", "BOND", "ORIG", "REGN", "RNAM"};
     size_t size = 0;
     for (uint32_t i = 0, count = pandis__u32(field->data + 36); i < count; i++) {
         const unsigned char *entry = field->data + PANDIS__HEADER + (size_t)i * PANDIS__SECTION;
         int answers = 1;
-        for (int k = 0; k < 5; k++) answers &= memcmp(entry, others[k], 4) != 0;
+        for (int k = 0; k < 7; k++) answers &= memcmp(entry, others[k], 4) != 0;
         if (answers) size += (size_t)pandis__u64(entry + 16);
     }
     return size;
@@ -97,6 +97,15 @@ void runtime_faces(const pandis_field *field, const double *points, size_t count
     for (size_t i = 0; i < count; i++) {
         pandis_query(field, points + 3 * i, &answer);
         faces[i] = answer.face;
+    }
+}
+
+/* Likewise, the regions that they lie in. */
+void runtime_regions(const pandis_field *field, const double *points, size_t count, int32_t *regions) {
+    pandis_answer answer;
+    for (size_t i = 0; i < count; i++) {
+        pandis_query(field, points + 3 * i, &answer);
+        regions[i] = answer.region;
     }
 }
 
