@@ -3,6 +3,7 @@
 from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
 from pandis.geometry.physical import Scale
+from pandis.hardware.passes import Oracle
 from pandis.hardware.validation import validate_exports
 from pandis.hardware.walls import open_walls
 from pandis.run.stage import stage
@@ -16,8 +17,10 @@ with stage(snakemake, ValidateTask) as job:
     body = Body.open(mesh)
     scale = Scale.of(job.options)
     walls = open_walls(ExactField("exact", body), body.surface, scale, job.options.seed)
+    oracle = Oracle(body.corners / scale.metre, body.faces)
     arrays, attributes, text = validate_exports(
-        exports, walls, trajectory, evaluation, job.mesh, job.options, job.progress
+        *(exports, walls, oracle, trajectory, evaluation),
+        *(job.mesh, job.options, job.progress, job.log),
     )
     job.write("hardware", arrays, attributes)
     job.write_file(text.encode(), index=1)

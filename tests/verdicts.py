@@ -13,7 +13,8 @@ PRESSED = DeviceVerdict(
 SOUND = FieldVerdict(
     ticks=50, compute_us=TIMES, lateness_us=TIMES, late_share=0.0, miss_share=0.0, misses=0,
     longest_run_of_misses=0, agreement=0.0, agrees=True, in_time=True, punctual=True, walls=WHOLE,
-    verdict="pass", sentence="", devices={"touch": PRESSED}, advice="", sha256="", attached=None,
+    verdict="pass", sentence="", devices={"touch": PRESSED}, advice="", sha256="",
+    proxy=None, no_proxy="", attached=None,
 )  # fmt: skip
 
 
@@ -26,7 +27,7 @@ def validated(fields, **changes):
     """Return the record of a mesh: of these fields, by name."""
     record = HardwareRecord(
         statement="", devices={}, machine={}, locked=False, realtime=False, rate=1000.0,
-        deadline=8e-4, size=0.1, stiffness=400.0, newtons=22.2, clock_alone_us=TIMES,
-        clock_alone_late_share=0.0, fields=fields,
+        deadline=8e-4, size=0.1, stiffness=400.0, contact="proxy", newtons=22.2,
+        clock_alone_us=TIMES, clock_alone_late_share=0.0, fields=fields,
     )  # fmt: skip
     return changed(record, **changes)

@@ -82,6 +82,8 @@ _SECTIONS = {
     "evaluation": options.EvaluationOptions,
     "stress": options.StressOptions,
     "timing": options.TimingOptions,
+    "contact": options.ContactOptions,
+    "contact.materials.{name}": options.MaterialOptions,
     "hardware": options.HardwareOptions,
     "hardware.attached": options.AttachedOptions,
     "scenes.{scene}": config.SceneOptions,

@@ -1,16 +1,18 @@
 """Lets a hand press through thin places, with a proxy and without; writes docs/figures/presses.csv.
 
-Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/presses.py [PRESSES]
+Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/presses.py [PRESSES [NETWORKS]]
 
 A plate of 2 mm, the bunny's ears, a sword and a slit of 0.5 mm, each 10 cm long, under every
 simulated device at its stiffness (1000 N/m at most). The hand presses with 1.2 times the device's
 largest force, up to 17 degrees off the normal. Fields that miss more of the force on a shape than
 is allowed (`missing`) are listed with that share, and not pressed; nor are presses that would begin
 where the field has the object and the shape has none (`ghosts`). What counts as a pass, and who
-says so: `pandis.hardware.passes`. PRESSES are all presses together (10,000 by default).
+says so: `pandis.hardware.passes`. PRESSES are all presses together (10,000 by default); a
+twentieth of them is on networks, if NETWORKS, a folder of `networks.py`, holds some.
 """
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import trimesh
@@ -24,11 +26,14 @@ from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.geometry.measure import MISSING_LIMIT
 from pandis.geometry.physical import Scale
 from pandis.hardware.devices import DEVICES
-from pandis.hardware.passes import ABOVE, Oracle, draw, judge, run
+from pandis.hardware.passes import ABOVE, Oracle, draw, free_starts, judge, run
 from pandis.hardware.walls import compare, open_walls
+from pandis.native.contact import Feel
+from pandis.native.runtime import NativeField
 
 SIZE, STIFFEST, SLANT, SURFACE = 0.1, 1000.0, 0.3, 100_000
 SWORD = "watertight/sword_22293v_44582f.obj"
+NETWORK = "pandis-exact"
 KINDS = "exact", "compact-16", "spline-800K", "tricubic-96"
 COLUMNS = (
     *("shape", "field", "missing", "error_mm", "device", "stiffness_n_m", "ghosts", "presses"),
@@ -80,7 +85,7 @@ def places_on(vertices, faces, which, count, rng):
 def pressed(field, spec, oracle, presses, error):
     """Return the columns of one field on one device."""
     stiffness = min(spec.stiffness, STIFFEST)
-    proxy = list(run(field, spec, SIZE, stiffness, presses, 0.0))
+    proxy = list(run(field, spec, SIZE, stiffness, presses, Feel()))
     penalty = list(run(field, spec, SIZE, stiffness, presses))
     judged, other = judge(proxy, oracle, error), judge(penalty, oracle, error, detours=False)
     return {
@@ -91,16 +96,18 @@ def pressed(field, spec, oracle, presses, error):
     }  # fmt: skip
 
 
-def main(wanted):
-    """Press all shapes."""
+def main(wanted, networks=None):
+    """Press all shapes, wanted presses in all."""
     rows, metres = [], SIZE / UNIT_SIDE
+    count = dict.fromkeys(KINDS, -(-wanted // 48)) | {NETWORK: -(-wanted // 320)}
     for shape, (vertices, faces, which, above) in shapes().items():
         body, oracle = Body(vertices, faces, UNIT), Oracle(vertices * metres, faces)
         exact = ExactField("exact", body)
         walls = open_walls(exact, body.surface, Scale(SIZE, 400.0), 0)
-        for kind in KINDS:
+        trained = Path(networks or ".") / f"{shape}.pandis"
+        for kind in (*KINDS, NETWORK) if trained.exists() else KINDS:
             rng = np.random.default_rng(0)
-            field = field_of(body, kind)
+            field = NativeField(trained) if kind == NETWORK else field_of(body, kind)
             missing = compare(lambda p, f=field: f.force(p, 1.0), walls).missing
             on_it = places_on(vertices, faces, lambda c: np.ones(len(c), bool), SURFACE, rng)[0]
             error = float(np.abs(field.query(on_it).distance).max()) * metres
@@ -109,14 +116,12 @@ def main(wanted):
                 rows.append(row)
                 continue
             for device, spec in DEVICES.items():
-                feet, outward = places_on(vertices * metres, faces, which, wanted // 48, rng)
+                feet, outward = places_on(vertices * metres, faces, which, count[kind], rng)
                 stiffness = min(spec.stiffness, STIFFEST)
                 presses = draw(feet, outward, spec, stiffness, SLANT, rng, above)
-                free = oracle.look(np.array([press.start for press in presses]))[0] > above / 3
-                starts = np.array([press.start for press in presses]) / metres
-                ghosts = field.query(starts).distance <= 0
+                free, ghosts = free_starts(presses, oracle, field, SIZE, above)
                 presses = [presses[i] for i in np.flatnonzero(free & ~ghosts)]
-                row["ghosts"] = int((free & ghosts).sum())
+                row["ghosts"] = int(ghosts.sum())
                 if not presses:
                     rows.append(row | {"device": device, "presses": 0})
                     continue
@@ -128,4 +133,4 @@ def main(wanted):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10_000)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10_000, *sys.argv[2:3])

@@ -14,7 +14,7 @@ from pandis.geometry.shapes import Box
 from pandis.grids.compact import build_compact
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.passes import MARGIN, Oracle, draw, judge, run
-from pandis.native.contact import Material
+from pandis.native.contact import Feel, Material
 from pandis.native.runtime import NativeField
 from support import artifact
 
@@ -56,8 +56,8 @@ def test_a_plate_lets_no_proxy_through_and_every_penalty_force(plate, device):
     spec, presses = DEVICES[device], presses_on(12, device)
     stiffness = min(spec.stiffness, 1000.0)
     for name, field in fields.items():
-        for material in (None, Material(0.5, 0.4, 0.5, 0.1)):
-            runs = run(field, spec, SIZE, stiffness, presses, 0.0, material)
+        for material in (Material(), Material(0.5, 0.4, 0.5, 0.1)):
+            runs = run(field, spec, SIZE, stiffness, presses, Feel(materials=(material,)))
             judged = judge(runs, oracle, 2e-6)
             assert judged.passed == 0, (name, judged)
             assert judged.presses == 12
@@ -69,7 +69,7 @@ def test_a_plate_lets_no_proxy_through_and_every_penalty_force(plate, device):
 def test_a_force_that_a_proxy_holds_is_what_the_hand_gives(plate):
     fields, _ = plate
     spec, presses = DEVICES["touch"], presses_on(4, "touch")
-    for session, proxy in run(fields["exact"], spec, SIZE, 400.0, presses, 0.0):
+    for session, proxy in run(fields["exact"], spec, SIZE, 400.0, presses, Feel()):
         assert session.strongest > 3.0  # of 3.3 N; a penalty force gives 0.4 at most
         assert np.abs(proxy[:, 2]).min() > THICK / 2 - 1e-9
 

@@ -34,7 +34,7 @@ SCALE = Scale(SIZE, 400.0)
 
 
 def task(**options):
-    return ValidateTask(**options, fields=[], hand=HAND, seed=0)
+    return ValidateTask(**({"contact": {}} | options), fields=[], hand=HAND, seed=0)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ CONTACTS, COVERAGE = 6, 13
 #: stress.
 PLACES, QUESTIONS = 1, 2
 #: validate.
-WALLS = 21
+WALLS, PRESSES = 21, 22
 #: bake_spline, bake_auto, choose. What chooses and what promises has three numbers: see
 #: `pandis.evaluation.points`.
 SPLINE = 7

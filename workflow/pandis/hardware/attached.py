@@ -8,7 +8,7 @@ import numpy as np
 from pandis.hardware.devices import DEVICES
 from pandis.native.device import DONE, Order, run_device
 from pandis.native.scene import NativeScene, Placed
-from pandis.run.records.hardware import AttachedRun
+from pandis.run.records.hardware import AttachedRun, TouchVerdict
 
 STAND_IN = "A stand-in for OpenHaptics ran, and no device: nothing of it is a hardware result."
 UNARMED = (
@@ -47,7 +47,7 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
         N/m, of the configuration.
     spec : pandis.hardware.devices.Specification
     pressed : pandis.run.records.hardware.Pressed or None
-        Of this field, mesh and device.
+        Of this field, mesh and device; of penalty forces, or, as a `TouchVerdict`, through a proxy.
     walls : pandis.run.records.hardware.WallVerdict or None
     sound : bool
         The file has its field's forces, and computes them in time.
@@ -65,6 +65,8 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
         return most, "no safe stiffness is known for this field on this device"
     if not sound:
         return most, "the file does not give its field's forces, or computes them too slowly"
+    if isinstance(pressed, TouchVerdict) and pressed.passes:
+        return most, f"walls let its proxy through in {pressed.passes} presses"
     if not walls.holds or walls.pressed_missing:
         return most, "the field lacks a part of the surface"
     safe = SHARE * pressed.hands[HAND]
@@ -73,7 +75,7 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
     return min(most, safe), ""
 
 
-def run_attached(field, scale, options, span, pressed=None, walls=None, sound=True):
+def run_attached(field, scale, options, span, pressed=None, walls=None, sound=True, feel=None):
     """Run one field on the attached device.
 
     Parameters
@@ -85,6 +87,8 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     span : Span
     pressed, walls, sound
         See `stiffness_for`; without the first two no force is sent.
+    feel : pandis.native.contact.Feel, optional
+        Of a probe with a proxy; a penalty force without it.
 
     Returns
     -------
@@ -99,8 +103,9 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     given, refused = stiffness_for(scale.stiffness, spec, pressed, walls, sound)
     consent = options.arm and os.environ.get(CONSENT) == "1"
     armed = consent and not refused
+    placed = Placed.at(field, scale.size, given)
     order = Order(
-        NativeScene([Placed.at(field, scale.size, given)]),
+        feel.scene(placed) if feel else NativeScene([placed]),
         max(1, round(span.seconds / period)),
         spec.limits(period, given),
         period,
@@ -122,6 +127,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
         refused=refused if consent else "",
         armed_at=session.armed_at,
         model=session.model,
+        contact="proxy" if feel else "penalty",
         ended=session.sentence,
         code=session.code,
         ticks=len(session.force),

@@ -12,7 +12,7 @@ import igl
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from pandis.native.contact import TouchedScene
+from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.device import DONE, Order, run_simulated
 from pandis.native.scene import NativeScene, Placed
 
@@ -160,7 +160,26 @@ class Oracle:
         return bool((inside & (before * after < 0)).any())
 
 
-def run(field, spec, size, stiffness, presses, radius=None, material=None):
+def free_starts(presses, oracle, field, size, above=ABOVE):
+    """Return which presses (n,) begin outside, and which of them where the field is not free.
+
+    Parameters
+    ----------
+    presses : list of Press
+    oracle : Oracle
+    field : pandis.native.runtime.NativeField
+    size : float
+        Metres of the longest side.
+    above : float
+        How far above the surface they were to begin, m.
+    """
+    starts = np.array([press.start for press in presses]).reshape(-1, 3)
+    free = oracle.look(starts)[0] > above / 3
+    ghosts = field.query(field.frame.to_mesh(starts * UNIT_SIDE / size)).distance <= 0
+    return free, free & ghosts
+
+
+def run(field, spec, size, stiffness, presses, feel=None):
     """Let a simulated device make presses; yields a session, and the proxies (n, 3), m, of each.
 
     Parameters
@@ -170,10 +189,9 @@ def run(field, spec, size, stiffness, presses, radius=None, material=None):
     size, stiffness : float
         Metres of the longest side, N/m.
     presses : list of Press
-    radius : float, optional
-        Of a probe with a proxy, m. Without it the force is the penalty force, and for its proxy
+    feel : pandis.native.contact.Feel, optional
+        Of a probe with a proxy. Without it the force is the penalty force, and for its proxy
         counts the last place that was outside.
-    material : pandis.native.contact.Material, optional
     """
     period = 1 / spec.rate
     share = np.concatenate([
@@ -181,26 +199,26 @@ def run(field, spec, size, stiffness, presses, radius=None, material=None):
         np.ones(round(_TIMES[2] / period)), np.linspace(1, 0, round(_TIMES[3] / period)),
         np.zeros(round(_TIMES[0] / period)),
     ])[:, None]  # fmt: skip
-    placed = [Placed.at(field, size, stiffness)]
-    scene = NativeScene(placed) if radius is None else TouchedScene(placed, radius, [material])
+    placed = Placed.at(field, size, stiffness)
+    scene = feel.scene(placed) if feel else NativeScene([placed])
     limits = spec.limits(period, stiffness)
     limits.ramp = _RAMP / period
     order = Order(scene, len(share), limits, period, armed=True)
     device = spec.simulated(*_HAND, 0, period, stiffness)
     for press in presses:
-        if radius is not None:
+        if feel:
             scene.restart()
         rest = press.start + share * (press.end - press.start)
         session = run_simulated(device, press.start, rest, np.zeros(3), order)
         proxy = session.proxy
-        if radius is None:
+        if not feel:
             inside = scene.ask_all(session.position).any(axis=1)
             last = np.maximum.accumulate(np.where(inside, 0, np.arange(len(inside))))
             proxy = session.position[last]
         yield session, proxy
 
 
-def judge(runs, oracle, error, detours=True):
+def judge(runs, oracle, error, detours=True, radius=0.0):
     """Judge runs of presses.
 
     Parameters
@@ -213,6 +231,8 @@ def judge(runs, oracle, error, detours=True):
     detours : bool
         Whether a proxy may have gone around something in a tick; a probe under a penalty force,
         which is outside, inside and outside again, has not.
+    radius : float
+        Of the probe, m: it is to lie so far outside.
 
     Returns
     -------
@@ -226,8 +246,13 @@ def judge(runs, oracle, error, detours=True):
         ends = np.cumsum([len(run.places) for run in group])[:-1]
         parts = zip(*(np.split(column, ends) for column in looks), strict=True)
         for run, (distance, outward) in zip(group, parts, strict=True):
-            fault = _fault(run, distance, outward, margin, oracle, detours)
-            found.append((fault, -distance.min()))
+            depth = radius - distance.min()
+            fault = (
+                "deep"
+                if depth > margin
+                else _fault(run, distance, outward, margin, oracle, detours)
+            )
+            found.append((fault, depth))
     faults = [fault for fault, _ in found]
     return Judged(
         presses=len(held),
@@ -255,9 +280,7 @@ class _Run(NamedTuple):
 
 
 def _fault(run, distance, outward, margin, oracle, detours=True):
-    """Return which of a judgement's faults a run has, if any."""
-    if -distance.min() > margin:
-        return "deep"
+    """Return which of a judgement's faults a run that was never too deep has, if any."""
     # through what is no thicker than two margins a proxy comes without being deeper than one
     for i in np.flatnonzero(np.linalg.norm(np.diff(run.places, axis=0), axis=1) > 2 * margin):
         if _through(

@@ -84,7 +84,7 @@ def contact(trajectory, places, size):
     return Contact(above * metres, normals, *pressed)
 
 
-def press(field, spec, surface, size, stiffness, hand, rate):
+def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     """Press a device with a field onto a mesh, and slide along it.
 
     Parameters
@@ -97,12 +97,14 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     hand : Hand
     rate : float
         Ticks per second.
+    feel : pandis.native.contact.Feel, optional
+        Of a probe with a proxy; a penalty force without it.
 
     Returns
     -------
     Pressed
     """
-    rig = _Rig(field, spec, surface, size, hand, rate)
+    rig = _Rig(field, spec, surface, size, hand, rate, feel)
     stiffness = min(stiffness, spec.stiffness)
     runs = rig.presses(stiffness)
     slide = rig.slide(stiffness)
@@ -113,11 +115,11 @@ def press(field, spec, surface, size, stiffness, hand, rate):
     reach = max(float(np.linalg.norm(run.path, axis=1).max()) for run in every)
     safe, limit = rig.safe(stiffness)
     others = {
-        damping: _Rig(field, spec, surface, size, hand._replace(damping=damping), rate)
+        damping: _Rig(field, spec, surface, size, hand._replace(damping=damping), rate, feel)
         for damping in HANDS
         if damping != hand.damping
     } | {hand.damping: rig}
-    free = _Rig(field, spec, surface, size, hand._replace(stiffness=0.0, damping=0.0), rate)
+    free = _Rig(field, spec, surface, size, hand._replace(stiffness=0.0, damping=0.0), rate, feel)
     return Pressed(
         hand=hand.damping,
         hands={f"{d:g}": others[d].safe(stiffness)[0] for d in sorted(others)},
@@ -139,7 +141,8 @@ def press(field, spec, surface, size, stiffness, hand, rate):
 
 
 class _Rig:
-    def __init__(self, field, spec, surface, size, hand, rate):
+    def __init__(self, field, spec, surface, size, hand, rate, feel):
+        self.feel = feel
         self.field, self.spec, self.hand, self.period = field, spec, hand, 1 / rate
         self.size, self.surface, self._pressed = size, surface, {}
         starts = self._free(surface.feet, surface.outward)
@@ -153,7 +156,7 @@ class _Rig:
 
         No device is armed within a force, and a grid of forces pushes in free space, too.
         """
-        heights = _HEIGHTS[:, None, None]
+        heights = _HEIGHTS[:, None, None] + (self.feel.radius if self.feel else 0.0)
         places = feet + heights * outward
         scene = NativeScene([Placed.at(self.field, self.size, 1.0)])
         pushed = scene.ask_all(places.reshape(-1, 3)).reshape(places.shape).any(axis=2)
@@ -164,7 +167,8 @@ class _Rig:
         return min(self.hand.press, _GENTLE * stiffness * radius)
 
     def order(self, stiffness, ticks):
-        scene = NativeScene([Placed.at(self.field, self.size, stiffness)])
+        placed = Placed.at(self.field, self.size, stiffness)
+        scene = self.feel.scene(placed) if self.feel else NativeScene([placed])
         limits = self.spec.limits(self.period, stiffness)
         limits.most_damping = 0.0  # safe is what needs no damping: that is for what nobody foresaw
         return Order(scene, ticks, limits, self.period, armed=True)
@@ -184,6 +188,8 @@ class _Rig:
                     np.tile(-press * normal, (self.ticks, 1)),
                 )
                 rest[: self.wait], push[: self.wait] = start, 0.0
+                if self.feel:
+                    wanted.scene.restart()
                 run = run_simulated(device, start, rest, push, wanted)
                 self._pressed[stiffness].append(run)
         return self._pressed[stiffness]

@@ -2,18 +2,21 @@
 
 import hashlib
 import json
+from typing import NamedTuple
 
 import numpy as np
 
-from pandis.geometry.frame import Frame
+from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.geometry.measure import MISSING_LIMIT
 from pandis.geometry.physical import Scale
 from pandis.hardware.attached import Span, run_attached
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.load import busy_cores
 from pandis.hardware.pressing import Hand, contact, press
+from pandis.hardware.proxies import feel_for, touch_device, try_proxy
 from pandis.hardware.verdict import device_sentence, judge, machine_verdict, paragraph
 from pandis.hardware.walls import compare
+from pandis.native.contact import Feel
 from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
 from pandis.run.machine import describe, governor
@@ -21,6 +24,7 @@ from pandis.run.records.hardware import (
     DeviceVerdict,
     FieldVerdict,
     HardwareRecord,
+    ProxyVerdict,
     ServoVerdict,
     Ticks,
 )
@@ -29,6 +33,8 @@ from pandis.run.records.hardware import (
 AGREEMENT = 2e-5
 #: A tick has so much of its period, whatever the deadline.
 WITHIN = 0.8
+#: How far above the surface (unit frame) the probe begins, and its ticks until it is on its path.
+_OUTSIDE, _WAY = 0.05, 50
 _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
 NO_ATTACHED = "No haptic device was attached."
@@ -46,7 +52,7 @@ AGAIN = (
 ONCE = "Between two ticks the loop asked nothing (hardware.ask_again is false)."
 
 
-def validate_exports(exports, walls, trajectory, evaluation, mesh, options, progress):
+def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, options, progress, log):
     """Validate all exported fields of a mesh, one after the other.
 
     Parameters
@@ -55,12 +61,14 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         ``{field}.pandis``.
     walls : pandis.hardware.walls.Walls
         Where forces are compared with the exact ones, and where devices press.
+    oracle : pandis.hardware.passes.Oracle
+        Of the mesh in the device's workspace: what says whether a wall lets a proxy through.
     trajectory, evaluation : pandis.run.artifact.Artifact
     mesh : str
         Its name.
     options : pandis.run.tasks.ValidateTask
-    progress : callable
-        Makes a `pandis.run.stage.Progress`.
+    progress, log : callable
+        Of a `pandis.run.stage.Job`.
 
     Returns
     -------
@@ -80,6 +88,9 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
     idle = run_ticks(None, points, _ticks(options), options.rate)
     asked = AGAIN if options.ask_again else ONCE
     arrays["lateness"] = idle.lateness
+    truth = oracle, walls.places.feet * options.size / UNIT_SIDE
+    path_in, beside = _entered(trajectory.arrays, options.size), _regions(exports)
+    _check_names(options.contact, beside, log)
     for index, path in enumerate(exports):
         name = path.stem
         reference = evaluation.arrays[f"force_{name}"]
@@ -87,15 +98,21 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         lacks = compare(unit_force(field, frame), walls)
         ticks, servo = validate(field, frame, points, reference, lacks, options)
         devices, attached = press_devices(field, surface, lacks, options), None
+        query = servo.compute_us["p50"] * 1e-6
+        feel, materials, no_proxy = feel_for(field, beside, options.contact, query, most)
+        proxy = feel and try_proxy(field, feel, materials, path_in, surface, lacks, truth, options)
         if options.attached:
-            more, attached = _attached(field, surface, servo, devices, options)
+            run = _Felt(feel, proxy, truth) if feel else None
+            more, attached = _attached(field, surface, servo, devices, options, run)
             ticks |= {f"device_{key}": values for key, values in more.items()}
         arrays |= {f"{key}_{name}": values for key, values in ticks.items()}
         fields[name] = FieldVerdict(
             **dict(servo),
             devices=devices,
-            advice=paragraph(servo, devices, options),
+            advice=paragraph(servo, devices, options, proxy),
             sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            proxy=proxy,
+            no_proxy=no_proxy,
             attached=attached,
         )
         report.update(index + 1)
@@ -109,6 +126,7 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
         deadline=options.deadline,
         size=options.size,
         stiffness=options.stiffness,
+        contact=options.contact.kind,
         newtons=Scale.of(options).newtons,
         clock_alone_us=_microseconds(idle.lateness),
         clock_alone_late_share=_late(idle.lateness, options),
@@ -117,18 +135,57 @@ def validate_exports(exports, walls, trajectory, evaluation, mesh, options, prog
     return arrays, attributes, json.dumps({"mesh": mesh} | attributes, indent=2) + "\n"
 
 
-def _attached(field, surface, servo, devices, options):
+class _Felt(NamedTuple):
+    """A field that is felt through a proxy: how, what is said of it, and who judges."""
+
+    feel: Feel
+    verdict: ProxyVerdict
+    truth: tuple
+
+
+def _attached(field, surface, servo, devices, options, felt=None):
     """Run a field on the attached device, with no more than is safe on a simulated one."""
     model = options.attached.model
     rate = DEVICES[model].rate
-    pressed = devices.get(model)
+    pressed = (felt.verdict.devices if felt else devices).get(model)
     if pressed is None or options.rate != rate:  # what is safe at one rate is not at another
         chosen = options.model_copy(update={"devices": [model], "rate": rate})
-        pressed = press_devices(field, surface, servo.walls, chosen)[model]
-    sound = servo.agrees and servo.in_time
+        if felt:
+            given = field, felt.feel, surface, servo.walls, felt.truth, options
+            pressed = touch_device(model, *given, rate)
+        else:
+            pressed = press_devices(field, surface, servo.walls, chosen)[model]
+    sound = servo.agrees and servo.in_time and (felt is None or felt.verdict.in_time)
     span = Span(options.seconds, options.deadline)
-    scale = Scale.of(options)
-    return run_attached(field, scale, options.attached, span, pressed, servo.walls, sound)
+    given = Scale.of(options), options.attached, span, pressed, servo.walls, sound
+    return run_attached(field, *given, felt and felt.feel)
+
+
+def _entered(trajectory, size):
+    """Return the trajectory (n, 3), m, with a way from above the surface before it."""
+    points, normals = trajectory["points"], trajectory["normal"]
+    start = points[0] - trajectory["distance"][0] * normals[0]
+    way = np.linspace(_OUTSIDE, trajectory["distance"][0], _WAY)[:, None]
+    return np.concatenate([start + way * normals[0], points]) * size / UNIT_SIDE
+
+
+def _regions(exports):
+    """Return a mesh among exported files that says what its faces are made of, or None."""
+    ranked = sorted(exports, key=lambda path: (not path.stem.startswith("compact"), path.stem))
+    for path in ranked:
+        if path.stem.startswith(("compact", "exact")):
+            field = NativeField(path)
+            if field.region_names:
+                return field
+    return None
+
+
+def _check_names(contact, beside, log):
+    """Tell of materials in the configuration that no face is made of."""
+    known = beside.region_names if beside else ()
+    for name in sorted(set(contact.materials) - set(known)):
+        there = f"the mesh names {', '.join(known)}" if known else "its file names no materials"
+        log(f"contact.materials.{name}: nothing of this mesh is made of it: {there}")
 
 
 def _statement(fields):

@@ -31,6 +31,48 @@ def machine_verdict(servo):
     return "pass" if servo.punctual else "late"
 
 
+def proxy_verdict(touched):
+    """Return ``pass`` or ``fail`` for a device that pressed through a proxy.
+
+    Parameters
+    ----------
+    touched : pandis.run.records.hardware.TouchVerdict
+    """
+    good = touched.within_limits and touched.passive and touched.quiet >= CALM
+    good = good and not touched.unarmed and touched.holds and not touched.passes
+    return "pass" if good and touched.safe_n_m >= touched.stiffness else "fail"
+
+
+def proxy_sentence(touched):
+    """Say what a simulated device made of a field through a proxy."""
+    light = min(touched.hands, key=float)
+    walls = (
+        f"no wall lets it through in {touched.presses} presses of 1.2 times the largest force "
+        f"({touched.penalty_passes} with penalty forces)"
+    )
+    if touched.passes:
+        walls = (
+            f"walls let it through in {touched.passes} of {touched.presses} presses "
+            f"({touched.penalty_passes} with penalty forces)"
+        )
+    faults = [f"a run ended early ({touched.ended})"] if touched.ended else []
+    if touched.quiet < CALM:
+        faults.append(
+            f"it shakes or is not held on {100 * (1 - touched.quiet):.0f} % of the points"
+        )
+    if not touched.passive:
+        faults.append(f"the wall gives {-1e3 * touched.energy_j:.2g} mJ more than the device loses")
+    if not touched.holds:
+        faults.append("the field lacks a part of the surface")
+    advice = "do not use it"
+    if touched.safe_n_m and touched.holds and not touched.passes:
+        advice = (
+            f"use at most {touched.safe_n_m:.0f} N/m ({touched.limited_by}), in a light hand "
+            f"{touched.hands[light]:.0f}"
+        )
+    return f"Through a proxy: {'; '.join([walls, *faults, advice])}."
+
+
 def device_sentence(name, pressed, walls):
     """Say what a simulated device, of that name, made of a field.
 
@@ -117,7 +159,15 @@ def machine_sentence(servo, options):
     return f"It holds {rate:g} Hz here: {took:.3g} of {deadline:.0f} µs in 99.9 % of the ticks."
 
 
-def paragraph(servo, devices, options):
-    """Return what to do about a field: the machine's sentence, then one for each device."""
-    said = [device.sentence for device in devices.values()]
-    return " ".join([machine_sentence(servo, options), *said])
+def paragraph(servo, devices, options, proxy=None):
+    """Return what to do about a field: the machine's sentence, then what is said of each device."""
+    said = [machine_sentence(servo, options)]
+    if proxy and not proxy.in_time:
+        said.append(
+            f"A proxy does not hold the rate with it: {100 * proxy.miss_share:.2g} % of its ticks "
+            "compute too long; make contact.queries smaller, or take another field."
+        )
+    for name, device in devices.items():
+        said.append(device.sentence)
+        said += [proxy.devices[name].sentence] if proxy and name in proxy.devices else []
+    return " ".join(said)

@@ -60,9 +60,10 @@ def _unit(options, path, record):
     """Return what a mesh unit is: as the configuration says, else as the format does."""
     if options.unit != "unknown":
         return options.unit
-    if record["format"] in ("glb", "gltf"):
+    form = record["format"]
+    if form in ("glb", "gltf"):
         return "m"  # by the standard
-    return declared_unit(path) if record["format"] == "3mf" else "unknown"
+    return declared_unit(path) if form == "3mf" else "unknown"
 
 
 def _closed_form(source, log):

@@ -15,6 +15,7 @@ from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
 from pandis.run.options import (
     BakeOptions,
     BudgetOptions,
+    ContactOptions,
     DeviceOptions,
     EvaluationOptions,
     ExportOptions,
@@ -83,6 +84,10 @@ class StageOptions(Options):
     timing: TimingOptions = Field(default_factory=TimingOptions, description="query times")
     hardware: HardwareOptions = Field(
         default_factory=HardwareOptions, description="the 1 kHz validation"
+    )
+
+    contact: ContactOptions = Field(
+        default_factory=ContactOptions, description="how a device feels the object"
     )
 
     @model_validator(mode="after")

@@ -313,7 +313,12 @@ def _validate(job):
     )
     native = [spec.name for spec in field_specs(entry) if spec.native]
     return ValidateTask(
-        **dict(entry.hardware), **job.scale, hand=hand, fields=native, seed=job.seed
+        **dict(entry.hardware),
+        **job.scale,
+        hand=hand,
+        contact=entry.contact,
+        fields=native,
+        seed=job.seed,
     )
 
 

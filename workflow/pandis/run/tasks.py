@@ -12,6 +12,7 @@ from pydantic import Field
 
 from pandis.run.options import (
     BudgetOptions,
+    ContactOptions,
     DeviceOptions,
     EvaluationOptions,
     ExportOptions,
@@ -170,6 +171,7 @@ class ValidateTask(HardwareOptions, DeviceOptions):
 
     fields: list[str]
     hand: HandOptions
+    contact: ContactOptions
     seed: int
 
 

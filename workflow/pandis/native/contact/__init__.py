@@ -123,6 +123,32 @@ def library():
     return lib
 
 
+class Feel(NamedTuple):
+    """What a probe with a proxy is, and what it feels.
+
+    Attributes
+    ----------
+    radius : float
+        Of the probe, scene lengths.
+    materials : sequence of Material
+        Of the surface, or of each of its regions.
+    regions : pandis.native.runtime.NativeField, optional
+        A mesh of the same object, whose regions count if the object's field has none.
+    queries : int
+        After which a step ends.
+    """
+
+    radius: float = 0.0
+    materials: tuple = (Material(),)
+    regions: object = None
+    queries: int = 24
+
+    def scene(self, placed):
+        """Return the `TouchedScene` of one object."""
+        touched = [self.materials], [self.regions]
+        return TouchedScene([placed], self.radius, *touched, self.queries)
+
+
 class NativeContact:
     """A probe that is kept out of an object.
 

@@ -87,6 +87,64 @@ class DeviceVerdict(Pressed):
     sentence: str
 
 
+class TouchVerdict(Pressed):
+    """What a simulated device makes of a field through a proxy.
+
+    Attributes
+    ----------
+    device : str
+    presses : int
+        Of 1.2 times the device's largest force, on thin and thick places.
+    passes, penalty_passes : int
+        In how many of them the proxy, and the probe under penalty forces, came through a wall.
+    deepest_m : float
+        How deep a proxy lay below the mesh.
+    holds : bool
+        As of `WallVerdict`.
+    verdict, sentence : str
+    """
+
+    device: str
+    presses: int
+    passes: int
+    penalty_passes: int
+    deepest_m: float
+    holds: bool
+    verdict: str = ""
+    sentence: str = ""
+
+
+class ProxyVerdict(Record):
+    """What is said of a field through a proxy.
+
+    Attributes
+    ----------
+    radius : float
+        Of the probe, m.
+    materials : dict of str to dict
+        What surfaces feel like, by the names of their materials.
+    budget : int
+        Queries that a tick may take.
+    queries, compute_us : dict of str to float
+        Per tick, along the trajectory: percentiles.
+    miss_share : float
+        Of ticks that computed too long; ``in_time``: few enough.
+    behind_share : float
+        Of ticks whose budget did not suffice.
+    devices : dict of str to TouchVerdict
+    """
+
+    radius: float
+    materials: dict[str, dict]
+    budget: int
+    queries: dict[str, float]
+    compute_us: dict[str, float]
+    miss_share: float
+    in_time: bool
+    behind_share: float
+    devices: dict[str, TouchVerdict]
+
+
 class Ticks(Record):
     """Times of the ticks of a run: percentiles in µs, and shares beyond the deadline."""
 
@@ -126,7 +184,10 @@ class ServoVerdict(Ticks):
 
 
 class AttachedRun(Record):
-    """A run on the attached device: what it was that ran, how it ended, and its figures."""
+    """A run on the attached device: what it was that ran, how it ended, and its figures.
+
+    ``contact`` is what the forces were: ``proxy`` or ``penalty``.
+    """
 
     statement: str
     hardware: bool
@@ -135,6 +196,7 @@ class AttachedRun(Record):
     refused: str
     armed_at: int
     model: str
+    contact: str
     ended: str
     code: int
     ticks: int
@@ -153,12 +215,15 @@ class AttachedRun(Record):
 class FieldVerdict(ServoVerdict):
     """All that is said of a field: on this machine, on every simulated device, on the attached one.
 
-    ``advice`` is what a person should do; ``sha256`` is that of the exported file.
+    ``advice`` is what a person should do; ``sha256`` is that of the exported file. ``proxy`` is
+    None where there is none: ``no_proxy`` says why.
     """
 
     devices: dict[str, DeviceVerdict]
     advice: str
     sha256: str
+    proxy: ProxyVerdict | None
+    no_proxy: str
     attached: AttachedRun | None
 
 
@@ -174,6 +239,7 @@ class HardwareRecord(Record):
     deadline: float
     size: float
     stiffness: float
+    contact: str
     newtons: float
     clock_alone_us: dict[str, float]
     clock_alone_late_share: float

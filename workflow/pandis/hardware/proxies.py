@@ -1,0 +1,150 @@
+"""A field felt through a proxy: what it costs, whether a wall lets it through, what is safe."""
+
+import numpy as np
+
+from pandis.errors import PandisError
+from pandis.geometry.frame import UNIT_SIDE
+from pandis.hardware.devices import DEVICES
+from pandis.hardware.passes import ABOVE, draw, free_starts, judge, run
+from pandis.hardware.pressing import Hand, press
+from pandis.hardware.verdict import proxy_sentence, proxy_verdict
+from pandis.native.contact import BEHIND, Feel, Material, NativeContact
+from pandis.native.scene import Placed
+from pandis.run.records.hardware import ProxyVerdict, TouchVerdict
+from pandis.streams import PRESSES, generator
+
+#: Queries that a tick may take, at least and at most; the share of the deadline that they fit into.
+LEAST, MOST, SHARE = 6, 24, 0.5
+#: Largest angle between a press and the normal, rad.
+_SLANT = 0.3
+_OTHERS = "the others"
+
+
+def feel_for(field, beside, contact, seconds, deadline):
+    """Return how a field is felt.
+
+    Parameters
+    ----------
+    field : pandis.native.runtime.NativeField
+    beside : pandis.native.runtime.NativeField or None
+        A mesh of the same object, whose regions count where the field has none.
+    contact : pandis.run.options.ContactOptions
+    seconds, deadline : float
+        Of a query here, and of a tick.
+
+    Returns
+    -------
+    feel : pandis.native.contact.Feel or None
+        None where there is no proxy.
+    materials : dict of str to dict
+        What the materials feel like, by their names.
+    lacks : str
+        Empty, or why there is no proxy.
+    """
+    if contact.kind == "penalty":
+        return None, {}, "contact.kind asks for penalty forces"
+    try:
+        NativeContact(Placed.at(field, 1.0, 1.0))
+    except PandisError as error:
+        return None, {}, str(error)
+    regions = None if field.region_names else beside
+    names = field.region_names or (regions.region_names if regions else ())
+    given = [contact.materials.get(name, contact) for name in names] or [contact]
+    fit = int(SHARE * deadline / seconds) if seconds > 0 else MOST
+    queries = contact.queries or min(max(fit, LEAST), MOST)
+    feel = Feel(contact.radius, tuple(map(_material, given)), regions, queries)
+    told = dict(zip(names or [_OTHERS], given, strict=True))
+    return feel, {name: dict(_values(made)) for name, made in told.items()}, ""
+
+
+def _values(given):
+    sliding = given.sticking if given.sliding is None else given.sliding
+    return {"sticking": given.sticking, "sliding": sliding} | {
+        key: getattr(given, key) for key in ("damping", "drag")
+    }
+
+
+def _material(given):
+    return Material(**_values(given))
+
+
+def try_proxy(field, feel, materials, path, surface, walls, oracle, options):
+    """Try a field through a proxy.
+
+    Parameters
+    ----------
+    field : pandis.native.runtime.NativeField
+    feel, materials
+        From `feel_for`.
+    path : ndarray, shape (n, 3), m
+        Of the probe, tick by tick, from outside.
+    surface : pandis.hardware.pressing.Contact
+    walls : pandis.run.records.hardware.WallVerdict
+    oracle : tuple of (pandis.hardware.passes.Oracle, ndarray)
+        And surface points (m, 3) at which the field's error is taken, m.
+    options : pandis.run.tasks.ValidateTask
+
+    Returns
+    -------
+    pandis.run.records.hardware.ProxyVerdict
+    """
+    placed = Placed.at(field, options.size, options.stiffness)
+    contact = NativeContact(placed, feel.radius, feel.materials, feel.regions)
+    contact.settings.budget = feel.queries
+    touches = contact.follow(path, 1 / options.rate, timed=True)
+    missed = float((touches.seconds > options.deadline).mean())
+    return ProxyVerdict(
+        radius=feel.radius,
+        materials=materials,
+        budget=feel.queries,
+        queries=_levels(touches.queries),
+        compute_us=_levels(1e6 * touches.seconds),
+        miss_share=missed,
+        in_time=missed <= options.misses,
+        behind_share=float(((touches.state & BEHIND) > 0).mean()),
+        devices={
+            name: touch_device(name, field, feel, surface, walls, oracle, options, options.rate)
+            for name in options.devices
+        },
+    )
+
+
+def touch_device(name, field, feel, surface, walls, oracle, options, rate):
+    """Press a simulated device onto a field through a proxy, gently and with all its force."""
+    spec, hand = DEVICES[name], Hand(**dict(options.hand))
+    pressed = press(field, spec, surface, options.size, options.stiffness, hand, rate, feel)
+    judge_mesh, feet = oracle
+    # of a closed form the mesh itself is off
+    error = sum(np.abs(off).max() for off in (_distance(field, feet, options.size),
+                                              judge_mesh.look(feet)[0]))  # fmt: skip
+    rng = generator(options.seed, PRESSES)
+    above = ABOVE + feel.radius
+    presses = draw(surface.feet, surface.outward, spec, pressed.stiffness, _SLANT, rng, above)
+    free, ghosts = free_starts(presses, judge_mesh, field, options.size, above)
+    presses = [presses[i] for i in np.flatnonzero(free & ~ghosts)]
+    given = field, spec, options.size, pressed.stiffness, presses
+    judged = judge(run(*given, feel), judge_mesh, error, radius=feel.radius)
+    other = judge(run(*given), judge_mesh, error, detours=False)
+    made = TouchVerdict(
+        **dict(pressed),
+        device=name,
+        presses=judged.presses,
+        passes=judged.passed,
+        penalty_passes=other.passed,
+        deepest_m=judged.deepest,
+        holds=walls.holds,
+    )
+    said = {"verdict": proxy_verdict(made), "sentence": proxy_sentence(made)}
+    return made.model_copy(update=said)
+
+
+def _distance(field, points, size):
+    """Return a field's distances (n,) at points of the device's workspace, m."""
+    metres = size / UNIT_SIDE
+    return field.query(field.frame.to_mesh(points / metres)).distance * field.frame.scale * metres
+
+
+def _levels(values):
+    return {f"p{q:g}": float(np.percentile(values, q)) for q in (50, 99, 99.9)} | {
+        "max": float(np.max(values))
+    }
