@@ -1,5 +1,6 @@
 """Files for pandis.h of every kind, small, and of the torus."""
 
+import shutil
 from itertools import pairwise
 
 import numpy as np
@@ -113,3 +114,15 @@ def files(fields, meshes, tmp_path_factory):
         export_native(*fields["compact"], *asked, original_faces=True)
     )
     return paths
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory):
+    """Return a stand-in, and one that does not say that it is one."""
+    if not shutil.which("gcc"):
+        pytest.skip("no gcc here")
+    from test_devices import compile_stand_in
+
+    folder = tmp_path_factory.mktemp("hd")
+    marked = compile_stand_in(folder / "libHD.so")
+    return marked, compile_stand_in(folder / "libHDreal.so", "-DUNMARKED")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pandis.hardware import touch
-from pandis.native.contact import Material
+from pandis.native.contact import Feel, Material
 from pandis.native.runtime import NativeField
 from verdicts import PRESSED, SOUND, changed, validated
 
@@ -41,7 +41,7 @@ def test_the_simulated_device_is_led_into_the_object(exported):
 def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exported, files, capsys):
     material = Material(0.3, 0.3, 0.0, 0.0)
     held = touch.touch_simulated(
-        NativeField(exported), "touch", 0.1, 400.0, 1.5, proxy=(0.0, material)
+        NativeField(exported), "touch", 0.1, 400.0, 1.5, Feel(materials=(material,))
     )
     assert np.linalg.norm(held.proxy, axis=1).min() > 0.05 - 1e-6
     # the hand is stronger than the device: it comes through, and the force still points back
@@ -53,8 +53,8 @@ def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exporte
     assert "A simulated device ran" in capsys.readouterr().out
     assert touch.main([str(files["trilinear"]), *words[1:]]) == 1
     assert "knows no distance outside" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        touch.main([str(exported), "--proxy"])
+    with pytest.raises(SystemExit):  # a device has the contact that was validated
+        touch.main([str(exported), "--proxy", "--friction", "0.3"])
 
 
 @pytest.mark.parametrize(
@@ -66,25 +66,25 @@ def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exporte
     ],
 )
 def test_what_is_known_of_another_file_arms_nothing(damage, said, exported):
-    assert touch.known(exported, "touch", 0.1)[0].hands == {"0.3": 200.0}
+    assert touch.known(exported, "touch", 0.1).pressed.hands == {"0.3": 200.0}
     damage(exported)
-    pressed, walls, why = touch.known(exported, "touch", 0.1)
-    assert (pressed, walls) == (None, None)
-    assert said in why
+    found = touch.known(exported, "touch", 0.1)
+    assert (found.pressed, found.walls) == (None, None)
+    assert said in found.why
 
 
 def test_another_size_or_device_is_not_what_was_found_safe(exported):
-    assert "longest side of 0.1 m" in touch.known(exported, "touch", 0.2)[2]
+    assert "longest side of 0.1 m" in touch.known(exported, "touch", 0.2).why
     report = json.loads((exported.parent.parent / "hardware.json").read_text())
     for changes in ({"agrees": False, "sentence": "Fail"}, {"in_time": False, "sentence": "Fail"}):
         field = {"exact": report["fields"]["exact"] | changes}
         told = json.dumps(report | {"fields": field})
         (exported.parent.parent / "hardware.json").write_text(told)
-        assert touch.known(exported, "touch", 0.1)[2].endswith("says: Fail")
+        assert touch.known(exported, "touch", 0.1).why.endswith("says: Fail")
     (exported.parent.parent / "hardware.json").write_text(json.dumps(report | {"rate": 10_000.0}))
-    assert "about 10000 Hz" in touch.known(exported, "touch", 0.1)[2]
+    assert "about 10000 Hz" in touch.known(exported, "touch", 0.1).why
     (exported.parent.parent / "hardware.json").write_text(json.dumps(report))
-    assert "knows no falcon" in touch.known(exported, "falcon", 0.1)[2]
+    assert "knows no falcon" in touch.known(exported, "falcon", 0.1).why
 
 
 def test_a_damaged_field_is_one_sentence(exported, capsys):
@@ -100,4 +100,4 @@ def test_what_cannot_be_attached_is_refused_before_anything_opens(exported, caps
 
 
 def test_no_number_is_no_agreement(exported):
-    assert "use --size" in touch.known(exported, "touch", float("nan"))[2]
+    assert "use --size" in touch.known(exported, "touch", float("nan")).why

@@ -1,11 +1,10 @@
 """What is said of a field on a device: limits, energy, safe stiffness, and what ran at all."""
 
-import shutil
 from functools import partial
 
 import numpy as np
 import pytest
-from test_devices import RADIUS, compile_stand_in
+from test_devices import RADIUS
 
 from pandis.fields.controls import controls
 from pandis.fields.exact import ExactField
@@ -186,16 +185,6 @@ def attach(library, files, monkeypatch, arm=True, fault="", place=RADIUS + 5e-4,
     return run_attached(
         NativeField(files["sphere"]), Scale(SIZE, 1e4), options, Span(0.05, 10), *known
     )
-
-
-@pytest.fixture(scope="module")
-def libraries(tmp_path_factory):
-    """Return a stand-in, and one that does not say that it is one."""
-    if not shutil.which("gcc"):
-        pytest.skip("no gcc here")
-    folder = tmp_path_factory.mktemp("hd")
-    marked = compile_stand_in(folder / "libHD.so")
-    return marked, compile_stand_in(folder / "libHDreal.so", "-DUNMARKED")
 
 
 @pytest.mark.parametrize(("arm", "fault"), [(True, ""), (False, ""), (True, "error 20 301")])

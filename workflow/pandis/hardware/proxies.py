@@ -1,5 +1,7 @@
 """A field felt through a proxy: what it costs, whether a wall lets it through, what is safe."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pandis.errors import PandisError
@@ -9,6 +11,7 @@ from pandis.hardware.passes import ABOVE, draw, free_starts, judge, run
 from pandis.hardware.pressing import Hand, press
 from pandis.hardware.verdict import proxy_sentence, proxy_verdict
 from pandis.native.contact import BEHIND, Feel, Material, NativeContact
+from pandis.native.runtime import NativeField
 from pandis.native.scene import Placed
 from pandis.run.records.hardware import ProxyVerdict, TouchVerdict
 from pandis.streams import PRESSES, generator
@@ -18,6 +21,37 @@ LEAST, MOST, SHARE = 6, 24, 0.5
 #: Largest angle between a press and the normal, rad.
 _SLANT = 0.3
 _OTHERS = "the others"
+
+
+class Truth(NamedTuple):
+    """What says whether a wall has let a proxy through.
+
+    Attributes
+    ----------
+    oracle : pandis.hardware.passes.Oracle
+        Of the mesh in the device's workspace.
+    feet : ndarray, shape (n, 3), m
+        Surface points at which the field's error is taken: those at which it has the force, so that
+        a hole in a field does not excuse what goes through it.
+    """
+
+    oracle: object
+    feet: np.ndarray
+
+    def error(self, field, size):
+        """Return the largest error of a field at the surface, m.
+
+        With that of the mesh itself, if the object is a closed form.
+        """
+        if not len(self.feet):
+            return 0.0
+        metres = size / UNIT_SIDE
+        answer = field.query(field.frame.to_mesh(self.feet / metres))
+        off = (
+            np.abs(answer.distance) * field.frame.scale * metres,
+            np.abs(self.oracle.look(self.feet)[0]),
+        )
+        return float(off[0].max() + off[1].max())
 
 
 def feel_for(field, beside, contact, seconds, deadline):
@@ -57,6 +91,38 @@ def feel_for(field, beside, contact, seconds, deadline):
     return feel, {name: dict(_values(made)) for name, made in told.items()}, ""
 
 
+def regions_among(exports):
+    """Return a mesh among exported files that says what its faces are made of, or None.
+
+    Parameters
+    ----------
+    exports : iterable of Path
+    """
+    meshes = [path for path in exports if path.stem.startswith(("compact", "exact"))]
+    for path in sorted(meshes, key=lambda path: path.stem):  # a compact one first
+        field = NativeField(path)
+        if field.region_names:
+            return field
+    return None
+
+
+def felt_again(field, verdict, folder):
+    """Return how a field was felt when it was validated.
+
+    Parameters
+    ----------
+    field : pandis.native.runtime.NativeField
+    verdict : pandis.run.records.hardware.ProxyVerdict
+    folder : Path
+        Of exported files, among which are those that say what faces are made of.
+    """
+    materials = tuple(Material(**made) for made in verdict.materials.values())
+    beside = None
+    if len(materials) > 1 and not field.region_names:
+        beside = regions_among(folder.glob("*.pandis"))
+    return Feel(verdict.radius, materials, beside, verdict.budget)
+
+
 def _values(given):
     sliding = given.sticking if given.sliding is None else given.sliding
     return {"sticking": given.sticking, "sliding": sliding} | {
@@ -68,7 +134,7 @@ def _material(given):
     return Material(**_values(given))
 
 
-def try_proxy(field, feel, materials, path, surface, walls, oracle, options):
+def try_proxy(field, feel, materials, path, surface, walls, truth, options):
     """Try a field through a proxy.
 
     Parameters
@@ -80,8 +146,7 @@ def try_proxy(field, feel, materials, path, surface, walls, oracle, options):
         Of the probe, tick by tick, from outside.
     surface : pandis.hardware.pressing.Contact
     walls : pandis.run.records.hardware.WallVerdict
-    oracle : tuple of (pandis.hardware.passes.Oracle, ndarray)
-        And surface points (m, 3) at which the field's error is taken, m.
+    truth : Truth
     options : pandis.run.tasks.ValidateTask
 
     Returns
@@ -103,28 +168,25 @@ def try_proxy(field, feel, materials, path, surface, walls, oracle, options):
         in_time=missed <= options.misses,
         behind_share=float(((touches.state & BEHIND) > 0).mean()),
         devices={
-            name: touch_device(name, field, feel, surface, walls, oracle, options, options.rate)
+            name: touch_device(name, field, feel, surface, walls, truth, options, options.rate)
             for name in options.devices
         },
     )
 
 
-def touch_device(name, field, feel, surface, walls, oracle, options, rate):
+def touch_device(name, field, feel, surface, walls, truth, options, rate):
     """Press a simulated device onto a field through a proxy, gently and with all its force."""
     spec, hand = DEVICES[name], Hand(**dict(options.hand))
     pressed = press(field, spec, surface, options.size, options.stiffness, hand, rate, feel)
-    judge_mesh, feet = oracle
-    # of a closed form the mesh itself is off
-    error = sum(np.abs(off).max() for off in (_distance(field, feet, options.size),
-                                              judge_mesh.look(feet)[0]))  # fmt: skip
+    error = truth.error(field, options.size)
     rng = generator(options.seed, PRESSES)
     above = ABOVE + feel.radius
     presses = draw(surface.feet, surface.outward, spec, pressed.stiffness, _SLANT, rng, above)
-    free, ghosts = free_starts(presses, judge_mesh, field, options.size, above)
+    free, ghosts = free_starts(presses, truth.oracle, field, options.size, above)
     presses = [presses[i] for i in np.flatnonzero(free & ~ghosts)]
     given = field, spec, options.size, pressed.stiffness, presses
-    judged = judge(run(*given, feel), judge_mesh, error, radius=feel.radius)
-    other = judge(run(*given), judge_mesh, error, detours=False)
+    judged = judge(run(*given, feel), truth.oracle, error, radius=feel.radius)
+    other = judge(run(*given), truth.oracle, error, detours=False)
     made = TouchVerdict(
         **dict(pressed),
         device=name,
@@ -136,12 +198,6 @@ def touch_device(name, field, feel, surface, walls, oracle, options, rate):
     )
     said = {"verdict": proxy_verdict(made), "sentence": proxy_sentence(made)}
     return made.model_copy(update=said)
-
-
-def _distance(field, points, size):
-    """Return a field's distances (n,) at points of the device's workspace, m."""
-    metres = size / UNIT_SIDE
-    return field.query(field.frame.to_mesh(points / metres)).distance * field.frame.scale * metres
 
 
 def _levels(values):

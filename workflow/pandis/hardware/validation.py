@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pandis.geometry.frame import UNIT_SIDE, Frame
-from pandis.geometry.measure import MISSING_LIMIT
+from pandis.geometry.measure import MISSING_LIMIT, missing
 from pandis.geometry.physical import Scale
 from pandis.hardware.attached import Span, run_attached
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.load import busy_cores
 from pandis.hardware.pressing import Hand, contact, press
-from pandis.hardware.proxies import feel_for, touch_device, try_proxy
+from pandis.hardware.proxies import Truth, feel_for, regions_among, touch_device, try_proxy
 from pandis.hardware.verdict import device_sentence, judge, machine_verdict, paragraph
 from pandis.hardware.walls import compare
 from pandis.native.contact import Feel
@@ -88,14 +88,16 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
     idle = run_ticks(None, points, _ticks(options), options.rate)
     asked = AGAIN if options.ask_again else ONCE
     arrays["lateness"] = idle.lateness
-    truth = oracle, walls.places.feet * options.size / UNIT_SIDE
-    path_in, beside = _entered(trajectory.arrays, options.size), _regions(exports)
+    path_in, beside = _entered(trajectory.arrays, options.size), regions_among(exports)
     _check_names(options.contact, beside, log)
     for index, path in enumerate(exports):
         name = path.stem
         reference = evaluation.arrays[f"force_{name}"]
         field = NativeField(path)
-        lacks = compare(unit_force(field, frame), walls)
+        force_at = unit_force(field, frame)
+        lacks = compare(force_at, walls)
+        gone = missing(force_at(walls.probes.points), walls.probes.force, walls.scale.newtons)
+        truth = Truth(oracle, walls.places.feet[~gone] * options.size / UNIT_SIDE)
         ticks, servo = validate(field, frame, points, reference, lacks, options)
         devices, attached = press_devices(field, surface, lacks, options), None
         query = servo.compute_us["p50"] * 1e-6
@@ -140,7 +142,7 @@ class _Felt(NamedTuple):
 
     feel: Feel
     verdict: ProxyVerdict
-    truth: tuple
+    truth: Truth
 
 
 def _attached(field, surface, servo, devices, options, felt=None):
@@ -167,17 +169,6 @@ def _entered(trajectory, size):
     start = points[0] - trajectory["distance"][0] * normals[0]
     way = np.linspace(_OUTSIDE, trajectory["distance"][0], _WAY)[:, None]
     return np.concatenate([start + way * normals[0], points]) * size / UNIT_SIDE
-
-
-def _regions(exports):
-    """Return a mesh among exported files that says what its faces are made of, or None."""
-    ranked = sorted(exports, key=lambda path: (not path.stem.startswith("compact"), path.stem))
-    for path in ranked:
-        if path.stem.startswith(("compact", "exact")):
-            field = NativeField(path)
-            if field.region_names:
-                return field
-    return None
 
 
 def _check_names(contact, beside, log):

@@ -1,0 +1,128 @@
+"""A field through a proxy in the hardware validation: what it costs, what is safe, what is sent."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from test_verdict import SCALE, SIZE, task
+
+from pandis.geometry.frame import UNIT_SIDE
+from pandis.geometry.shapes import Sphere
+from pandis.hardware.attached import Span, run_attached, stiffness_for
+from pandis.hardware.devices import DEVICES
+from pandis.hardware.passes import Oracle
+from pandis.hardware.pressing import Contact
+from pandis.hardware.proxies import LEAST, MOST, Truth, feel_for, touch_device, try_proxy
+from pandis.hardware.validation import _attached, _Felt
+from pandis.hardware.verdict import paragraph
+from pandis.native.contact import Feel, Material
+from pandis.native.device import Order
+from pandis.native.runtime import NativeField
+from pandis.run.options import AttachedOptions, ContactOptions, MaterialOptions
+from verdicts import PRESSED, SOUND, WHOLE, changed
+
+METRES = SIZE / UNIT_SIDE
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """Return where a hand presses on a ball of 10 cm, its oracle, and a way into it; metres."""
+    vertices, faces = Sphere(0.9).tessellation()
+    rng = np.random.default_rng(0)
+    outward = rng.normal(size=(6, 3))
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    feet = 0.05 * outward
+    turn = np.linspace(0, 3, 400)
+    round_it = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    places = Contact(0.05 * round_it, round_it, feet, outward, np.full(6, 0.05))
+    way = np.concatenate([np.linspace(0.06, 0.048, 50)[:, None] * round_it[0], 0.048 * round_it])
+    return places, Truth(Oracle(vertices * METRES, faces), feet), way
+
+
+def test_a_feel_is_of_the_configuration_and_fits_into_the_deadline(files):
+    exact, grid = NativeField(files["exact"]), NativeField(files["trilinear"])
+    rubs = ContactOptions(sticking=0.5, radius=1e-3, materials={"fur": MaterialOptions(drag=2.0)})
+    feel, materials, lacks = feel_for(exact, None, rubs, 1e-6, 8e-4)
+    assert (feel.radius, feel.queries, lacks) == (1e-3, MOST, "")
+    assert (feel.materials[0].sticking, feel.materials[0].sliding) == (0.5, 0.5)
+    assert list(materials) == ["the others"]  # its file names no materials
+    assert feel_for(exact, None, rubs, 4e-5, 8e-4)[0].queries == 10
+    assert feel_for(exact, None, rubs, 1e-3, 8e-4)[0].queries == LEAST
+    seven = rubs.model_copy(update={"queries": 7})
+    assert feel_for(exact, None, seven, 1e-6, 8e-4)[0].queries == 7
+    assert "knows no distance outside" in feel_for(grid, None, rubs, 1e-6, 8e-4)[2]
+    penalty = rubs.model_copy(update={"kind": "penalty"})
+    assert feel_for(exact, None, penalty, 1e-6, 8e-4)[0] is None
+
+
+def test_a_ball_lets_no_hand_through_and_a_smaller_one_does(files, ball):
+    places, truth, way = ball
+    field = NativeField(files["sphere"])
+    options = task(devices=["touch", "omega-3"], stiffness=100.0)
+    found = try_proxy(field, Feel(), {}, way, places, WHOLE, truth, options)
+    assert found.in_time
+    assert 0 < found.queries["p50"] <= 4
+    for name, device in found.devices.items():
+        assert device.presses == 6
+        assert (device.passes, device.verdict) == (0, "pass")
+        assert device.safe_n_m > 1e3 or device.safe_n_m == DEVICES[name].stiffness
+        assert "no wall lets it through in 6 presses" in device.sentence
+    # the omega's 12 N are more than the ball's 5 cm hold at 100 N/m, the Touch's 3.3 N are not
+    assert [device.penalty_passes for device in found.devices.values()] == [0, 6]
+    # the mesh is a larger ball: 0.5 mm deep is a pass, unless the field's own error is as large
+    judge = Oracle(truth.oracle.vertices * 1.01, truth.oracle.faces)
+    given = "touch", field, Feel(), places, WHOLE
+    for feet, passes in ((np.empty((0, 3)), 6), (1.01 * truth.feet, 0)):
+        found = touch_device(*given, Truth(judge, feet), options, 1000.0)
+        assert found.passes == passes
+        assert found.verdict == ("fail" if passes else "pass")
+
+
+def test_a_proxy_that_a_wall_lets_through_arms_nothing(ball, files):
+    places, truth, way = ball
+    field, options = NativeField(files["sphere"]), task(devices=["touch"])
+    found = try_proxy(field, Feel(), {}, way, places, WHOLE, truth, options).devices["touch"]
+    spec = DEVICES["touch"]
+    assert stiffness_for(400.0, spec, found, WHOLE) == (pytest.approx(0.7 * 400), "")
+    through = changed(found, passes=1)
+    assert "walls let its proxy through" in stiffness_for(400.0, spec, through, WHOLE)[1]
+
+
+def test_what_is_sent_is_what_was_found_safe_for_the_proxy(libraries, files, monkeypatch, ball):
+    """Led from outside deep into the ball: the force is the spring's, at that stiffness."""
+    radius = 0.05
+    monkeypatch.setenv("PANDIS_PLACE", f"{1.1 * radius} 0 0")
+    monkeypatch.setenv("PANDIS_STANDIN", f"300 6 {0.7 * radius}")
+    monkeypatch.setenv("PANDIS_ARM", "1")
+    monkeypatch.setattr("pandis.hardware.attached.Order", partial(Order, gap=100.0, patience=100.0))
+    options = AttachedOptions(library=str(libraries[1]), arm=True)
+    safe = changed(PRESSED, hands={"0.3": 100.0})
+    field = NativeField(files["sphere"])
+    given = field, SCALE, options, Span(0.8, 10), safe, WHOLE, True
+    arrays, found = run_attached(*given, Feel(materials=(Material(0.2, 0.2),)))
+    assert (found.contact, found.stiffness) == ("proxy", pytest.approx(70.0))
+    depth = np.maximum(radius - np.linalg.norm(arrays["position"], axis=1), 0)
+    strength = np.linalg.norm(arrays["force"], axis=1)
+    assert strength.max() > 0.3
+    assert (strength <= 70.0 * depth + 0.05).all()
+    assert run_attached(*given)[1].contact == "penalty"
+
+
+def test_a_whole_validation_arms_with_the_proxys_own_figure(libraries, files, ball):
+    places, truth, way = ball
+    field, options = (
+        NativeField(files["sphere"]),
+        task(devices=[], seconds=0.05, attached={"library": str(libraries[0])}),
+    )
+    feel = Feel()
+    verdict = try_proxy(field, feel, {}, way, places, WHOLE, truth, options)
+    assert verdict.devices == {}
+    felt = _Felt(feel, verdict, truth)
+    _, found = _attached(field, places, SOUND, {}, options, felt)
+    own = touch_device("touch", field, feel, places, WHOLE, truth, options, 1000.0)
+    assert found.contact == "proxy"
+    assert found.stiffness == pytest.approx(min(400.0, 0.7 * own.hands["0.3"]))
+    slow = changed(verdict, in_time=False, miss_share=0.5)
+    assert "A proxy does not hold the rate" in paragraph(SOUND, {}, options, slow)
+    _, refused = _attached(field, places, SOUND, {}, options, felt._replace(verdict=slow))
+    assert refused.armed is False
