@@ -45,7 +45,7 @@ def test_a_feel_is_of_the_configuration_and_fits_into_the_deadline(files):
     feel, materials, lacks = feel_for(exact, None, rubs, 1e-6, 8e-4)
     assert (feel.radius, feel.queries, lacks) == (1e-3, MOST, "")
     assert (feel.materials[0].sticking, feel.materials[0].sliding) == (0.5, 0.5)
-    assert list(materials) == ["the others"]  # its file names no materials
+    assert list(materials) == ["the surface"]  # its file names no materials
     assert feel_for(exact, None, rubs, 4e-5, 8e-4)[0].queries == 10
     assert feel_for(exact, None, rubs, 1e-3, 8e-4)[0].queries == LEAST
     seven = rubs.model_copy(update={"queries": 7})

@@ -292,6 +292,11 @@ def test_a_scene_is_tried(tried):
     assert attributes["different"] == 0
     assert 0.1 < attributes["touched_share"] < 0.9
     assert attributes["asked_mean"] < 1.5
+    proxies = attributes["proxies"]
+    assert (proxies["compared"], proxies["different"]) == (5000, 0)
+    assert 0 < proxies["queries_mean"] < 8
+    assert proxies["touched_share"] > attributes["touched_share"]  # a proxy stays where it was
+    assert arrays["proxy_force"].any()
     assert json.loads(text)["sentence"].endswith("every force is that of asking every object")
     steps = np.linalg.norm(np.diff(arrays["points"], axis=0), axis=1)
     assert np.median(steps) == pytest.approx(5e-4)
@@ -318,14 +323,22 @@ def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
         '#define PANDIS_IMPLEMENTATION\n#include "scene.h"\n'
         "int main(void) {\n"
         "    static double room[PANDIS_SCENE_ROOM(MY_TABLE_OBJECTS)];\n"
-        "    double point[3], force[3];\n"
-        "    pandis_scene scene;\n"
+        "    static double more[PANDIS_SCENE_ROOM(MY_TABLE_OBJECTS)];\n"
+        "    static pandis_contact contacts[MY_TABLE_OBJECTS];\n"
+        "    double point[3], force[3], felt[3];\n"
+        "    pandis_scene scene, touched;\n"
         "    for (int k = 0; k < MY_TABLE_FILES; k++)\n"
         "        if (pandis_open_file(my_table_fields + k, my_table_files[k])) return 1;\n"
         "    if (pandis_scene_open(&scene, my_table_objects, MY_TABLE_OBJECTS, room)) return 2;\n"
+        "    pandis_scene_open(&touched, my_table_objects, MY_TABLE_OBJECTS, more);\n"
+        "    pandis_scene_touch_open(&touched, contacts, my_table_materials, 0);\n"
+        "    for (int k = 0; k < MY_TABLE_OBJECTS; k++)\n"
+        "        contacts[k].materials = my_table_material_counts[k];\n"
         "    while (fread(point, sizeof point, 1, stdin) == 1) {\n"
         "        pandis_scene_force(&scene, point, force);\n"
+        "        pandis_scene_touch(&touched, point, 1e-3, felt, NULL, 0);\n"
         "        fwrite(force, sizeof force, 1, stdout);\n"
+        "        fwrite(felt, sizeof felt, 1, stdout);\n"
         "    }\n"
         "    return 0;\n}\n"
     )
@@ -335,7 +348,8 @@ def test_the_header_of_a_scene_compiles_and_answers_the_same(tried, tmp_path):
     done = subprocess.run(
         [tmp_path / "main"], input=arrays["points"].tobytes(), capture_output=True, check=True
     )
-    assert done.stdout == arrays["force"].tobytes()
+    both = np.stack([arrays["force"], arrays["proxy_force"]], axis=1)
+    assert done.stdout == both.tobytes()
 
 
 def test_the_header_of_a_scene_is_what_verify_compares_it_with(tried, tmp_path):

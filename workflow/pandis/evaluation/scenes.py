@@ -12,13 +12,16 @@ from scipy.spatial.transform import Rotation
 
 from pandis.errors import PandisError
 from pandis.geometry.frame import UNIT_SIDE
+from pandis.native.contact import Material, NativeContact, TouchedScene, materials_for
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 from pandis.run.machine import describe
-from pandis.run.records.scene import PlacedRecord, SceneRecord
+from pandis.run.records.scene import PlacedRecord, SceneRecord, TouchedRecord
 
 #: Ticks that are compared with asking every object, at most so many questions at a time.
 _PIECE = 200_000
+#: Queries that a step of a contact takes, about; seconds of a tick.
+_QUERIES, _PERIOD = 2, 1e-3
 
 
 def try_scene(name, files, options, progress, log):
@@ -53,10 +56,12 @@ def try_scene(name, files, options, progress, log):
     answer = scene.answer(points, timed=True)
     different = _compare(scene, points, answer.force, progress)
     touched = answer.force.any(axis=1)
+    described = [
+        _describe(asked, placed) for asked, placed in zip(options.objects, objects, strict=True)
+    ]
+    felt, proxies, no_proxies = _touch(objects, described, points, options.radius)
     record = SceneRecord(
-        objects=[
-            _describe(asked, placed) for asked, placed in zip(options.objects, objects, strict=True)
-        ],
+        objects=described,
         ticks=len(points),
         speed=options.speed,
         asked_mean=float(answer.asked.mean()),
@@ -65,11 +70,13 @@ def try_scene(name, files, options, progress, log):
         different=int(different),
         median_us=float(np.median(answer.seconds) * 1e6),
         p999_us=float(np.percentile(answer.seconds, 99.9) * 1e6),
+        proxies=proxies,
+        no_proxies=no_proxies,
         machine=describe(),
     )
     record = record.model_copy(update={"sentence": _sentence(record)})
     log(record.sentence)
-    if different:
+    if different or (proxies and proxies.different):
         raise PandisError(f"scene {name}: {record.sentence}")
     arrays = {
         "points": points,
@@ -77,7 +84,7 @@ def try_scene(name, files, options, progress, log):
         "flag": answer.flag,
         "asked": answer.asked.astype(np.int32),
         "seconds": answer.seconds,
-    }
+    } | felt
     text = json.dumps(record.attributes(), indent=2) + "\n"
     return arrays, record.attributes() | {"header": header(name, record.objects)}, text
 
@@ -95,10 +102,41 @@ def _describe(asked, placed):
         rotation_matrix=placed.rotation.tolist(),
         translation=placed.translation.tolist(),
         scale=placed.scale,
+        materials=materials_for(asked.contact, placed.field.region_names),
     )
 
 
-def walk(objects, options, period=1e-3):
+def _touch(objects, described, points, radius):
+    """Go the same way through proxies; return arrays, a `TouchedRecord`, and why there is none."""
+    for asked, placed in zip(described, objects, strict=True):
+        try:
+            NativeContact(placed, radius)
+        except PandisError as error:
+            return {}, None, f"{asked.name}: {error}"
+    materials = [[Material(**made) for made in asked.materials.values()] for asked in described]
+    scene = TouchedScene(objects, radius, materials)
+    answer = scene.follow(points, _PERIOD, timed=True)
+    compared = max(1, min(len(points), _PIECE // (_QUERIES * len(objects))))
+    every = scene.step_all(points[:compared], _PERIOD)
+    record = TouchedRecord(
+        radius=radius,
+        queries_mean=float(answer.asked.mean()),
+        queries_max=int(answer.asked.max()),
+        touched_share=float((answer.touched > 0).mean()),
+        compared=compared,
+        different=int((answer.force[:compared] != every).any(axis=1).sum()),
+        median_us=float(np.median(answer.seconds) * 1e6),
+        p999_us=float(np.percentile(answer.seconds, 99.9) * 1e6),
+    )
+    felt = {
+        "proxy_force": answer.force,
+        "proxy_asked": answer.asked.astype(np.int32),
+        "proxy_seconds": answer.seconds,
+    }
+    return felt, record, ""
+
+
+def walk(objects, options, period=_PERIOD):
     """Return the way (ticks, 3) of a probe from object to object, at a constant speed.
 
     Parameters
@@ -134,17 +172,28 @@ def _compare(scene, points, force, progress):
 
 def _sentence(record):
     count = len(record.objects)
+    different = record.different + (record.proxies.different if record.proxies else 0)
     same = (
-        f"{record.different:,} forces are not those of asking every object: a field's clearance "
+        f"{different:,} forces are not those of asking every object: a field's clearance "
         "was measured too small; export it again, or take another field"
-        if record.different
+        if different
         else "every force is that of asking every object"
     )
     return (
         f"{record.ticks:,} ticks at {record.speed:g} m/s, {100 * record.touched_share:.0f} % "
         f"in contact: {record.asked_mean:.2f} of {count} fields asked per tick, at most "
         f"{record.asked_max}; {record.median_us:.2g} µs a tick, p99.9 {record.p999_us:.2g}; "
-        f"{same}"
+        f"{_proxies(record)}; {same}"
+    )
+
+
+def _proxies(record):
+    made = record.proxies
+    if made is None:
+        return f"no proxies ({record.no_proxies})"
+    return (
+        f"through proxies {made.queries_mean:.2f} queries per tick, at most {made.queries_max}, "
+        f"{made.median_us:.2g} µs, p99.9 {made.p999_us:.2g}"
     )
 
 
@@ -163,14 +212,29 @@ def header(name, objects):
             f"{tail}}}, {comment}"
         )
     listed = ",\n".join(f'    "{path}"' for path in files)
+    made = [
+        ", ".join("{" + ", ".join(repr(float(v)) for v in m.values()) + "}" for m in of.values())
+        for of in (placed.materials for placed in objects)
+    ]
+    materials = "".join(f"static const pandis_material {prefix}_material_{i}[] = {{{each}}};\n"
+                        for i, each in enumerate(made))  # fmt: skip
+    upper, count = prefix.upper(), range(len(objects))
     return (
         f"/* The scene {name}, made by pandis: metres and newtons. Open its files in this order\n"
-        f" * into {prefix}_fields, then pandis_scene_open({prefix}_objects, "
-        f"{prefix.upper()}_OBJECTS). */\n"
+        f" * into {prefix}_fields, then pandis_scene_open({prefix}_objects, {upper}_OBJECTS).\n"
+        f" * For proxies: pandis_scene_touch_open with {prefix}_materials, and then give each\n"
+        f" * contact its number of materials, {prefix}_material_counts. */\n"
         '#include "pandis.h"\n\n'
-        f"#define {prefix.upper()}_FILES {len(files)}\n"
-        f"#define {prefix.upper()}_OBJECTS {len(objects)}\n\n"
+        f"#define {upper}_FILES {len(files)}\n"
+        f"#define {upper}_OBJECTS {len(objects)}\n\n"
         f"static const char *const {prefix}_files[] = {{\n{listed}\n}};\n"
         f"static pandis_field {prefix}_fields[{len(files)}];\n"
         f"static pandis_object {prefix}_objects[] = {{\n" + "\n".join(rows) + "\n};\n"
+        "/* friction at rest, sliding, damping, drag: of each region */\n"
+        f"{materials}"
+        f"static const pandis_material *const {prefix}_materials[] = {{"
+        + ", ".join(f"{prefix}_material_{i}" for i in count)
+        + f"}};\nstatic const int32_t {prefix}_material_counts[] = {{"
+        + ", ".join(str(len(placed.materials)) for placed in objects)
+        + "};\n"
     )

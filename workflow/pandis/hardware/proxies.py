@@ -10,7 +10,7 @@ from pandis.hardware.devices import DEVICES
 from pandis.hardware.passes import ABOVE, draw, free_starts, judge, run
 from pandis.hardware.pressing import Hand, press
 from pandis.hardware.verdict import proxy_sentence, proxy_verdict
-from pandis.native.contact import BEHIND, Feel, Material, NativeContact
+from pandis.native.contact import BEHIND, Feel, Material, NativeContact, materials_for
 from pandis.native.runtime import NativeField
 from pandis.native.scene import Placed
 from pandis.run.records.hardware import ProxyVerdict, TouchVerdict
@@ -20,7 +20,6 @@ from pandis.streams import PRESSES, generator
 LEAST, MOST, SHARE = 6, 24, 0.5
 #: Largest angle between a press and the normal, rad.
 _SLANT = 0.3
-_OTHERS = "the others"
 
 
 class Truth(NamedTuple):
@@ -82,13 +81,11 @@ def feel_for(field, beside, contact, seconds, deadline):
     except PandisError as error:
         return None, {}, str(error)
     regions = None if field.region_names else beside
-    names = field.region_names or (regions.region_names if regions else ())
-    given = [contact.materials.get(name, contact) for name in names] or [contact]
+    materials = materials_for(contact, field.region_names or (regions and regions.region_names))
     fit = int(SHARE * deadline / seconds) if seconds > 0 else MOST
     queries = contact.queries or min(max(fit, LEAST), MOST)
-    feel = Feel(contact.radius, tuple(map(_material, given)), regions, queries)
-    told = dict(zip(names or [_OTHERS], given, strict=True))
-    return feel, {name: dict(_values(made)) for name, made in told.items()}, ""
+    made = tuple(Material(**values) for values in materials.values())
+    return Feel(contact.radius, made, regions, queries), materials, ""
 
 
 def regions_among(exports):
@@ -123,17 +120,6 @@ def felt_again(field, verdict, folder):
     return Feel(verdict.radius, materials, beside, verdict.budget)
 
 
-def _values(given):
-    sliding = given.sticking if given.sliding is None else given.sliding
-    return {"sticking": given.sticking, "sliding": sliding} | {
-        key: getattr(given, key) for key in ("damping", "drag")
-    }
-
-
-def _material(given):
-    return Material(**_values(given))
-
-
 def try_proxy(field, feel, materials, path, surface, walls, truth, options):
     """Try a field through a proxy.
 
@@ -154,16 +140,21 @@ def try_proxy(field, feel, materials, path, surface, walls, truth, options):
     pandis.run.records.hardware.ProxyVerdict
     """
     placed = Placed.at(field, options.size, options.stiffness)
-    contact = NativeContact(placed, feel.radius, feel.materials, feel.regions)
-    contact.settings.budget = feel.queries
-    touches = contact.follow(path, 1 / options.rate, timed=True)
-    missed = float((touches.seconds > options.deadline).mean())
+    followed = []
+    for _ in range(2):
+        contact = NativeContact(placed, feel.radius, feel.materials, feel.regions)
+        contact.settings.budget = feel.queries
+        followed.append(contact.follow(path, 1 / options.rate, timed=True))
+    touches = followed[0]
+    # the same work twice: what took longer once was another program's
+    seconds = np.minimum(*(each.seconds for each in followed))
+    missed = float((seconds > options.deadline).mean())
     return ProxyVerdict(
         radius=feel.radius,
         materials=materials,
         budget=feel.queries,
         queries=_levels(touches.queries),
-        compute_us=_levels(1e6 * touches.seconds),
+        compute_us=_levels(1e6 * seconds),
         miss_share=missed,
         in_time=missed <= options.misses,
         behind_share=float(((touches.state & BEHIND) > 0).mean()),

@@ -168,6 +168,13 @@ class SceneOptions(Options):
         20_000, description="ticks of the walk through the scene that tries it"
     )
     speed: Positive = Field(0.5, le=10, description="of the probe on it, m/s")
+    radius: float = Field(
+        0.0,
+        ge=0,
+        le=0.1,
+        description="of the probe, m, where it goes through proxies; friction and damping of the "
+        "objects are those of their meshes (`contact`)",
+    )
 
 
 FOLDER = r"[A-Za-z0-9_][A-Za-z0-9._-]*(/[A-Za-z0-9_][A-Za-z0-9._-]*)*"

@@ -90,5 +90,6 @@ def scene_task(scene, entries):
     for name, placed in scene.objects.items():
         device = dict(entries[placed.mesh].device)
         given = {key: value for key, value in dict(placed).items() if value is not None}
-        objects.append(PlacedObject(**device | given, name=name))
-    return SceneTask(objects=objects, ticks=scene.ticks, speed=scene.speed)
+        contact = entries[placed.mesh].contact
+        objects.append(PlacedObject(**device | given, name=name, contact=contact))
+    return SceneTask(objects=objects, ticks=scene.ticks, speed=scene.speed, radius=scene.radius)

@@ -185,6 +185,7 @@ class PlacedObject(Options):
     rotation: tuple[float, float, float]
     size: float
     stiffness: float
+    contact: ContactOptions = Field(default_factory=ContactOptions)
 
 
 class SceneTask(Options):
@@ -193,6 +194,7 @@ class SceneTask(Options):
     objects: list[PlacedObject]
     ticks: int
     speed: float
+    radius: float = 0.0
 
 
 class SummaryTask(Options):

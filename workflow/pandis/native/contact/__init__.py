@@ -14,6 +14,8 @@ from pandis.native.scene import NativeScene, placed_object
 
 #: Bits of `Touches.state`, as in ``pandis.h``.
 TOUCHING, STICKING, BEHIND, WAITING = 1, 2, 4, 8
+#: What a surface is called that is of one material.
+WHOLE = "the surface"
 
 
 class Material(ctypes.Structure):
@@ -30,6 +32,32 @@ class Material(ctypes.Structure):
     """
 
     _fields_ = tuple((name, ctypes.c_double) for name in ("sticking", "sliding", "damping", "drag"))
+
+
+def materials_for(contact, names):
+    """Return what the materials of an object feel like, in the order of its regions.
+
+    Parameters
+    ----------
+    contact : pandis.run.options.ContactOptions
+    names : sequence of str or None
+        Of the regions; if there are none, the whole surface is of one material.
+
+    Returns
+    -------
+    dict of str to dict
+        By name the fields of a `Material`.
+    """
+    given = {name: contact.materials.get(name, contact) for name in names or ()}
+    return {
+        name: {
+            "sticking": made.sticking,
+            "sliding": made.sticking if made.sliding is None else made.sliding,
+            "damping": made.damping,
+            "drag": made.drag,
+        }
+        for name, made in (given or {WHOLE: contact}).items()
+    }
 
 
 def _array(material):

@@ -5,12 +5,43 @@ from pandis.run.tasks import PlacedObject
 
 
 class PlacedRecord(PlacedObject):
-    """An object of a scene with its file and the map from its mesh's units to metres."""
+    """An object of a scene with its file and the map from its mesh's units to metres.
+
+    ``materials``: what its surface, or each of its regions, feels like, by name.
+    """
 
     file: str
     rotation_matrix: list[list[float]]
     translation: list[float]
     scale: float
+    materials: dict[str, dict]
+
+
+class TouchedRecord(Record):
+    """The same walk with a proxy for every object.
+
+    Attributes
+    ----------
+    radius : float
+        Of the probe, m.
+    queries_mean, queries_max : float, int
+        Per tick.
+    touched_share : float
+        Share of the ticks in which something is touched.
+    compared, different : int
+        Ticks that were compared with stepping every object, and forces that are not those.
+    median_us, p999_us : float
+        Of a tick.
+    """
+
+    radius: float
+    queries_mean: float
+    queries_max: int
+    touched_share: float
+    compared: int
+    different: int
+    median_us: float
+    p999_us: float
 
 
 class SceneRecord(Record):
@@ -30,6 +61,8 @@ class SceneRecord(Record):
         Forces that are not those of asking every object.
     median_us, p999_us : float
         Of a tick.
+    proxies : TouchedRecord or None
+        None if an object has no proxy: ``no_proxies`` says which.
     machine : dict
     sentence : str
     """
@@ -43,6 +76,8 @@ class SceneRecord(Record):
     different: int
     median_us: float
     p999_us: float
+    proxies: TouchedRecord | None
+    no_proxies: str
     machine: dict
     sentence: str = ""
     reproducible: bool = False
