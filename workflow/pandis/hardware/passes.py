@@ -314,13 +314,21 @@ def _leads_around(places, margin, oracle, longest):
     ellipsoid of ways that are at most so long.
     """
     rng, (start, goal) = np.random.default_rng(0), places
-    centres, radius, grown = start[None], np.array([margin]), np.zeros(1, bool)
+    inside = rng.normal(size=(_GROWN, 3))
+    inside *= margin * np.cbrt(rng.random((_GROWN, 1))) / np.linalg.norm(inside, axis=1)[:, None]
+    tried, centres, radius = start + inside, np.empty((0, 3)), np.empty(0)
+    grown = np.zeros(0, bool)
     for _ in range(_ROUNDS):
+        way = np.linalg.norm(tried - start, axis=1) + np.linalg.norm(tried - goal, axis=1)
+        tried = tried[way <= longest]
+        free = oracle.look(tried)[0] if len(tried) else np.empty(0)
+        kept = (free > _LEAST * margin) & (cdist(tried, centres) >= radius / 2).all(axis=1)
+        centres, radius = np.concatenate([centres, tried[kept]]), np.append(radius, free[kept])
+        grown = np.append(grown, np.zeros(kept.sum(), bool))
         left = np.linalg.norm(centres - goal, axis=1) - radius
-        if left.min() <= margin:
+        if (left <= margin).any():
             return True
-        left[grown] = np.inf
-        chosen = np.argsort(left, kind="stable")[:_GROWN]
+        chosen = np.argsort(np.where(grown, np.inf, left), kind="stable")[:_GROWN]
         chosen = chosen[~grown[chosen]]
         if not len(chosen):
             return False
@@ -328,10 +336,4 @@ def _leads_around(places, margin, oracle, longest):
         away = rng.normal(size=(len(chosen), _RIM, 3))
         away /= np.linalg.norm(away, axis=2, keepdims=True)
         tried = (centres[chosen, None] + radius[chosen, None, None] * away).reshape(-1, 3)
-        way = np.linalg.norm(tried - start, axis=1) + np.linalg.norm(tried - goal, axis=1)
-        tried = tried[way <= longest]
-        free = oracle.look(tried)[0] if len(tried) else np.empty(0)
-        kept = (free > _LEAST * margin) & (cdist(tried, centres) >= radius / 2).all(axis=1)
-        centres, radius = np.concatenate([centres, tried[kept]]), np.append(radius, free[kept])
-        grown = np.append(grown, np.zeros(kept.sum(), bool))
     return False
