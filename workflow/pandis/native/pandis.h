@@ -367,7 +367,7 @@ typedef struct {
     int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
     const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
     /* the state, in the object's unit frame */
-    int32_t state, planes, sticks, settled, close, face, region;
+    int32_t state, planes, sticks, settled, close, stalled, face, region;
     pandis_object object; /* as it lay in the last step */
     double ball[5], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
 } pandis_contact;
@@ -3218,11 +3218,14 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
         return 1;
     }
     if (c->state == PANDIS__TOUCHES && p->ball[3] < PANDIS__HOVER / 16 && !pandis__widen(p)) return 0;
-    const int soon = p->queries + 2; /* queries after which a small rest waits for the next step */
+    /* queries after which a small rest waits for the next step: more of them if the last steps came no further */
+    const int soon = p->queries + 2 + 4 * c->stalled;
+    const double before[3] = {p->x[0], p->x[1], p->x[2]};
     for (;;) {
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
             if (!way->active || way->held || c->sticks || c->settled > 8 || p->queries + 3 > c->budget) return 1;
+            c->stalled = 0;
             int changed = pandis__confirm(p, way, 1);
             if (changed < 0) return 0;
             c->settled = changed ? c->settled + 1 : 9;
@@ -3230,6 +3233,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
         }
         if (p->queries >= c->budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
             way->held |= p->queries >= c->budget;
+            c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
             return 1;
         }
         int distant = way->active && !way->arriving && p->count > 1 ? pandis__confirm(p, way, 0) : 0;

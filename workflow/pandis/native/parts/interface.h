@@ -134,7 +134,7 @@ typedef struct {
     int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
     const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
     /* the state, in the object's unit frame */
-    int32_t state, planes, sticks, settled, close, face, region;
+    int32_t state, planes, sticks, settled, close, stalled, face, region;
     pandis_object object; /* as it lay in the last step */
     double ball[5], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
 } pandis_contact;
