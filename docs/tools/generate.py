@@ -177,6 +177,7 @@ def generated():
             times=tables.time_table(),
             front=tables.front_table(),
             scenes=tables.scene_table(),
+            touched=tables.touched_table(),
             servo=tables.servo_table(),
         ),
         STALENESS: with_generated(STALENESS, staleness=stale_table()),

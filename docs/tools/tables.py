@@ -603,6 +603,23 @@ def scene_table():
     return _noted(table, notes)
 
 
+def touched_table():
+    """Return the table of scenes with proxies beside penalty forces."""
+    notes, rows = _figures("touched")
+    table = [
+        "| fields | touching | queries per tick | median, proxies and penalty (µs) | mean | p99.9 "
+        "| ticks compared | different |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        cells = [row["field"], f"{100 * float(row['touching']):.0f} %"]
+        cells.append(f"{float(row['queries']):.2g}")
+        for key in ("median_us", "mean_us", "p999_us"):
+            cells.append(f"{float(row[key]):.2g} and {float(row[f'penalty_{key}']):.2g}")
+        table.append(_row([*cells, f"{int(row['ticks']):,}", row["different"]]))
+    return _noted(table, notes)
+
+
 def servo_table():
     """Return the table of a minute at 1 kHz."""
     notes, rows = _figures("servo")

@@ -25,6 +25,7 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.shapes import SHAPES
 from pandis.grids.base import fit_base
 from pandis.grids.dense import DenseGrid
+from pandis.native.runtime import NativeField
 from pandis.run.artifact import read_artifact
 from pandis.run.catalogue import GRID_FIELDS, parse_field
 from pandis.run.stage import silent_progress
@@ -266,6 +267,30 @@ def test_check_forgives_a_direction_that_is_rounding_noise():
         return distance, -normal, np.full(len(points), 0.01)
 
     check(Session(data).distance_and_normal, reference, FRAME)
+
+
+def test_what_single_precision_loses_in_a_sharp_network_is_no_defect_and_a_wrong_weight_is():
+    """A network with creases turns normals by more than the bound, by its own rounding alone."""
+    held, _ = model(32, 3)
+    held.arrays["weight_0"] *= 60
+    field = SirenField("s", held)
+    double = field.in_double()
+
+    def told(network):
+        def reference(points):
+            distance, normal = network.answer(points)
+            return distance, normal, np.full(len(points), 1.0)
+
+        return reference
+
+    file = NativeField(native_bytes(field, "network", {}))
+    with pytest.raises(PandisError, match="normal by"):
+        check(file.distance_and_normal, told(field), FRAME)
+    check(file.distance_and_normal, told(field), FRAME, double=told(double))
+    held.arrays["weight_1"][3, 4] += 1e-3
+    wrong = NativeField(native_bytes(SirenField("s", held), "network", {}))
+    with pytest.raises(PandisError, match="differs from its field"):
+        check(wrong.distance_and_normal, told(field), FRAME, double=told(double))
 
 
 def test_far_from_the_origin_no_digits_are_lost():

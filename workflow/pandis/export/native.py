@@ -262,7 +262,9 @@ def _checked(field, kind, native, weight_bits, body, log):
         # of what is cut the bounds
         differences |= check_nearest(file, field.engine, _ROUNDING)
     else:
-        differences = check(native.distance_and_normal, _reference(wanted), field.frame)
+        double = _reference(wanted.in_double()) if isinstance(field, SirenField) else None
+        given = native.distance_and_normal, _reference(wanted), field.frame
+        differences = check(*given, double=double)
     told = ", ".join(f"{key} {value:.1g}" for key, value in differences.items())
     log(f"answers as the library does: the largest differences (unit frame) are {told}")
     safe = _clearance(field, file, body)

@@ -84,12 +84,14 @@ def compare(answer, artifact, what, log):
     PandisError
         They differ by more than rounding.
     """
-    network, base = torch_network(artifact), load_base(artifact)
+    base = load_base(artifact)
+    single, double = torch_network(artifact), torch_network(artifact).double()
 
-    def reference(points):
+    def reference(points, network=single):
         clamped, outside = clamp_to_box(points)
+        given = torch.from_numpy(clamped).to(next(network.parameters()).dtype)
         with torch.no_grad():
-            output, direction = network.forward_with_gradient(torch.from_numpy(clamped).float())
+            output, direction = network.forward_with_gradient(given)
         output, direction = output.double().numpy(), direction.double().numpy()
         if output.shape[1] > 1:
             direction = output[:, 1:]
@@ -101,7 +103,8 @@ def compare(answer, artifact, what, log):
         return phi + outside, normalise(direction), length
 
     frame = Frame.of(artifact)
-    log(f"{what} agrees with the network: {check(answer, reference, frame)}")
+    differences = check(answer, reference, frame, double=lambda p: reference(p, double))
+    log(f"{what} agrees with the network: {differences}")
 
 
 def describe(name, artifact, provenance):

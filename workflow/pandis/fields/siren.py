@@ -4,6 +4,8 @@ Torch trains it (`pandis.training`), but to ask it needs nothing but products
 and sines, so that neither evaluation nor a user's program has to load torch.
 """
 
+import copy
+
 import numpy as np
 
 from pandis.fields.base import Field, clamp_to_box, normalise
@@ -52,6 +54,12 @@ class SirenField(Field):
             size += self.base.coefficients.nbytes
         super().__init__(name, Frame.of(artifact), size)
 
+    def in_double(self):
+        """Return the same network, which computes in double precision: what rounding is told by."""
+        other = copy.copy(self)
+        other.layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in self.layers]
+        return other
+
     def direction(self, points):
         """Return Φ (n,) and the direction (n, 3), of any length, at points in the box.
 
@@ -64,8 +72,8 @@ class SirenField(Field):
         return phi + value, direction + gradient
 
     def _network(self, points):
-        """Return what the network gives, float32."""
-        h, slopes = np.asarray(points, np.float32), []
+        """Return what the network gives, in the precision of its weights."""
+        h, slopes = np.asarray(points, self.layers[0][0].dtype), []
         last, bias = self.layers[-1]
         own_gradient = len(last) == 1
         for weight, shift in self.layers[:-1]:
