@@ -16,7 +16,7 @@ import yaml
 import tables
 from environments import environments
 from pandis.native.sources import included
-from pandis.run import config, options, recipes
+from pandis.run import config, contacts, options, recipes
 from pandis.run.machine import describe
 from pandis.run.provenance import CodeDigests
 
@@ -58,6 +58,7 @@ PARTS = (
         "refit",
         "handover",
         "scene",
+        "textures",
         "planes",
         "proxy",
         "contact",
@@ -82,8 +83,9 @@ _SECTIONS = {
     "evaluation": options.EvaluationOptions,
     "stress": options.StressOptions,
     "timing": options.TimingOptions,
-    "contact": options.ContactOptions,
-    "contact.materials.{name}": options.MaterialOptions,
+    "contact": contacts.ContactOptions,
+    "contact.materials.{name}": contacts.MaterialOptions,
+    "contact.texture": contacts.TextureOptions,
     "hardware": options.HardwareOptions,
     "hardware.attached": options.AttachedOptions,
     "scenes.{scene}": config.SceneOptions,

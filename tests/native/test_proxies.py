@@ -18,7 +18,8 @@ from pandis.hardware.verdict import paragraph
 from pandis.native.contact import Feel, Material
 from pandis.native.device import Order
 from pandis.native.runtime import NativeField
-from pandis.run.options import AttachedOptions, ContactOptions, MaterialOptions
+from pandis.run.contacts import ContactOptions, MaterialOptions
+from pandis.run.options import AttachedOptions
 from verdicts import PRESSED, SOUND, WHOLE, changed
 
 METRES = SIZE / UNIT_SIDE
@@ -42,17 +43,17 @@ def ball():
 def test_a_feel_is_of_the_configuration_and_fits_into_the_deadline(files):
     exact, grid = NativeField(files["exact"]), NativeField(files["trilinear"])
     rubs = ContactOptions(sticking=0.5, radius=1e-3, materials={"fur": MaterialOptions(drag=2.0)})
-    feel, materials, lacks = feel_for(exact, None, rubs, 1e-6, 8e-4)
+    feel, materials, lacks = feel_for(exact, None, rubs, SIZE, 1e-6, 8e-4)
     assert (feel.radius, feel.queries, lacks) == (1e-3, MOST, "")
     assert (feel.materials[0].sticking, feel.materials[0].sliding) == (0.5, 0.5)
     assert list(materials) == ["the surface"]  # its file names no materials
-    assert feel_for(exact, None, rubs, 4e-5, 8e-4)[0].queries == 10
-    assert feel_for(exact, None, rubs, 1e-3, 8e-4)[0].queries == LEAST
+    assert feel_for(exact, None, rubs, SIZE, 4e-5, 8e-4)[0].queries == 10
+    assert feel_for(exact, None, rubs, SIZE, 1e-3, 8e-4)[0].queries == LEAST
     seven = rubs.model_copy(update={"queries": 7})
-    assert feel_for(exact, None, seven, 1e-6, 8e-4)[0].queries == 7
-    assert "knows no distance outside" in feel_for(grid, None, rubs, 1e-6, 8e-4)[2]
+    assert feel_for(exact, None, seven, SIZE, 1e-6, 8e-4)[0].queries == 7
+    assert "knows no distance outside" in feel_for(grid, None, rubs, SIZE, 1e-6, 8e-4)[2]
     penalty = rubs.model_copy(update={"kind": "penalty"})
-    assert feel_for(exact, None, penalty, 1e-6, 8e-4)[0] is None
+    assert feel_for(exact, None, penalty, SIZE, 1e-6, 8e-4)[0] is None
 
 
 def test_a_ball_lets_no_hand_through_and_a_smaller_one_does(files, ball):

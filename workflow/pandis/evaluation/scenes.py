@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from pandis.errors import PandisError
 from pandis.geometry.frame import UNIT_SIDE
-from pandis.native.contact import Material, NativeContact, TouchedScene, materials_for
+from pandis.native.contact import Material, NativeContact, TouchedScene
+from pandis.native.contact.surfaces import materials_for, texture_for
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 from pandis.run.machine import describe
@@ -114,7 +115,8 @@ def _touch(objects, described, points, radius):
         except PandisError as error:
             return {}, None, f"{asked.name}: {error}"
     materials = [[Material(**made) for made in asked.materials.values()] for asked in described]
-    scene = TouchedScene(objects, radius, materials)
+    textures = [texture_for(a.contact, p.scale) for a, p in zip(described, objects, strict=True)]
+    scene = TouchedScene(objects, radius, materials, textures=textures)
     answer = scene.follow(points, _PERIOD, timed=True)
     compared = max(1, min(len(points), _PIECE // (_QUERIES * len(objects))))
     every = scene.step_all(points[:compared], _PERIOD)

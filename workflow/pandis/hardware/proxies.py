@@ -10,7 +10,8 @@ from pandis.hardware.devices import DEVICES
 from pandis.hardware.passes import ABOVE, draw, free_starts, judge, run
 from pandis.hardware.pressing import Hand, press
 from pandis.hardware.verdict import proxy_sentence, proxy_verdict
-from pandis.native.contact import BEHIND, Feel, Material, NativeContact, materials_for
+from pandis.native.contact import BEHIND, Feel, Material, NativeContact
+from pandis.native.contact.surfaces import materials_for, texture_for
 from pandis.native.runtime import NativeField
 from pandis.native.scene import Placed
 from pandis.run.records.hardware import ProxyVerdict, TouchVerdict
@@ -53,7 +54,7 @@ class Truth(NamedTuple):
         return float(off[0].max() + off[1].max())
 
 
-def feel_for(field, beside, contact, seconds, deadline):
+def feel_for(field, beside, contact, size, seconds, deadline):
     """Return how a field is felt.
 
     Parameters
@@ -61,7 +62,9 @@ def feel_for(field, beside, contact, seconds, deadline):
     field : pandis.native.runtime.NativeField
     beside : pandis.native.runtime.NativeField or None
         A mesh of the same object, whose regions count where the field has none.
-    contact : pandis.run.options.ContactOptions
+    contact : pandis.run.contacts.ContactOptions
+    size : float
+        Metres of the longest side.
     seconds, deadline : float
         Of a query here, and of a tick.
 
@@ -85,7 +88,8 @@ def feel_for(field, beside, contact, seconds, deadline):
     fit = int(SHARE * deadline / seconds) if seconds > 0 else MOST
     queries = contact.queries or min(max(fit, LEAST), MOST)
     made = tuple(Material(**values) for values in materials.values())
-    return Feel(contact.radius, made, regions, queries), materials, ""
+    texture = texture_for(contact, Placed.at(field, size, 1.0).scale)
+    return Feel(contact.radius, made, regions, queries, texture), materials, ""
 
 
 def regions_among(exports):
@@ -103,13 +107,15 @@ def regions_among(exports):
     return None
 
 
-def felt_again(field, verdict, folder):
+def felt_again(field, verdict, size, folder):
     """Return how a field was felt when it was validated.
 
     Parameters
     ----------
     field : pandis.native.runtime.NativeField
     verdict : pandis.run.records.hardware.ProxyVerdict
+    size : float
+        Metres of the longest side.
     folder : Path
         Of exported files, among which are those that say what faces are made of.
     """
@@ -117,7 +123,8 @@ def felt_again(field, verdict, folder):
     beside = None
     if len(materials) > 1 and not field.region_names:
         beside = regions_among(folder.glob("*.pandis"))
-    return Feel(verdict.radius, materials, beside, verdict.budget)
+    texture = texture_for(verdict, Placed.at(field, size, 1.0).scale)
+    return Feel(verdict.radius, materials, beside, verdict.budget, texture)
 
 
 def try_proxy(field, feel, materials, path, surface, walls, truth, options):
@@ -142,7 +149,7 @@ def try_proxy(field, feel, materials, path, surface, walls, truth, options):
     placed = Placed.at(field, options.size, options.stiffness)
     followed = []
     for _ in range(2):
-        contact = NativeContact(placed, feel.radius, feel.materials, feel.regions)
+        contact = NativeContact(placed, *feel[:3], feel.texture)
         contact.settings.budget = feel.queries
         followed.append(contact.follow(path, 1 / options.rate, timed=True))
     touches = followed[0]
@@ -152,6 +159,7 @@ def try_proxy(field, feel, materials, path, surface, walls, truth, options):
     return ProxyVerdict(
         radius=feel.radius,
         materials=materials,
+        texture=options.contact.texture,
         budget=feel.queries,
         queries=_levels(touches.queries),
         compute_us=_levels(1e6 * seconds),

@@ -148,7 +148,7 @@ def touch_simulated(field, model, size, stiffness, seconds, feel=None):
 
 def _feel(field, given, proxy):
     """Return how a field is felt through a proxy: as it was validated, or as the user says."""
-    feel = felt_again(field, proxy, given.field.resolve().parent) if proxy else Feel()
+    feel = felt_again(field, proxy, given.size, given.field.resolve().parent) if proxy else Feel()
     if given.radius is not None:
         feel = feel._replace(radius=given.radius)
     if given.friction is not None:

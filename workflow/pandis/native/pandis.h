@@ -356,6 +356,27 @@ typedef struct {
     double sticking, sliding, damping, drag;
 } pandis_material;
 
+/* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
+ * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
+ * longer than `steepest`. Walls hold as they do without it, for it only adds. */
+typedef struct {
+    double (*height)(const void *data, const double point[3], int region, double gradient[3]);
+    const void *data;
+    double most, steepest;
+} pandis_texture;
+
+/* Heights for textures: waves across a direction of unit length, steepest 3.15 * height / length; */
+typedef struct {
+    double height, length, direction[3];
+} pandis_ridges;
+PANDIS_API double pandis_waves(const void *ridges, const double point[3], int region, double gradient[3]);
+
+/* and bumps, one for each cube of a length, as if drawn at random: steepest 3.25 * height / length. */
+typedef struct {
+    double height, length;
+} pandis_bumps;
+PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
+
 /* What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which
  * is where the device is, hangs on it by a spring. All zero, and then pandis_contact_open. One contact belongs to one
  * probe and one object; it may be copied. */
@@ -365,6 +386,7 @@ typedef struct {
                     * the force at ridges */
     int32_t budget; /* queries after which a step ends, two more at most; what is left goes on in the next one */
     int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
+    const pandis_texture *texture; /* of the surface; NULL: none */
     const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
     /* the state, in the object's unit frame */
     int32_t state, planes, sticks, settled, close, stalled, face, region;
@@ -2767,6 +2789,50 @@ PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], do
         worst = pandis__worse(pandis__visit(scene, i, point, force), worst);
     return worst;
 }
+/* ---------------------------------------------------------------- textures: heights over a surface */
+
+#define PANDIS__TURN 6.283185307179586
+
+PANDIS_API double pandis_waves(const void *ridges, const double point[3], int region, double gradient[3]) {
+    const pandis_ridges *w = (const pandis_ridges *)ridges;
+    double along = PANDIS__TURN * pandis__dot(point, w->direction) / w->length;
+    (void)region;
+    for (int k = 0; k < 3; k++) gradient[k] = w->height / 2 * PANDIS__TURN / w->length * cos(along) * w->direction[k];
+    return w->height / 2 * (1 + sin(along));
+}
+
+/* A number from 0 to 1 for a node of the lattice, as if drawn at random. */
+static double pandis__drawn(const int32_t *node) {
+    uint32_t h = (uint32_t)node[0] * 0x8da6b343u ^ (uint32_t)node[1] * 0xd8163841u ^ (uint32_t)node[2] * 0xcb1ab31fu;
+    h = (h ^ h >> 15) * 0x2c1b3c6du, h = (h ^ h >> 12) * 0x297a2d39u;
+    return (double)(h ^ h >> 15) / 4294967295.0;
+}
+
+PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]) {
+    const pandis_bumps *b = (const pandis_bumps *)bumps;
+    double blend[3][2], change[3], sum = 0;
+    int32_t low[3];
+    (void)region;
+    for (int k = 0; k < 3; k++) {
+        double x = point[k] / b->length, t;
+        if (!(fabs(x) < 1e9)) return gradient[0] = gradient[1] = gradient[2] = 0;
+        low[k] = (int32_t)floor(x), t = x - floor(x);
+        blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1]; /* two derivatives are steady */
+        change[k] = 30 * t * t * (1 - t) * (1 - t) / b->length;
+        gradient[k] = 0;
+    }
+    for (int corner = 0; corner < 8; corner++) {
+        int at[3] = {corner & 1, corner >> 1 & 1, corner >> 2};
+        int32_t node[3] = {low[0] + at[0], low[1] + at[1], low[2] + at[2]};
+        double value = b->height * pandis__drawn(node);
+        sum += value * blend[0][at[0]] * blend[1][at[1]] * blend[2][at[2]];
+        for (int k = 0; k < 3; k++) {
+            int i = (k + 1) % 3, j = (k + 2) % 3;
+            gradient[k] += (at[k] ? value : -value) * change[k] * blend[i][at[i]] * blend[j][at[j]];
+        }
+    }
+    return sum;
+}
 /* ---------------------------------------------------------------- planes that a proxy touches */
 
 #define PANDIS__PLANES 4 /* three that are kept, and the one of the last look */
@@ -2861,6 +2927,7 @@ typedef struct {
     const pandis_field *field;
     double radius, tolerance; /* by which planes are compared */
     int exact;                /* its distances are those of a surface, not of an approximation */
+    int flat;                 /* and that surface is the one that is felt */
     int queries, flag, count;
     pandis__plane plane[PANDIS__PLANES];
     double *x, *ball;
@@ -2875,6 +2942,24 @@ typedef struct {
 
 static int pandis__knows_distance(const pandis_field *f) {
     return f->kind && !(f->kind == PANDIS_GRID && f->as.grid.rule <= PANDIS__TRILINEAR);
+}
+
+/* Put a texture onto what a look at a point has found: the distance becomes that to the plane that touches the raised
+ * surface below the point, the normal that of this plane, and less is free. */
+static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
+                            double *free, double *sure) {
+    const pandis_texture *t = p->state->texture;
+    const pandis_field *f = p->field;
+    double foot[3], slope[3], *n = answer->normal;
+    for (int k = 0; k < 3; k++) foot[k] = (at[k] - *distance * n[k]) / f->scale + f->centre[k];
+    double raised = t->height(t->data, foot, f->regions ? answer->region : p->state->region, slope);
+    raised = (raised > 0 ? raised < t->most ? raised : t->most : 0) * f->scale; /* 0 for NaN, too */
+    double along = pandis__dot(slope, n), steep = 0;
+    for (int k = 0; k < 3; k++) slope[k] -= along * n[k], steep += slope[k] * slope[k];
+    if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
+    for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
+    *distance = (*distance - raised) / sqrt(1 + steep);
+    *free = fmin(*free, (*free - raised) / (1 + 2 * t->steepest)), *sure -= t->most * f->scale;
 }
 
 /* Look at a point; 0 if there is no answer. */
@@ -2901,8 +2986,10 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
     }
+    look->face = answer.face, look->region = answer.region;
+    if (p->state->texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
     look->distance = distance - p->radius, look->free = free - p->radius;
-    look->sure = fmin(sure, free) - p->radius, look->face = answer.face, look->region = answer.region;
+    look->sure = fmin(sure, free) - p->radius;
     for (int k = 0; k < 3; k++) {
         look->normal[k] = answer.normal[k];
         look->foot[k] = at[k] - look->distance * answer.normal[k];
@@ -3106,7 +3193,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     if (step > most)
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
     double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
-    int closely = !p->exact || c->close; /* at the place itself, not from above */
+    int closely = !p->flat || c->close; /* at the place itself, not from above */
     if (!closely || over > 0.25 * c->lift) {
         pandis__lifted(p, target, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
@@ -3188,7 +3275,7 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, int 
     pandis__cross(look.normal, held.normal, cross);
     for (int j = 0; j < p->count; j++)
         if (!memcmp(p->plane + j, &held, sizeof held)) pandis__drop(p, j--);
-    double height = p->exact ? look.free - p->state->lift : 0; /* of the proxy, at least */
+    double height = p->flat ? look.free - p->state->lift : 0; /* of the proxy, at least */
     pandis__learn(p, &look, p->x, height);
     return pandis__dot(cross, cross) > 1e-18 || height > p->tolerance;
 }
@@ -3325,8 +3412,9 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     contact->object = *object;
-    pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
+    pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
+    p.flat = p.exact && !contact->texture;
     if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
     p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
     memcpy(p.plane, contact->plane, sizeof contact->plane);

@@ -12,10 +12,10 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, WithJsonSchema, field_validator, model_validator
 
 from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
+from pandis.run.contacts import ContactOptions
 from pandis.run.options import (
     BakeOptions,
     BudgetOptions,
-    ContactOptions,
     DeviceOptions,
     EvaluationOptions,
     ExportOptions,

@@ -277,67 +277,6 @@ class TimingOptions(Options):
     )
 
 
-class MaterialOptions(Options):
-    """What a surface feels like, beside its stiffness."""
-
-    sticking: float = Field(
-        0.0,
-        ge=0,
-        le=100,
-        allow_inf_nan=False,
-        description="friction at rest: force along the surface per force against it",
-    )
-    sliding: float | None = Field(
-        None,
-        ge=0,
-        le=100,
-        allow_inf_nan=False,
-        description="friction while the probe slides, at most `sticking`; null: as much",
-    )
-    damping: float = Field(
-        0.0,
-        ge=0,
-        allow_inf_nan=False,
-        description="damping along the normal, Ns/m; never so that the surface pulls",
-    )
-    drag: float = Field(
-        0.0, ge=0, allow_inf_nan=False, description="damping along the surface, Ns/m"
-    )
-
-    @model_validator(mode="after")
-    def _sticks_more(self):
-        if self.sliding is not None and self.sliding > self.sticking:
-            raise ValueError("sliding is at most sticking")
-        return self
-
-
-class ContactOptions(MaterialOptions):
-    """How a device feels the object: by a proxy that no wall lets through, or by penalty forces.
-
-    The materials that a mesh file names can each have their own friction and damping; the first
-    four options are those of every other surface.
-    """
-
-    kind: Literal["proxy", "penalty"] = Field(
-        "proxy",
-        description="what a device is driven by. `proxy`: the force goes from the probe to a proxy "
-        "that stays outside, so that thin parts hold, and surfaces rub; `penalty`: the paper's, "
-        "-k·distance·normal, with which no proxy is tried. Fields without a distance outside "
-        "(`nearest`, `trilinear`) have penalty forces alone. Errors are always those of penalty "
-        "forces",
-    )
-    radius: float = Field(0.0, ge=0, le=0.1, description="of the probe, m; 0: a point")
-    queries: Annotated[int, Field(ge=6, le=1000)] | None = Field(
-        None,
-        description="queries of the field that a tick may take; what is left goes on in the next "
-        "one. null: as many as fit into half of `hardware.deadline` on this machine, from 6 to 24",
-    )
-    materials: dict[str, MaterialOptions] = Field(
-        default_factory=dict,
-        description="by the names of materials in the mesh's file (OBJ, glTF, 3MF): what differs",
-    )
-
-
 class AttachedOptions(Options):
     """A haptic device of 3D Systems that is attached to this machine, and held by somebody."""
 

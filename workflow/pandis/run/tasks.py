@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from pandis.run.contacts import ContactOptions
 from pandis.run.options import (
     BudgetOptions,
-    ContactOptions,
     DeviceOptions,
     EvaluationOptions,
     ExportOptions,

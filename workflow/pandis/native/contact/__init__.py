@@ -9,61 +9,12 @@ import numpy as np
 
 from pandis.errors import PandisError
 from pandis.native.compiler import load
+from pandis.native.contact.surfaces import Material, as_array
 from pandis.native.runtime import library as runtime
 from pandis.native.scene import NativeScene, placed_object
 
 #: Bits of `Touches.state`, as in ``pandis.h``.
 TOUCHING, STICKING, BEHIND, WAITING = 1, 2, 4, 8
-#: What a surface is called that is of one material.
-WHOLE = "the surface"
-
-
-class Material(ctypes.Structure):
-    """What a surface feels like, beside its stiffness, which is the object's.
-
-    Attributes
-    ----------
-    sticking, sliding : float
-        Friction: force along the surface per force against it, at rest and while it slides.
-    damping : float
-        Force per speed of the probe along the normal; never so that it pulls.
-    drag : float
-        Force per speed of the proxy along the surface.
-    """
-
-    _fields_ = tuple((name, ctypes.c_double) for name in ("sticking", "sliding", "damping", "drag"))
-
-
-def materials_for(contact, names):
-    """Return what the materials of an object feel like, in the order of its regions.
-
-    Parameters
-    ----------
-    contact : pandis.run.options.ContactOptions
-    names : sequence of str or None
-        Of the regions; if there are none, the whole surface is of one material.
-
-    Returns
-    -------
-    dict of str to dict
-        By name the fields of a `Material`.
-    """
-    given = {name: contact.materials.get(name, contact) for name in names or ()}
-    return {
-        name: {
-            "sticking": made.sticking,
-            "sliding": made.sticking if made.sliding is None else made.sliding,
-            "damping": made.damping,
-            "drag": made.drag,
-        }
-        for name, made in (given or {WHOLE: contact}).items()
-    }
-
-
-def _array(material):
-    """Return materials as C has them: one of them, several, or None for a smooth surface."""
-    several = [material] if material is None or isinstance(material, Material) else material
-    return (Material * len(several))(*(Material() if m is None else m for m in several))
 
 
 class _State(ctypes.Structure):
@@ -72,12 +23,14 @@ class _State(ctypes.Structure):
         ("slide", ctypes.c_double),
         ("budget", ctypes.c_int32),
         ("materials", ctypes.c_int32),
+        ("texture", ctypes.c_void_p),
         ("regions", ctypes.c_void_p),
     )
 
-    def set(self, materials, regions=None, budget=None):
-        """Set how many materials there are, whose regions count, and how many queries are made."""
+    def set(self, materials, regions=None, budget=None, texture=None):
+        """Set how many materials there are, whose regions count, the budget, and the texture."""
         self.materials = len(materials)
+        self.texture = None if texture is None else ctypes.addressof(texture)
         self.regions = None if regions is None else regions.address
         if budget is not None:
             self.budget = budget
@@ -164,17 +117,20 @@ class Feel(NamedTuple):
         A mesh of the same object, whose regions count if the object's field has none.
     queries : int
         After which a step ends.
+    texture : pandis.native.contact.surfaces.Texture, optional
+        Of the surface.
     """
 
     radius: float = 0.0
     materials: tuple = (Material(),)
     regions: object = None
     queries: int = 24
+    texture: object = None
 
     def scene(self, placed):
         """Return the `TouchedScene` of one object."""
         touched = [self.materials], [self.regions]
-        return TouchedScene([placed], self.radius, *touched, self.queries)
+        return TouchedScene([placed], self.radius, *touched, self.queries, [self.texture])
 
 
 class NativeContact:
@@ -189,6 +145,8 @@ class NativeContact:
         Of the surface, or of each of its regions; smooth and undamped by default.
     regions : pandis.native.runtime.NativeField, optional
         A mesh of the same object, whose regions count if the object's field has none.
+    texture : pandis.native.contact.surfaces.Texture, optional
+        Of the surface.
 
     Raises
     ------
@@ -196,9 +154,10 @@ class NativeContact:
         The object lies nowhere, or is a grid of forces, which knows no distance outside.
     """
 
-    def __init__(self, placed, radius=0.0, material=None, regions=None):
+    def __init__(self, placed, radius=0.0, material=None, regions=None, texture=None):
         self._library, self.placed, self._regions = library(), placed, regions
-        self.materials = _array(material)
+        self.texture = texture
+        self.materials = as_array(material)
         self._object = placed_object(placed)
         self._state = ctypes.create_string_buffer(self._library.contact_bytes())
         error = self._library.pandis_contact_open(
@@ -206,7 +165,7 @@ class NativeContact:
         )
         if error:
             raise PandisError(runtime().pandis_error(error).decode())
-        self.settings.set(self.materials, regions)
+        self.settings.set(self.materials, regions, texture=texture)
 
     @property
     def settings(self):
@@ -270,6 +229,8 @@ class TouchedScene(NativeScene):
         For each object, a mesh whose regions count if its field has none.
     budget : int, optional
         Queries after which a step of a contact ends; 24 by default.
+    textures : list of (pandis.native.contact.surfaces.Texture or None), optional
+        For each object.
 
     Raises
     ------
@@ -277,12 +238,15 @@ class TouchedScene(NativeScene):
         An object lies nowhere, or is a grid of forces.
     """
 
-    def __init__(self, objects, radius=0.0, materials=None, regions=None, budget=None):
+    def __init__(
+        self, objects, radius=0.0, materials=None, regions=None, budget=None, textures=None
+    ):
         super().__init__(objects)
         self._touching = library()
         count = len(self.objects)
-        self.materials = [_array(m) for m in materials or [None] * count]
+        self.materials = [as_array(m) for m in materials or [None] * count]
         self._regions, self._budget = list(regions or [None] * count), budget
+        self._textures = list(textures or [None] * count)
         address = [ctypes.addressof(m) for m in self.materials]
         self._materials = (ctypes.c_void_p * max(count, 1))(*address)
         self._contacts = ctypes.create_string_buffer(max(count, 1) * self._touching.contact_bytes())
@@ -298,10 +262,11 @@ class TouchedScene(NativeScene):
         error = self._touching.pandis_scene_touch_open(
             self._scene, contacts, self._materials, radius
         )
-        for i, (materials, regions) in enumerate(zip(self.materials, self._regions, strict=True)):
+        given = zip(self.materials, self._regions, self._textures, strict=True)
+        for i, (materials, regions, texture) in enumerate(given):
             state = _State.from_buffer(contacts, i * size)
             # one that cannot be touched has no budget, and gets none
-            state.set(materials, regions, self._budget if state.budget else None)
+            state.set(materials, regions, self._budget if state.budget else None, texture)
         return error
 
     def follow(self, path, dt=1e-3, timed=False):

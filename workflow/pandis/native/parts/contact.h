@@ -120,7 +120,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     if (step > most)
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
     double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
-    int closely = !p->exact || c->close; /* at the place itself, not from above */
+    int closely = !p->flat || c->close; /* at the place itself, not from above */
     if (!closely || over > 0.25 * c->lift) {
         pandis__lifted(p, target, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
@@ -202,7 +202,7 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, int 
     pandis__cross(look.normal, held.normal, cross);
     for (int j = 0; j < p->count; j++)
         if (!memcmp(p->plane + j, &held, sizeof held)) pandis__drop(p, j--);
-    double height = p->exact ? look.free - p->state->lift : 0; /* of the proxy, at least */
+    double height = p->flat ? look.free - p->state->lift : 0; /* of the proxy, at least */
     pandis__learn(p, &look, p->x, height);
     return pandis__dot(cross, cross) > 1e-18 || height > p->tolerance;
 }
@@ -339,8 +339,9 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     contact->object = *object;
-    pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
+    pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
+    p.flat = p.exact && !contact->texture;
     if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
     p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
     memcpy(p.plane, contact->plane, sizeof contact->plane);

@@ -123,6 +123,27 @@ typedef struct {
     double sticking, sliding, damping, drag;
 } pandis_material;
 
+/* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
+ * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
+ * longer than `steepest`. Walls hold as they do without it, for it only adds. */
+typedef struct {
+    double (*height)(const void *data, const double point[3], int region, double gradient[3]);
+    const void *data;
+    double most, steepest;
+} pandis_texture;
+
+/* Heights for textures: waves across a direction of unit length, steepest 3.15 * height / length; */
+typedef struct {
+    double height, length, direction[3];
+} pandis_ridges;
+PANDIS_API double pandis_waves(const void *ridges, const double point[3], int region, double gradient[3]);
+
+/* and bumps, one for each cube of a length, as if drawn at random: steepest 3.25 * height / length. */
+typedef struct {
+    double height, length;
+} pandis_bumps;
+PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
+
 /* What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which
  * is where the device is, hangs on it by a spring. All zero, and then pandis_contact_open. One contact belongs to one
  * probe and one object; it may be copied. */
@@ -132,6 +153,7 @@ typedef struct {
                     * the force at ridges */
     int32_t budget; /* queries after which a step ends, two more at most; what is left goes on in the next one */
     int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
+    const pandis_texture *texture; /* of the surface; NULL: none */
     const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
     /* the state, in the object's unit frame */
     int32_t state, planes, sticks, settled, close, stalled, face, region;

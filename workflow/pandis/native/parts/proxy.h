@@ -22,6 +22,7 @@ typedef struct {
     const pandis_field *field;
     double radius, tolerance; /* by which planes are compared */
     int exact;                /* its distances are those of a surface, not of an approximation */
+    int flat;                 /* and that surface is the one that is felt */
     int queries, flag, count;
     pandis__plane plane[PANDIS__PLANES];
     double *x, *ball;
@@ -36,6 +37,24 @@ typedef struct {
 
 static int pandis__knows_distance(const pandis_field *f) {
     return f->kind && !(f->kind == PANDIS_GRID && f->as.grid.rule <= PANDIS__TRILINEAR);
+}
+
+/* Put a texture onto what a look at a point has found: the distance becomes that to the plane that touches the raised
+ * surface below the point, the normal that of this plane, and less is free. */
+static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
+                            double *free, double *sure) {
+    const pandis_texture *t = p->state->texture;
+    const pandis_field *f = p->field;
+    double foot[3], slope[3], *n = answer->normal;
+    for (int k = 0; k < 3; k++) foot[k] = (at[k] - *distance * n[k]) / f->scale + f->centre[k];
+    double raised = t->height(t->data, foot, f->regions ? answer->region : p->state->region, slope);
+    raised = (raised > 0 ? raised < t->most ? raised : t->most : 0) * f->scale; /* 0 for NaN, too */
+    double along = pandis__dot(slope, n), steep = 0;
+    for (int k = 0; k < 3; k++) slope[k] -= along * n[k], steep += slope[k] * slope[k];
+    if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
+    for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
+    *distance = (*distance - raised) / sqrt(1 + steep);
+    *free = fmin(*free, (*free - raised) / (1 + 2 * t->steepest)), *sure -= t->most * f->scale;
 }
 
 /* Look at a point; 0 if there is no answer. */
@@ -62,8 +81,10 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
     }
+    look->face = answer.face, look->region = answer.region;
+    if (p->state->texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
     look->distance = distance - p->radius, look->free = free - p->radius;
-    look->sure = fmin(sure, free) - p->radius, look->face = answer.face, look->region = answer.region;
+    look->sure = fmin(sure, free) - p->radius;
     for (int k = 0; k < 3; k++) {
         look->normal[k] = answer.normal[k];
         look->foot[k] = at[k] - look->distance * answer.normal[k];

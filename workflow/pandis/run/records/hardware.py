@@ -1,5 +1,6 @@
 """What the validation says of every field: the attributes of ``hardware.zarr.zip``."""
 
+from pandis.run.contacts import TextureOptions
 from pandis.run.records.record import Record
 
 
@@ -123,6 +124,7 @@ class ProxyVerdict(Record):
         Of the probe, m.
     materials : dict of str to dict
         What surfaces feel like, by the names of their materials.
+    texture : pandis.run.contacts.TextureOptions or None
     budget : int
         Queries that a tick may take.
     queries, compute_us : dict of str to float
@@ -136,6 +138,7 @@ class ProxyVerdict(Record):
 
     radius: float
     materials: dict[str, dict]
+    texture: TextureOptions | None
     budget: int
     queries: dict[str, float]
     compute_us: dict[str, float]

@@ -1,0 +1,135 @@
+"""What a surface feels like to a proxy: friction and damping by region, and textures."""
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+
+from pandis.native.compiler import load
+
+SOURCE = Path(__file__).with_name("contact.c")
+#: What a surface is called that is of one material.
+WHOLE = "the surface"
+
+
+class Material(ctypes.Structure):
+    """What a surface feels like, beside its stiffness, which is the object's.
+
+    Attributes
+    ----------
+    sticking, sliding : float
+        Friction: force along the surface per force against it, at rest and while it slides.
+    damping : float
+        Force per speed of the probe along the normal; never so that it pulls.
+    drag : float
+        Force per speed of the proxy along the surface.
+    """
+
+    _fields_ = tuple((name, ctypes.c_double) for name in ("sticking", "sliding", "damping", "drag"))
+
+
+def materials_for(contact, names):
+    """Return what the materials of an object feel like, in the order of its regions.
+
+    Parameters
+    ----------
+    contact : pandis.run.contacts.ContactOptions
+    names : sequence of str or None
+        Of the regions; if there are none, the whole surface is of one material.
+
+    Returns
+    -------
+    dict of str to dict
+        By name the fields of a `Material`.
+    """
+    given = {name: contact.materials.get(name, contact) for name in names or ()}
+    return {
+        name: {
+            "sticking": made.sticking,
+            "sliding": made.sticking if made.sliding is None else made.sliding,
+            "damping": made.damping,
+            "drag": made.drag,
+        }
+        for name, made in (given or {WHOLE: contact}).items()
+    }
+
+
+def texture_for(contact, scale):
+    """Return the texture that a configuration asks for, or None.
+
+    Parameters
+    ----------
+    contact : pandis.run.contacts.ContactOptions
+    scale : float
+        Metres of the object's mesh unit.
+    """
+    asked = contact.texture
+    if asked is None:
+        return None
+    height, length = asked.height / scale, asked.length / scale
+    if asked.kind == "noise":
+        return Texture.noise(height, length)
+    return Texture.waves(height, length, asked.direction)
+
+
+def as_array(material):
+    """Return materials as C has them: one of them, several, or None for a smooth surface."""
+    several = [material] if material is None or isinstance(material, Material) else material
+    return (Material * len(several))(*(Material() if m is None else m for m in several))
+
+
+#: The type of a texture's function in C.
+HEIGHT = ctypes.CFUNCTYPE(
+    ctypes.c_double, ctypes.c_void_p, ctypes.POINTER(ctypes.c_double * 3), ctypes.c_int,
+    ctypes.POINTER(ctypes.c_double * 3),
+)  # fmt: skip
+
+
+class Texture(ctypes.Structure):
+    """A height over a surface, which a proxy feels; lengths of the mesh.
+
+    Attributes
+    ----------
+    most, steepest : float
+        Its largest height, and the largest length of its gradient.
+    """
+
+    _fields_ = (
+        ("height", ctypes.c_void_p),
+        ("data", ctypes.c_void_p),
+        ("most", ctypes.c_double),
+        ("steepest", ctypes.c_double),
+    )
+
+    @classmethod
+    def _of(cls, name, most, steepest, *numbers):
+        data = (ctypes.c_double * len(numbers))(*numbers)
+        function = ctypes.cast(getattr(load(SOURCE), name), ctypes.c_void_p)
+        made = cls(function, ctypes.addressof(data), most, steepest)
+        made._kept = data
+        return made
+
+    @classmethod
+    def waves(cls, height, length, direction):
+        """Return waves of a height and a length across a direction (3,)."""
+        x, y, z = np.asarray(direction, float) / np.linalg.norm(direction)
+        return cls._of("pandis_waves", height, np.pi * height / length, height, length, x, y, z)
+
+    @classmethod
+    def noise(cls, height, length):
+        """Return bumps of a height, one for each cube of a length, as if drawn at random."""
+        return cls._of("pandis_noise", height, 3.25 * height / length, height, length)
+
+    @classmethod
+    def of(cls, function, most, steepest):
+        """Return that of a function: from a point (3,) and a region to height and gradient."""
+
+        def height(_, point, region, gradient):
+            raised, slope = function(np.array(point.contents), region)
+            gradient.contents[:] = slope
+            return raised
+
+        made = cls(None, None, most, steepest)
+        made._kept = HEIGHT(height)
+        made.height = ctypes.cast(made._kept, ctypes.c_void_p)
+        return made
