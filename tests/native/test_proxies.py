@@ -1,7 +1,5 @@
 """A field through a proxy in the hardware validation: what it costs, what is safe, what is sent."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from test_verdict import SCALE, SIZE, task
@@ -14,8 +12,8 @@ from pandis.hardware.passes import Oracle
 from pandis.hardware.pressing import Contact
 from pandis.hardware.proxies import LEAST, MOST, Truth, feel_for, touch_device, try_proxy
 from pandis.hardware.validation import _attached, _Felt
-from pandis.hardware.verdict import paragraph
-from pandis.native.contact import Feel, Material
+from pandis.hardware.verdict import paragraph, proxy_sentence, proxy_verdict
+from pandis.native.contact import Feel, Material, TouchedScene
 from pandis.native.device import Order
 from pandis.native.runtime import NativeField
 from pandis.run.contacts import ContactOptions, MaterialOptions
@@ -87,6 +85,21 @@ def test_a_proxy_that_a_wall_lets_through_arms_nothing(ball, files):
     assert stiffness_for(400.0, spec, found, WHOLE) == (pytest.approx(0.7 * 400), "")
     through = changed(found, passes=1)
     assert "walls let its proxy through" in stiffness_for(400.0, spec, through, WHOLE)[1]
+    # nothing was pressed, so nothing has come through
+    untried = changed(found, presses=0, passes=0)
+    assert proxy_verdict(untried) == "fail"
+    assert "no room" in proxy_sentence(untried)
+    assert "do not use it" in proxy_sentence(untried)
+    assert "nothing is known of its walls" in stiffness_for(400.0, spec, untried, WHOLE)[1]
+
+
+def test_a_proxy_that_touched_nothing_is_not_called_in_time(ball, files):
+    places, truth, way = ball
+    field, options = NativeField(files["sphere"]), task(devices=[])
+    began_inside = way[60:]
+    found = try_proxy(field, Feel(), {}, began_inside, places, WHOLE, truth, options)
+    assert (found.touching_share, found.in_time) == (0.0, False)
+    assert "touched nothing" in paragraph(SOUND, {}, options, found)
 
 
 def test_what_is_sent_is_what_was_found_safe_for_the_proxy(libraries, files, monkeypatch, ball):
@@ -95,7 +108,13 @@ def test_what_is_sent_is_what_was_found_safe_for_the_proxy(libraries, files, mon
     monkeypatch.setenv("PANDIS_PLACE", f"{1.1 * radius} 0 0")
     monkeypatch.setenv("PANDIS_STANDIN", f"300 6 {0.7 * radius}")
     monkeypatch.setenv("PANDIS_ARM", "1")
-    monkeypatch.setattr("pandis.hardware.attached.Order", partial(Order, gap=100.0, patience=100.0))
+    scenes = []
+
+    def order(scene, *given, **named):
+        scenes.append(scene)
+        return Order(scene, *given, gap=100.0, patience=100.0, **named)
+
+    monkeypatch.setattr("pandis.hardware.attached.Order", order)
     options = AttachedOptions(library=str(libraries[1]), arm=True)
     safe = changed(PRESSED, hands={"0.3": 100.0})
     field = NativeField(files["sphere"])
@@ -107,6 +126,7 @@ def test_what_is_sent_is_what_was_found_safe_for_the_proxy(libraries, files, mon
     assert strength.max() > 0.3
     assert (strength <= 70.0 * depth + 0.05).all()
     assert run_attached(*given)[1].contact == "penalty"
+    assert [isinstance(scene, TouchedScene) for scene in scenes] == [True, False]
 
 
 def test_a_whole_validation_arms_with_the_proxys_own_figure(libraries, files, ball):

@@ -176,6 +176,9 @@ def test_a_proxy_rubs_as_the_region_does_in_which_it_lies(mesh):
             slips[name] = touches.slip[45:].sum()
         assert slips["rubber"] == 0
         assert slips["steel"] > 0.04
+        rests = contact.follow(np.tile(path[-1], (50, 1)))
+        assert rests.queries[-1] == 0  # at rest nobody is asked, nor is a mesh beside
+        assert rests.region[-1] == 1
 
 
 def test_one_material_or_none_makes_no_regions(tmp_path):

@@ -19,6 +19,7 @@ from pandis.hardware.pressing import Hand, contact, press
 from pandis.hardware.validation import _attached, _statement, press_devices
 from pandis.hardware.verdict import device_sentence, judge, machine_sentence, machine_verdict
 from pandis.hardware.walls import compare, open_walls
+from pandis.native.contact import Feel
 from pandis.native.device import Order
 from pandis.native.runtime import NativeField
 from pandis.run.options import AttachedOptions, TrajectoryOptions
@@ -47,10 +48,21 @@ def surface(fields):
     return contact(held, walls.pressed, SIZE)
 
 
-def pressed(name, files, surface, device="touch", stiffness=400.0, **hand):
+def pressed(name, files, surface, device="touch", stiffness=400.0, feel=None, **hand):
     field = NativeField(files[name])
     spec = DEVICES[device]
-    return press(field, spec, surface, SIZE, stiffness, Hand(**(HAND | hand)), 1000.0)
+    return press(field, spec, surface, SIZE, stiffness, Hand(**(HAND | hand)), 1000.0, feel)
+
+
+@pytest.mark.parametrize("name", ["exact", "spline", "tricubic"])
+def test_a_proxy_is_safe_up_to_what_a_penalty_force_is(name, files, surface):
+    for device in ("touch-x", "omega-3"):
+        stiffness = DEVICES[device].stiffness / 2
+        with_it = pressed(name, files, surface, device, stiffness, Feel())
+        without = pressed(name, files, surface, device, stiffness)
+        assert without.safe_n_m > 0
+        assert with_it.safe_n_m >= without.safe_n_m
+        assert all(with_it.hands[hand] >= most for hand, most in without.hands.items())
 
 
 def test_an_exact_surface_is_safe_on_every_device(files, surface):

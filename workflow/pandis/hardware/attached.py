@@ -67,6 +67,8 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
         return most, "the file does not give its field's forces, or computes them too slowly"
     if isinstance(pressed, TouchVerdict) and pressed.passes:
         return most, f"walls let its proxy through in {pressed.passes} presses"
+    if isinstance(pressed, TouchVerdict) and not pressed.presses:
+        return most, "there was no room for a hard press, so nothing is known of its walls"
     if not walls.holds or walls.pressed_missing:
         return most, "the field lacks a part of the surface"
     safe = SHARE * pressed.hands[HAND]

@@ -10,7 +10,7 @@ from pandis.hardware.devices import DEVICES
 from pandis.hardware.passes import ABOVE, draw, free_starts, judge, run
 from pandis.hardware.pressing import Hand, press
 from pandis.hardware.verdict import proxy_sentence, proxy_verdict
-from pandis.native.contact import BEHIND, Feel, Material, NativeContact
+from pandis.native.contact import BEHIND, TOUCHING, Feel, Material, NativeContact
 from pandis.native.contact.surfaces import materials_for, texture_for
 from pandis.native.runtime import NativeField
 from pandis.native.scene import Placed
@@ -156,6 +156,7 @@ def try_proxy(field, feel, materials, path, surface, walls, truth, options):
     # the same work twice: what took longer once was another program's
     seconds = np.minimum(*(each.seconds for each in followed))
     missed = float((seconds > options.deadline).mean())
+    touching = float(((touches.state & TOUCHING) > 0).mean())
     return ProxyVerdict(
         radius=feel.radius,
         materials=materials,
@@ -164,7 +165,8 @@ def try_proxy(field, feel, materials, path, surface, walls, truth, options):
         queries=_levels(touches.queries),
         compute_us=_levels(1e6 * seconds),
         miss_share=missed,
-        in_time=missed <= options.misses,
+        in_time=bool(touching and missed <= options.misses),
+        touching_share=touching,
         behind_share=float(((touches.state & BEHIND) > 0).mean()),
         devices={
             name: touch_device(name, field, feel, surface, walls, truth, options, options.rate)

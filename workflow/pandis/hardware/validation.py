@@ -177,7 +177,9 @@ def _check_names(contact, beside, log):
     """Tell of materials in the configuration that no face is made of."""
     known = beside.region_names if beside else ()
     for name in sorted(set(contact.materials) - set(known)):
-        there = f"the mesh names {', '.join(known)}" if known else "its file names no materials"
+        there = "its file names no materials, or neither exact nor a compact field is exported"
+        if known:
+            there = f"the mesh names {', '.join(known)}"
         log(f"contact.materials.{name}: nothing of this mesh is made of it: {there}")
 
 

@@ -7,9 +7,14 @@ from pandis.stress.coupled import CALM
 
 def judge(pressed, walls):
     """Return ``pass`` or ``fail`` for a device that was pressed, and walls that were compared."""
+    whole = walls.holds and not walls.pressed_missing
+    return "pass" if whole and _is_good(pressed) else "fail"
+
+
+def _is_good(pressed):
+    """Tell whether a device that was pressed keeps its limits, keeps still, and gives no energy."""
     good = pressed.within_limits and pressed.passive and pressed.quiet >= CALM
-    good = good and not walls.pressed_missing and not pressed.unarmed and walls.holds
-    return "pass" if good and pressed.safe_n_m >= pressed.stiffness else "fail"
+    return bool(good and not pressed.unarmed and pressed.safe_n_m >= pressed.stiffness)
 
 
 def machine_verdict(servo):
@@ -34,43 +39,40 @@ def machine_verdict(servo):
 def proxy_verdict(touched):
     """Return ``pass`` or ``fail`` for a device that pressed through a proxy.
 
+    Without a hard press, for which there may be no room, nothing is known of walls: ``fail``.
+
     Parameters
     ----------
     touched : pandis.run.records.hardware.TouchVerdict
     """
-    good = touched.within_limits and touched.passive and touched.quiet >= CALM
-    good = good and not touched.unarmed and touched.holds and not touched.passes
-    return "pass" if good and touched.safe_n_m >= touched.stiffness else "fail"
+    kept = touched.holds and touched.presses and not touched.passes
+    return "pass" if kept and _is_good(touched) else "fail"
 
 
 def proxy_sentence(touched):
     """Say what a simulated device made of a field through a proxy."""
-    light = min(touched.hands, key=float)
-    walls = (
+    said = (
         f"no wall lets it through in {touched.presses} presses of 1.2 times the largest force "
         f"({touched.penalty_passes} with penalty forces)"
     )
     if touched.passes:
-        walls = (
+        said = (
             f"walls let it through in {touched.passes} of {touched.presses} presses "
             f"({touched.penalty_passes} with penalty forces)"
         )
-    faults = [f"a run ended early ({touched.ended})"] if touched.ended else []
-    if touched.quiet < CALM:
-        faults.append(
-            f"it shakes or is not held on {100 * (1 - touched.quiet):.0f} % of the points"
-        )
-    if not touched.passive:
-        faults.append(f"the wall gives {-1e3 * touched.energy_j:.2g} mJ more than the device loses")
+    if not touched.presses:
+        said = "there is no room to press it hard, so that nothing is known of its walls"
+    faults = [*_faults(touched.device, touched), *_unrest(touched)]
     if not touched.holds:
         faults.append("the field lacks a part of the surface")
+    light = min(touched.hands, key=float)
     advice = "do not use it"
-    if touched.safe_n_m and touched.holds and not touched.passes:
+    if touched.safe_n_m and touched.holds and touched.presses and not touched.passes:
         advice = (
             f"use at most {touched.safe_n_m:.0f} N/m ({touched.limited_by}), in a light hand "
             f"{touched.hands[light]:.0f}"
         )
-    return f"Through a proxy: {'; '.join([walls, *faults, advice])}."
+    return f"Through a proxy: {'; '.join([said, *faults, advice])}."
 
 
 def device_sentence(name, pressed, walls):
@@ -84,7 +86,33 @@ def device_sentence(name, pressed, walls):
     walls : pandis.run.records.hardware.WallVerdict
     """
     device = DEVICES[name]
-    faults = []
+    faults = _faults(name, pressed)
+    if walls.pressed_missing:
+        faults.append(
+            f"at {walls.pressed_missing} of the points that it presses on the force is missing"
+        )
+    if not walls.holds:
+        faults.append("the field lacks a part of the surface")
+    faults += _unrest(pressed)
+    says = "; ".join(faults) or (
+        f"at most {pressed.strongest_n:.2g} of its {device.force:g} N, {_still(pressed)} and "
+        f"{_energy(pressed)}"
+    )
+    safe, light = pressed.safe_n_m, min(pressed.hands, key=float)
+    use = safe and not walls.pressed_missing and walls.holds
+    advice = "do not use it"
+    if use:
+        advice = (
+            f"with such a hand use at most {safe:.0f} N/m ({pressed.limited_by}), with a light "
+            f"one of {light} Ns/m at most {pressed.hands[light]:.0f} N/m"
+        )
+    hand = f"in a hand of {pressed.hand:g} Ns/m"
+    return f"On a simulated {device.title} {hand} at {pressed.stiffness:g} N/m: {says}; {advice}."
+
+
+def _faults(name, pressed):
+    """Return what keeps a press from its limits, in words."""
+    device, faults = DEVICES[name], []
     if pressed.ended:
         faults.append(f"a run ended early ({pressed.ended})")
     if pressed.cut:
@@ -100,37 +128,27 @@ def device_sentence(name, pressed, walls):
             f"{pressed.unarmed} presses got no force, because the field also pushes in free space "
             "and a device is armed only where there is no force"
         )
-    still = "it keeps still"
-    if pressed.quiet < 1:
-        share = f"it shakes or is not held on {100 * (1 - pressed.quiet):.0f} % of the points"
-        still = f"{share} ({100 * (1 - CALM):.0f} % allowed)"
-    energy = "gives no energy"
-    if pressed.energy_j < 0:
-        lost = f"{-1e3 * pressed.energy_j:.2g} mJ more than the device loses"
-        energy = f"gives {lost} ({1e3 * SLACK:.2g} may be rounding)"
-    if walls.pressed_missing:
-        faults.append(
-            f"at {walls.pressed_missing} of the points that it presses on the force is missing"
-        )
-    if not walls.holds:
-        faults.append("the field lacks a part of the surface")
-    if pressed.quiet < CALM:
-        faults.append(still)
-    if not pressed.passive:
-        faults.append(f"the wall {energy}")
-    says = "; ".join(faults) or (
-        f"at most {pressed.strongest_n:.2g} of its {device.force:g} N, {still} and {energy}"
-    )
-    safe, light = pressed.safe_n_m, min(pressed.hands, key=float)
-    use = safe and not walls.pressed_missing and walls.holds
-    advice = "do not use it"
-    if use:
-        advice = (
-            f"with such a hand use at most {safe:.0f} N/m ({pressed.limited_by}), with a light "
-            f"one of {light} Ns/m at most {pressed.hands[light]:.0f} N/m"
-        )
-    hand = f"in a hand of {pressed.hand:g} Ns/m"
-    return f"On a simulated {device.title} {hand} at {pressed.stiffness:g} N/m: {says}; {advice}."
+    return faults
+
+
+def _unrest(pressed):
+    """Return that a press shakes, or that its wall gives energy, in words."""
+    faults = [_still(pressed)] if pressed.quiet < CALM else []
+    return faults if pressed.passive else [*faults, f"the wall {_energy(pressed)}"]
+
+
+def _still(pressed):
+    if pressed.quiet >= 1:
+        return "it keeps still"
+    share = f"it shakes or is not held on {100 * (1 - pressed.quiet):.0f} % of the points"
+    return f"{share} ({100 * (1 - CALM):.0f} % allowed)"
+
+
+def _energy(pressed):
+    if pressed.energy_j >= 0:
+        return "gives no energy"
+    lost = f"{-1e3 * pressed.energy_j:.2g} mJ more than the device loses"
+    return f"gives {lost} ({1e3 * SLACK:.2g} may be rounding)"
 
 
 def machine_sentence(servo, options):
@@ -162,7 +180,12 @@ def machine_sentence(servo, options):
 def paragraph(servo, devices, options, proxy=None):
     """Return what to do about a field: the machine's sentence, then what is said of each device."""
     said = [machine_sentence(servo, options)]
-    if proxy and not proxy.in_time:
+    if proxy and not proxy.touching_share:
+        said.append(
+            "The proxy touched nothing along the trajectory, so that its time is not known: it "
+            "began where the field is not free."
+        )
+    elif proxy and not proxy.in_time:
         said.append(
             f"A proxy does not hold the rate with it: {100 * proxy.miss_share:.2g} % of its ticks "
             "compute too long; make contact.queries smaller, or take another field."

@@ -78,13 +78,22 @@ def _off(data):
     return Declared(numbers[1], exact=False)
 
 
+def gltf_scene(data, form):
+    """Return the JSON of a scene, of the bytes of a ``glb`` or ``gltf`` file."""
+    if form == "glb":
+        data = data[20 : 20 + struct.unpack_from("<I", data, 12)[0]]
+    return json.loads(data)
+
+
 def _glb(data):
-    length = struct.unpack_from("<I", data, 12)[0]
-    return _gltf(data[20 : 20 + length])
+    return _triangles(gltf_scene(data, "glb"))
 
 
 def _gltf(data):
-    scene = json.loads(data)
+    return _triangles(gltf_scene(data, "gltf"))
+
+
+def _triangles(scene):
     nodes, total = scene["nodes"], 0
     shown = scene.get("scenes", [{}])[scene.get("scene", 0)].get("nodes", range(len(nodes)))
     waiting = list(shown)
@@ -116,10 +125,7 @@ def compression(path, form):
     if form not in ("glb", "gltf"):
         return None
     try:
-        data = path.read_bytes()
-        if form == "glb":
-            data = data[20 : 20 + struct.unpack_from("<I", data, 12)[0]]
-        scene = json.loads(data)
+        scene = gltf_scene(path.read_bytes(), form)
         needed = [*scene.get("extensionsRequired", []), *scene.get("extensionsUsed", [])]
     except (ValueError, TypeError, AttributeError, struct.error):
         return None  # malformed: the readers will say how

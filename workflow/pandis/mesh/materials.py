@@ -1,6 +1,5 @@
 """The names of materials in OBJ, glTF and 3MF files, face by face."""
 
-import json
 import re
 import struct
 import zipfile
@@ -8,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from pandis.mesh.declared import gltf_scene
 from pandis.mesh.polygons import read_obj
 
 #: What faces without a material are made of.
@@ -29,12 +29,12 @@ def names_several(path, form):
             named = re.findall(rb"^[ \t]*usemtl[ \t]+(\S[^\r\n]*)", path.read_bytes(), re.M)
             return len(set(named)) > 1
         if form in ("glb", "gltf"):
-            return len(_scene(path, form).get("materials", [])) > 1
+            return len(gltf_scene(path.read_bytes(), form).get("materials", [])) > 1
         if form == "3mf":
             with zipfile.ZipFile(path) as package:
                 return sum(len(re.findall(rb"<(?:\w+:)?base\s", package.read(name)))
                            for name in _models(package)) > 1  # fmt: skip
-    except (OSError, ValueError, struct.error, zipfile.BadZipFile):
+    except (OSError, ValueError, TypeError, AttributeError, struct.error, zipfile.BadZipFile):
         return False  # malformed: the readers will say how
     return False
 
@@ -80,14 +80,6 @@ def _joined(parts):
     vertices = np.concatenate([v for v, _, _ in parts])
     faces = np.concatenate([f + start for (_, f, _), start in zip(parts, starts, strict=False)])
     return vertices, faces, [name for _, _, names in parts for name in names]
-
-
-def _scene(path, form):
-    """Return the JSON of a glTF file."""
-    data = path.read_bytes()
-    if form == "glb":
-        data = data[20 : 20 + struct.unpack_from("<I", data, 12)[0]]
-    return json.loads(data)
 
 
 def _models(package):

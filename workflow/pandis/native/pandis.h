@@ -384,7 +384,8 @@ typedef struct {
     double radius; /* of the proxy, scene lengths: 0 for a point */
     double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
                     * the force at ridges */
-    int32_t budget; /* queries after which a step ends, two more at most; what is left goes on in the next one */
+    int32_t budget; /* queries after which a step ends, two more at most, and one of `regions`; what is left goes on in
+                     * the next one */
     int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
     const pandis_texture *texture; /* of the surface; NULL: none */
     const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
@@ -3030,7 +3031,8 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     pandis__forget(p, &seen, place, height);
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
-    p->state->face = look->face, p->state->region = look->region;
+    p->state->face = look->face;
+    if (p->field->regions || !p->state->regions) p->state->region = look->region; /* else it is asked for once a step */
 }
 
 /* Where to look from, to see whether the proxy can be at a place: as high over all planes near it as `lift`, or between
@@ -3427,7 +3429,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
     if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
-    if (answered && way.active && contact->regions && !f->regions) pandis__find_region(&p);
+    if (answered && way.active && p.queries && contact->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
     if (contact->state == PANDIS__BEGINS) {
         touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;

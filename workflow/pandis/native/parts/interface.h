@@ -151,7 +151,8 @@ typedef struct {
     double radius; /* of the proxy, scene lengths: 0 for a point */
     double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
                     * the force at ridges */
-    int32_t budget; /* queries after which a step ends, two more at most; what is left goes on in the next one */
+    int32_t budget; /* queries after which a step ends, two more at most, and one of `regions`; what is left goes on in
+                     * the next one */
     int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
     const pandis_texture *texture; /* of the surface; NULL: none */
     const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */

@@ -125,7 +125,8 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     pandis__forget(p, &seen, place, height);
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
-    p->state->face = look->face, p->state->region = look->region;
+    p->state->face = look->face;
+    if (p->field->regions || !p->state->regions) p->state->region = look->region; /* else it is asked for once a step */
 }
 
 /* Where to look from, to see whether the proxy can be at a place: as high over all planes near it as `lift`, or between

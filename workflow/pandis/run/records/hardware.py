@@ -130,9 +130,9 @@ class ProxyVerdict(Record):
     queries, compute_us : dict of str to float
         Per tick, along the trajectory: percentiles.
     miss_share : float
-        Of ticks that computed too long; ``in_time``: few enough.
-    behind_share : float
-        Of ticks whose budget did not suffice.
+        Of ticks that computed too long; ``in_time``: few enough, of some that touched.
+    touching_share, behind_share : float
+        Of ticks that touched, and of those whose budget did not suffice.
     devices : dict of str to TouchVerdict
     """
 
@@ -144,6 +144,7 @@ class ProxyVerdict(Record):
     compute_us: dict[str, float]
     miss_share: float
     in_time: bool
+    touching_share: float
     behind_share: float
     devices: dict[str, TouchVerdict]
 

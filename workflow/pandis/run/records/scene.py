@@ -28,8 +28,8 @@ class TouchedRecord(Record):
         Per tick.
     touched_share : float
         Share of the ticks in which something is touched.
-    compared, different : int
-        Ticks that were compared with stepping every object, and forces that are not those.
+    different : int
+        Forces that are not those of stepping every object.
     median_us, p999_us : float
         Of a tick.
     """
@@ -38,7 +38,6 @@ class TouchedRecord(Record):
     queries_mean: float
     queries_max: int
     touched_share: float
-    compared: int
     different: int
     median_us: float
     p999_us: float
