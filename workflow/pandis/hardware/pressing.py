@@ -12,7 +12,9 @@ import numpy as np
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.hardware.devices import RAMP
 from pandis.native.device import DONE, Order, run_simulated
+from pandis.native.processes import each
 from pandis.native.scene import NativeScene, Placed
+from pandis.native.threads import thread_count
 from pandis.run.records.hardware import Pressed
 from pandis.stress.coupled import CALM, LADDER, QUIET, START, shaking
 
@@ -113,17 +115,17 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     cut = sum(run.cut for run in every)
     energy = min(run.worst for run in every)
     reach = max(float(np.linalg.norm(run.path, axis=1).max()) for run in every)
-    safe, limit = rig.safe(stiffness)
-    others = {
-        damping: _Rig(field, spec, surface, size, hand._replace(damping=damping), rate, feel)
-        for damping in HANDS
-        if damping != hand.damping
-    } | {hand.damping: rig}
-    free = _Rig(field, spec, surface, size, hand._replace(stiffness=0.0, damping=0.0), rate, feel)
+    others = [hand._replace(damping=damping) for damping in HANDS if damping != hand.damping]
+    others.append(hand._replace(stiffness=0.0, damping=0.0))
+    rigs = [rig, *(_Rig(field, spec, surface, size, other, rate, feel) for other in others)]
+    # in the time of ticks nothing is late, however many rigs run beside each other
+    found = list(each(lambda one: one.safe(stiffness), rigs, thread_count()))
+    safe, limit = found[0]
+    held = {one.hand.damping: most for one, (most, _) in zip(rigs[:-1], found[:-1], strict=True)}
     return Pressed(
         hand=hand.damping,
-        hands={f"{d:g}": others[d].safe(stiffness)[0] for d in sorted(others)},
-        released_n_m=free.safe(stiffness)[0],
+        hands={f"{damping:g}": held[damping] for damping in sorted(held)},
+        released_n_m=found[-1][0],
         stiffness=stiffness,
         strongest_n=max(run.strongest for run in every),
         steepest_n_per_ms=max(run.steepest for run in every) * 1e-3 * rate,
