@@ -61,6 +61,7 @@ PARTS = (
         "textures",
         "planes",
         "proxy",
+        "following",
         "contact",
         "touches",
         "sections",

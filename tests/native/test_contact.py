@@ -215,15 +215,72 @@ def test_the_force_changes_by_no_more_than_its_bound(files):
     assert changed.max() > 0.01
 
 
-def test_a_probe_that_begins_inside_waits_until_it_has_been_outside(files):
+def test_a_probe_that_begins_inside_is_neither_pushed_out_nor_let_through(files):
     field, _ = opened(files, "sphere")
     contact = NativeContact(placed(field))
-    first = contact.follow(np.zeros((5, 3)))
+    first = contact.follow(np.tile([0.045, 0, 0], (5, 1)))
     assert (first.state == WAITING).all()
     assert not first.force.any()
+    deeper = approach(contact, np.array([0.045, 0, 0]), np.array([0.04, 0, 0]))
+    assert deeper.force[-1] == pytest.approx([400 * 0.005, 0, 0], rel=1e-6, abs=1e-9)
+    assert deeper.state[-1] == WAITING | TOUCHING
+    across = contact.follow(
+        np.linspace([0.04, 0, 0], [-0.04, 0, 0], 3)
+    )  # it does not come out there
+    assert (np.linalg.norm(across.proxy, axis=1) > 0.045 - 1e-9).all()
+    back = contact.follow(np.linspace([-0.04, 0, 0], [0.047, 0, 0], 50))
+    assert not back.force[-1].any()
+    risen = approach(contact, np.array([0.047, 0, 0]), np.array([0.04, 0, 0]))  # as far as it came
+    assert risen.force[-1] == pytest.approx([400 * 0.007, 0, 0], rel=1e-6, abs=1e-9)
+    out = contact.follow(np.linspace([0.04, 0, 0], [0.2, 0, 0], 50))
+    assert out.state[-1] == 0
+    pressed = contact.follow([[0.045, 0, 0]])
+    assert pressed.force[0] @ [1, 0, 0] == pytest.approx(400 * 0.005, rel=1e-3)
+
+
+def test_from_the_middle_the_whole_way_out_is_free(files):
+    field, _ = opened(files, "sphere")
+    contact = NativeContact(placed(field))
+    assert (contact.follow(np.zeros((5, 3))).state == WAITING).all()
     assert contact.follow([[0.2, 0, 0]]).state[0] == 0
     pressed = contact.follow([[0.045, 0, 0]])
     assert pressed.force[0] @ [1, 0, 0] == pytest.approx(400 * 0.005, rel=1e-3)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.002])
+@pytest.mark.parametrize("name", KNOWING)
+def test_walls_stand_where_a_probe_began_inside(files, name, radius):
+    """However it moves inside, its proxy lies no deeper than the probe has been since it began."""
+    field, unit = opened(files, name)
+    feet, normals = surface_of(field, 30, seed=5)
+    rng, tried = np.random.default_rng(2), 0
+    for foot, normal in zip(metres(field, feet), normals, strict=True):
+        start = foot - 0.0015 * normal
+        inside = field.query(field.frame.to_mesh(start[None] * UNIT_SIDE / 0.1))
+        if not (inside.flag[0] == 0 and inside.distance[0] * unit < -0.001):
+            continue
+        contact = NativeContact(placed(field), radius=radius)
+        ends = start + 0.01 * rng.normal(size=(4, 3)) - 0.004 * normal
+        way = np.concatenate([[start], *np.linspace(start, ends, 25).transpose(1, 0, 2)])
+        found = contact.follow(way)
+        assert not found.force[0].any()
+        depth = -unit * np.minimum(
+            0, field.query(field.frame.to_mesh(found.proxy * UNIT_SIDE / 0.1)).distance
+        )
+        probe = -unit * field.query(field.frame.to_mesh(way * UNIT_SIDE / 0.1)).distance
+        assert depth.max() <= probe[0] + (1e-6 if name in EXACT else 1e-4)
+        tried += found.force.any()
+    assert tried > 5
+
+
+def test_a_probe_that_begins_inside_a_plate_does_not_come_out_on_its_other_side():
+    field = mesh_field(*box_mesh((-0.05, -0.05, 0), (0.05, 0.05, 0.002)))
+    top = metres(field, np.array([[0, 0, 0.0015], [0.01, 0, -0.01]]))
+    contact = NativeContact(placed(field))
+    found = approach(contact, *top, steps=2)
+    level = metres(field, np.array([[0, 0, 0.0015]]))[0, 2]
+    assert (found.proxy[:, 2] >= level - 1e-9).all()
+    assert found.force[-1, 2] == pytest.approx(400 * (level - top[1, 2]), rel=1e-6)
 
 
 def test_what_is_no_position_moves_nothing_and_gives_no_force(files):

@@ -13,7 +13,7 @@ from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.geometry.shapes import Box
 from pandis.grids.compact import build_compact
 from pandis.hardware.devices import DEVICES
-from pandis.hardware.passes import MARGIN, Oracle, draw, judge, run
+from pandis.hardware.passes import ABOVE, MARGIN, Oracle, draw, free_starts, judge, run
 from pandis.native.contact import Feel, Material
 from pandis.native.runtime import NativeField
 from support import artifact
@@ -40,14 +40,14 @@ def plate():
     return fields, Oracle(vertices * SIZE / UNIT_SIDE, faces)
 
 
-def presses_on(count, device, seed=0):
-    """Return presses on both sides of the plate, away from its rim."""
+def presses_on(count, device, seed=0, thick=THICK, above=ABOVE):
+    """Return presses on both sides of a plate, away from its rim."""
     rng = np.random.default_rng(seed)
     side = rng.choice([-1.0, 1.0], count)
-    feet = np.column_stack([*rng.uniform(-0.03, 0.03, (2, count)), side * THICK / 2])
+    feet = np.column_stack([*rng.uniform(-0.03, 0.03, (2, count)), side * thick / 2])
     outward = np.column_stack([np.zeros((count, 2)), side])
     spec = DEVICES[device]
-    return draw(feet, outward, spec, min(spec.stiffness, 1000.0), 0.4, rng)
+    return draw(feet, outward, spec, min(spec.stiffness, 1000.0), 0.4, rng, above)
 
 
 @pytest.mark.parametrize("device", ["touch", "omega-3"])
@@ -64,6 +64,22 @@ def test_a_plate_lets_no_proxy_through_and_every_penalty_force(plate, device):
             assert judged.ended == 0
     penalty = judge(run(fields["exact"], spec, SIZE, stiffness, presses), oracle, 0.0)
     assert penalty.passed == 12
+
+
+def test_a_press_that_begins_where_only_the_field_is_inside_does_not_pass(plate):
+    """The plate that is judged is 0.4 mm thinner than the field's: presses begin in between."""
+    fields, oracle = plate
+    thin = Oracle(oracle.vertices * [1, 1, 0.8], oracle.faces)
+    spec = DEVICES["omega-3"]
+    presses = presses_on(8, "omega-3", thick=0.8 * THICK, above=1e-4)
+    assert len(free_starts(presses, thin, 1e-4)) == 8
+    assert not free_starts(presses, oracle, 1e-4)
+    for field in fields.values():
+        runs = list(run(field, spec, SIZE, 1000.0, presses, Feel()))
+        judged = judge(runs, thin, 0.0)
+        assert (judged.presses, judged.passed) == (8, 0)
+        assert judged.deepest < 0  # it has stayed where it began, and that is outside
+        assert min(session.strongest for session, _ in runs) > 11.0  # of 12 N
 
 
 def test_a_force_that_a_proxy_holds_is_what_the_hand_gives(plate):

@@ -12,7 +12,6 @@ import igl
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.device import DONE, Order, run_simulated
 from pandis.native.scene import NativeScene, Placed
 
@@ -35,7 +34,7 @@ _ON_IT = 1e-7
 _DETOUR = 2.0
 #: A way around is looked for in so many rounds, in each of which so many balls get so many others
 #: on their rims; smaller ones than a share of the margin lead nowhere.
-_ROUNDS, _GROWN, _RIM, _LEAST = 60, 48, 10, 0.1
+_ROUNDS, _GROWN, _RIM, _LEAST = 60, 48, 10, 0.02
 #: Faces that are compared with a way at a time.
 _SOME = 4096
 
@@ -160,23 +159,23 @@ class Oracle:
         return bool((inside & (before * after < 0)).any())
 
 
-def free_starts(presses, oracle, field, size, above=ABOVE):
-    """Return which presses (n,) begin outside, and which of them where the field is not free.
+def free_starts(presses, oracle, above=ABOVE):
+    """Return those of some presses that begin outside of the shape, whatever a field has there.
 
     Parameters
     ----------
     presses : list of Press
     oracle : Oracle
-    field : pandis.native.runtime.NativeField
-    size : float
-        Metres of the longest side.
     above : float
         How far above the surface they were to begin, m.
+
+    Returns
+    -------
+    list of Press
     """
     starts = np.array([press.start for press in presses]).reshape(-1, 3)
     free = oracle.look(starts)[0] > above / 3
-    ghosts = field.query(field.frame.to_mesh(starts * UNIT_SIDE / size)).distance <= 0
-    return free, free & ghosts
+    return [presses[i] for i in np.flatnonzero(free)]
 
 
 def run(field, spec, size, stiffness, presses, feel=None):

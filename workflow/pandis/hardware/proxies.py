@@ -183,8 +183,7 @@ def touch_device(name, field, feel, surface, walls, truth, options, rate):
     rng = generator(options.seed, PRESSES)
     above = ABOVE + feel.radius
     presses = draw(surface.feet, surface.outward, spec, pressed.stiffness, _SLANT, rng, above)
-    free, ghosts = free_starts(presses, truth.oracle, field, options.size, above)
-    presses = [presses[i] for i in np.flatnonzero(free & ~ghosts)]
+    presses = free_starts(presses, truth.oracle, above)
     given = field, spec, options.size, pressed.stiffness, presses
     judged = judge(run(*given, feel), truth.oracle, error, radius=feel.radius)
     other = judge(run(*given), truth.oracle, error, detours=False)

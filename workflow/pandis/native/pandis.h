@@ -392,12 +392,13 @@ typedef struct {
     /* the state, in the object's unit frame */
     int32_t state, planes, sticks, settled, close, stalled, face, region;
     pandis_object object; /* as it lay in the last step */
-    double ball[5], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
+    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
 } pandis_contact;
 
 /* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the
- * budget, or `slide`, did not let the proxy go as far as it would. WAITING: there has been no position outside of the object
- * yet, and until there is one there is no force, since nobody knows from which side the probe has come. */
+ * budget, or `slide`, did not let the proxy go as far as it would. WAITING: the probe has begun inside, and has not come out
+ * yet. Nobody knows from which side it came, so nothing pushes it out; but it gets no deeper than it began, or was since.
+ * Where the field knows no distance so deep inside, it gives no force until the probe has come out. */
 enum { PANDIS_TOUCHING = 1, PANDIS_STICKING = 2, PANDIS_BEHIND = 4, PANDIS_WAITING = 8 };
 
 /* What pandis_contact_step answers, in units and coordinates of the scene. */
@@ -2916,7 +2917,7 @@ static int pandis__nearest_in_front(const pandis__plane *planes, int count, cons
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
 #define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
 #define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
-#define PANDIS__TRUSTED 0.8      /* share of an approximate distance that is free */
+#define PANDIS__TRUSTED 0.8      /* share of an approximate distance to what is felt that is free */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
 #define PANDIS__GUESSED 0.05     /* by which a distance may be too large where the file does not say it */
 
@@ -2926,7 +2927,8 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 typedef struct {
     pandis_contact *state;
     const pandis_field *field;
-    double radius, tolerance; /* by which planes are compared */
+    double radius;            /* how far outside of the surface the walls are, less where the probe has begun nearer */
+    double tolerance;         /* by which planes are compared */
     int exact;                /* its distances are those of a surface, not of an approximation */
     int flat;                 /* and that surface is the one that is felt */
     int queries, flag, count;
@@ -2977,7 +2979,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     if (p->exact) {
         sure = free = fmin(distance, answer.clear * f->scale);
     } else if (answer.flag == PANDIS_OK) {
-        sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * distance, sure);
+        sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
     } else {
         /* the margin holds in the box; beyond it only where the surface cannot be is known */
         int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
@@ -3073,7 +3075,7 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
     memcpy(p->ball, look->at, 3 * sizeof *p->ball);
     p->ball[3] = look->free, p->ball[4] = look->sure;
 }
-/* ---------------------------------------------------------------- contact */
+/* ---------------------------------------------------------------- how a proxy follows the probe */
 
 #define PANDIS__SMALL 1e-13  /* of the unit frame: no way at all */
 #define PANDIS__ABOVE 4e-6   /* so high over a plane it is not yet there */
@@ -3333,6 +3335,8 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
     }
 }
 
+/* ---------------------------------------------------------------- contact */
+
 /* The pull of the spring and the damping, in the object's frame and scene units, from where probe and proxy are. */
 static void pandis__pull(const pandis_contact *c, const pandis_object *o, const double *normal, double damping,
                          double *force) {
@@ -3356,15 +3360,32 @@ PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object 
 
 PANDIS_API void pandis_contact_moved(pandis_contact *contact) { contact->ball[3] = -1; }
 
-/* Begin outside: there nothing stands between probe and proxy. */
+/* Walls are so much farther outside than they were, at most where the probe is: nothing stands between it and its proxy. */
+static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
+    p->state->sunk -= by, p->radius += by;
+    look->distance -= by, look->free -= by, look->sure -= by;
+    for (int k = 0; k < 3; k++) look->foot[k] = probe[k] - look->distance * look->normal[k];
+    p->count = 0;
+    memcpy(p->x, probe, 3 * sizeof *probe);
+    pandis__take_ball(p, look);
+    pandis__learn(p, look, probe, look->distance);
+}
+
+/* Begin where the probe is. If that is inside, walls stand as deep as it lies, until it comes out: so nothing kicks, and
+ * yet nothing lets it through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
-    p->count = 0;
-    if (!pandis__look_at(p, probe, &look) || look.distance < 0) return 0;
-    memcpy(p->x, probe, 3 * sizeof *probe);
-    pandis__take_ball(p, &look);
-    pandis__learn(p, &look, probe, look.distance);
+    if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
+    pandis__stand_at(p, probe, &look, fmin(0, look.distance));
     p->state->state = PANDIS__CLEAR;
+    return 1;
+}
+
+/* After a beginning inside, when nothing holds the probe back: let the walls rise to where it is. */
+static int pandis__rise(pandis__proxy *p, const double *probe) {
+    pandis__look look;
+    if (!pandis__look_at(p, probe, &look)) return 0;
+    if (look.distance > 0) pandis__stand_at(p, probe, &look, fmin(look.distance, p->state->sunk));
     return 1;
 }
 
@@ -3399,6 +3420,7 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
     if (way->active) touch->depth = pandis__between(way->goal, c->probe) * per;
     int apart = memcmp(c->proxy, c->probe, sizeof c->probe) != 0;
     if (way->held || (!way->active && apart)) touch->state |= PANDIS_BEHIND;
+    if (c->sunk > 0) touch->state |= PANDIS_WAITING;
 }
 
 PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
@@ -3413,8 +3435,9 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (!material) material = &smooth;
     else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
+    if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
-    pandis__proxy p = {contact, f, contact->radius * per, 1e-11, 1, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
+    pandis__proxy p = {contact, f, contact->radius * per - contact->sunk, 1e-11, 1, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !contact->texture;
     if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
@@ -3429,6 +3452,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
     if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
+    if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe)) answered = answered && pandis__rise(&p, probe);
     if (answered && way.active && p.queries && contact->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
     if (contact->state == PANDIS__BEGINS) {
@@ -3487,7 +3511,7 @@ static void pandis__wake(const pandis_scene *scene, size_t index) {
 
 /* How far the probe may go before a contact has to be stepped again, in scene units. */
 static double pandis__at_ease(const pandis_contact *c, const pandis_object *o) {
-    if (c->state != PANDIS__CLEAR || pandis__dot(c->pull, c->pull) > 0) return 0;
+    if (c->state != PANDIS__CLEAR || c->sunk > 0 || pandis__dot(c->pull, c->pull) > 0) return 0;
     if (memcmp(c->proxy, c->probe, sizeof c->probe)) return 0;
     return (c->ball[4] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
 }

@@ -159,12 +159,13 @@ typedef struct {
     /* the state, in the object's unit frame */
     int32_t state, planes, sticks, settled, close, stalled, face, region;
     pandis_object object; /* as it lay in the last step */
-    double ball[5], lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
+    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
 } pandis_contact;
 
 /* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the
- * budget, or `slide`, did not let the proxy go as far as it would. WAITING: there has been no position outside of the object
- * yet, and until there is one there is no force, since nobody knows from which side the probe has come. */
+ * budget, or `slide`, did not let the proxy go as far as it would. WAITING: the probe has begun inside, and has not come out
+ * yet. Nobody knows from which side it came, so nothing pushes it out; but it gets no deeper than it began, or was since.
+ * Where the field knows no distance so deep inside, it gives no force until the probe has come out. */
 enum { PANDIS_TOUCHING = 1, PANDIS_STICKING = 2, PANDIS_BEHIND = 4, PANDIS_WAITING = 8 };
 
 /* What pandis_contact_step answers, in units and coordinates of the scene. */

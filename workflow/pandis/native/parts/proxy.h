@@ -10,7 +10,7 @@
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
 #define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
 #define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
-#define PANDIS__TRUSTED 0.8      /* share of an approximate distance that is free */
+#define PANDIS__TRUSTED 0.8      /* share of an approximate distance to what is felt that is free */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
 #define PANDIS__GUESSED 0.05     /* by which a distance may be too large where the file does not say it */
 
@@ -20,7 +20,8 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 typedef struct {
     pandis_contact *state;
     const pandis_field *field;
-    double radius, tolerance; /* by which planes are compared */
+    double radius;            /* how far outside of the surface the walls are, less where the probe has begun nearer */
+    double tolerance;         /* by which planes are compared */
     int exact;                /* its distances are those of a surface, not of an approximation */
     int flat;                 /* and that surface is the one that is felt */
     int queries, flag, count;
@@ -71,7 +72,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     if (p->exact) {
         sure = free = fmin(distance, answer.clear * f->scale);
     } else if (answer.flag == PANDIS_OK) {
-        sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * distance, sure);
+        sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
     } else {
         /* the margin holds in the box; beyond it only where the surface cannot be is known */
         int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;

@@ -26,7 +26,7 @@ static void pandis__wake(const pandis_scene *scene, size_t index) {
 
 /* How far the probe may go before a contact has to be stepped again, in scene units. */
 static double pandis__at_ease(const pandis_contact *c, const pandis_object *o) {
-    if (c->state != PANDIS__CLEAR || pandis__dot(c->pull, c->pull) > 0) return 0;
+    if (c->state != PANDIS__CLEAR || c->sunk > 0 || pandis__dot(c->pull, c->pull) > 0) return 0;
     if (memcmp(c->proxy, c->probe, sizeof c->probe)) return 0;
     return (c->ball[4] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
 }
