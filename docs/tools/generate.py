@@ -58,6 +58,7 @@ PARTS = (
         "refit",
         "handover",
         "scene",
+        "poses",
         "textures",
         "planes",
         "proxy",

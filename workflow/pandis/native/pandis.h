@@ -475,6 +475,44 @@ PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *cont
 PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
                                   pandis_touch *touches, size_t most);
 
+#if defined(__GNUC__) || defined(_MSC_VER)
+/* Where an object lies in a frame of a simulation, and how it moves: rotation and translation are those of pandis_object,
+ * the velocity is that of the point at `translation`, per second, and the spin an axis times radians per second, both in
+ * the directions of the scene. */
+typedef struct {
+    double rotation[9], translation[3], velocity[3], spin[3];
+} pandis_pose;
+
+/* Poses that a simulation hands over to the haptic loop, and neither waits: of three frames one is written, one is
+ * followed, and the newest whole one is handed over. In each tick every object goes on, without a step, towards where it
+ * will lie when the next frame is due; there it waits, if that is late. One thread gives, one steps. */
+typedef struct {
+    pandis_object *objects; /* what is below belongs to pandis_poses_... */
+    size_t count;
+    pandis_pose *frames;
+    double periods[3], *ways, period, gone;
+    int32_t writing, asking;
+    volatile int32_t waiting; /* a frame, and 4 if nobody has taken it yet */
+} pandis_poses;
+
+/* Doubles that so many objects need. */
+#define PANDIS_POSES_ROOM(count) (68 * (size_t)(count))
+
+/* Begin where the objects lie. The caller keeps them, and the room. Returns 0, or PANDIS_ERROR_POSE. */
+PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room);
+
+/* The frame to be filled in next, a pose for each object, by the simulation's thread: all of them, each time. */
+PANDIS_API pandis_pose *pandis_poses_frame(const pandis_poses *poses);
+
+/* Hand the frame over; the next one is due `period` seconds later. Returns 0, or PANDIS_ERROR_POSE, and nothing is handed
+ * over: a rotation is none, something is not finite, or an object turns more than halfway round until then. */
+PANDIS_API int pandis_poses_give(pandis_poses *poses, double period);
+
+/* Move the objects on by `dt` seconds, at the beginning of a tick, and tell the scene that holds them (or NULL). Returns
+ * 1 if there was another frame than before, else 0. */
+PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt);
+#endif
+
 /* The penalty force of one object at a point of the scene. Returns the flag. */
 PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
 
@@ -2669,21 +2707,24 @@ PANDIS_API int pandis_object_force(const pandis_object *object, const double poi
     return answer.flag;
 }
 
-static int pandis__lies(const pandis_object *o) {
-    double most = 0;
-    if (!o->field || !o->field->kind) return 0;
+/* Whether a rotation is one, within 1e-6, and a translation finite. */
+static int pandis__places(const double *rotation, const double *translation) {
+    double most = 0, across[3];
     for (int i = 0; i < 3; i++) {
-        if (!(fabs(o->translation[i]) <= 1e100)) return 0;
+        if (!(fabs(translation[i]) <= 1e100)) return 0;
         for (int j = 0; j < 3; j++) {
             double product = 0;
-            for (int k = 0; k < 3; k++) product += o->rotation[3 * k + i] * o->rotation[3 * k + j];
+            for (int k = 0; k < 3; k++) product += rotation[3 * k + i] * rotation[3 * k + j];
             double off = fabs(product - (i == j));
             if (!(off <= most)) most = off; /* NaN, too */
         }
     }
-    double across[3];
-    pandis__cross(o->rotation, o->rotation + 3, across);
-    if (!(most <= 1e-6 && pandis__dot(across, o->rotation + 6) > 0)) return 0;
+    pandis__cross(rotation, rotation + 3, across);
+    return most <= 1e-6 && pandis__dot(across, rotation + 6) > 0;
+}
+
+static int pandis__lies(const pandis_object *o) {
+    if (!o->field || !o->field->kind || !pandis__places(o->rotation, o->translation)) return 0;
     return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
 }
 
@@ -2791,6 +2832,149 @@ PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], do
         worst = pandis__worse(pandis__visit(scene, i, point, force), worst);
     return worst;
 }
+
+/* ---------------------------------------------------------------- poses that another thread hands over */
+
+#if defined(__GNUC__) || defined(_MSC_VER)
+#define PANDIS__HALF_TURN 3.1415926535897932
+
+/* The quaternion (w, x, y, z) of a rotation. */
+static void pandis__turn(const double *r, double *q) {
+    double trace = r[0] + r[4] + r[8];
+    int i = r[4] > r[0] ? 1 : 0;
+    if (r[8] > r[4 * i]) i = 2;
+    int j = (i + 1) % 3, k = (i + 2) % 3;
+    if (trace > 0) {
+        q[0] = 1 + trace, q[1] = r[7] - r[5], q[2] = r[2] - r[6], q[3] = r[3] - r[1];
+    } else {
+        q[0] = r[3 * k + j] - r[3 * j + k];
+        q[1 + i] = 1 + r[4 * i] - r[4 * j] - r[4 * k];
+        q[1 + j] = r[3 * j + i] + r[3 * i + j], q[1 + k] = r[3 * k + i] + r[3 * i + k];
+    }
+}
+
+static void pandis__unit_turn(double *q) {
+    double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    for (int k = 0; k < 4; k++) q[k] /= length;
+}
+
+/* The turn p after the turn q. */
+static void pandis__turn_by(const double *p, const double *q, double *both) {
+    both[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3];
+    both[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2];
+    both[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1];
+    both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
+}
+
+/* The turn of a spin in some seconds, at most half of a whole one. The series is that of a sixteenth of it: libraries
+ * differ in the last bits of their sines. */
+static void pandis__spun(const double *spin, double dt, double *q) {
+    double half[3], whole[4];
+    for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;
+    double square = pandis__dot(half, half);
+    double sine = 1 - square / 6 * (1 - square / 20 * (1 - square / 42));
+    q[0] = 1 - square / 2 * (1 - square / 12 * (1 - square / 30 * (1 - square / 56)));
+    for (int k = 0; k < 3; k++) q[1 + k] = sine * half[k];
+    for (int i = 0; i < 4; i++) {
+        pandis__turn_by(q, q, whole);
+        memcpy(q, whole, sizeof whole);
+    }
+}
+
+/* The rotation of a quaternion. */
+static void pandis__turned(const double *q, double *r) {
+    double w = q[0], x = q[1], y = q[2], z = q[3];
+    const double made[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+                            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+                            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
+    memcpy(r, made, sizeof made);
+}
+
+/* The way that an object is on: two ends, of each the quaternion and the translation. */
+static double *pandis__way_of(const pandis_poses *poses, size_t object) { return poses->ways + 14 * object; }
+
+PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room) {
+    memset(poses, 0, sizeof *poses);
+    poses->objects = objects, poses->count = count;
+    poses->frames = (pandis_pose *)(void *)room, poses->ways = room + 3 * count * (sizeof(pandis_pose) / sizeof *room);
+    poses->asking = 1, poses->waiting = 2;
+    for (size_t i = 0; i < count; i++) {
+        const pandis_object *o = objects + i;
+        double *way = pandis__way_of(poses, i);
+        if (!pandis__lies(o)) return PANDIS_ERROR_POSE;
+        pandis__turn(o->rotation, way);
+        pandis__unit_turn(way);
+        memcpy(way + 4, o->translation, sizeof o->translation);
+        memcpy(way + 7, way, 7 * sizeof *way);
+        for (size_t k = 0; k < 3; k++) {
+            pandis_pose *pose = poses->frames + k * count + i;
+            memset(pose, 0, sizeof *pose);
+            memcpy(pose->rotation, o->rotation, sizeof o->rotation);
+            memcpy(pose->translation, o->translation, sizeof o->translation);
+        }
+    }
+    return 0;
+}
+
+PANDIS_API pandis_pose *pandis_poses_frame(const pandis_poses *poses) {
+    return poses->frames + (size_t)poses->writing * poses->count;
+}
+
+PANDIS_API int pandis_poses_give(pandis_poses *poses, double period) {
+    const pandis_pose *frame = pandis_poses_frame(poses);
+    if (!(period > 0 && period <= 1e6)) return PANDIS_ERROR_POSE;
+    for (size_t i = 0; i < poses->count; i++) {
+        const pandis_pose *pose = frame + i;
+        double fast = pandis__dot(pose->velocity, pose->velocity);
+        double turns = sqrt(pandis__dot(pose->spin, pose->spin)) * period;
+        if (!pandis__places(pose->rotation, pose->translation) || !(fast <= 1e100)) return PANDIS_ERROR_POSE;
+        if (!(turns <= PANDIS__HALF_TURN)) return PANDIS_ERROR_POSE;
+    }
+    poses->periods[poses->writing] = period;
+    poses->writing = pandis__exchange(&poses->waiting, poses->writing | PANDIS__NEW) & 3;
+    return 0;
+}
+
+/* Begin the way from where an object is to where it will be, by its velocity, when the next frame comes. */
+static void pandis__set_out(const pandis_poses *poses, size_t object) {
+    const pandis_pose *pose = poses->frames + (size_t)poses->asking * poses->count + object;
+    double *from = pandis__way_of(poses, object), *to = from + 7, given[4], spun[4];
+    double share = poses->period > 0 ? poses->gone / poses->period : 1, same = 0;
+    for (int k = 0; k < 7; k++) from[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
+    if (share < 1) pandis__unit_turn(from); /* what has arrived stays as it is, to the last bit */
+    pandis__turn(pose->rotation, given);
+    pandis__spun(pose->spin, poses->periods[poses->asking], spun);
+    pandis__turn_by(spun, given, to);
+    pandis__unit_turn(to);
+    for (int k = 0; k < 4; k++) same += from[k] * to[k];
+    for (int k = 0; k < 4 && same < 0; k++) to[k] = -to[k]; /* the shorter way round */
+    for (int k = 0; k < 3; k++) to[4 + k] = pose->translation[k] + poses->periods[poses->asking] * pose->velocity[k];
+}
+
+PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt) {
+    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
+    if (is_new) {
+        poses->asking = pandis__exchange(&poses->waiting, poses->asking) & 3;
+        for (size_t i = 0; i < poses->count; i++) pandis__set_out(poses, i);
+        poses->period = poses->periods[poses->asking], poses->gone = 0;
+    }
+    if (!(dt > 0) || !(poses->gone < poses->period)) return is_new; /* all have arrived */
+    poses->gone += dt;
+    double share = poses->gone < poses->period ? poses->gone / poses->period : 1;
+    for (size_t i = 0; i < poses->count; i++) {
+        const double *from = pandis__way_of(poses, i), *to = from + 7;
+        pandis_object *o = poses->objects + i;
+        double at[7];
+        if (!memcmp(from, to, sizeof at)) continue;
+        for (int k = 0; k < 7; k++) at[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
+        pandis__unit_turn(at);
+        pandis__turned(at, o->rotation);
+        memcpy(o->translation, at + 4, sizeof o->translation);
+        if (scene) (void)pandis_scene_moved(scene, i);
+    }
+    return is_new;
+}
+#endif
 /* ---------------------------------------------------------------- textures: heights over a surface */
 
 #define PANDIS__TURN 6.283185307179586

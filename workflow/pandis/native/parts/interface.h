@@ -242,6 +242,44 @@ PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *cont
 PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
                                   pandis_touch *touches, size_t most);
 
+#if defined(__GNUC__) || defined(_MSC_VER)
+/* Where an object lies in a frame of a simulation, and how it moves: rotation and translation are those of pandis_object,
+ * the velocity is that of the point at `translation`, per second, and the spin an axis times radians per second, both in
+ * the directions of the scene. */
+typedef struct {
+    double rotation[9], translation[3], velocity[3], spin[3];
+} pandis_pose;
+
+/* Poses that a simulation hands over to the haptic loop, and neither waits: of three frames one is written, one is
+ * followed, and the newest whole one is handed over. In each tick every object goes on, without a step, towards where it
+ * will lie when the next frame is due; there it waits, if that is late. One thread gives, one steps. */
+typedef struct {
+    pandis_object *objects; /* what is below belongs to pandis_poses_... */
+    size_t count;
+    pandis_pose *frames;
+    double periods[3], *ways, period, gone;
+    int32_t writing, asking;
+    volatile int32_t waiting; /* a frame, and 4 if nobody has taken it yet */
+} pandis_poses;
+
+/* Doubles that so many objects need. */
+#define PANDIS_POSES_ROOM(count) (68 * (size_t)(count))
+
+/* Begin where the objects lie. The caller keeps them, and the room. Returns 0, or PANDIS_ERROR_POSE. */
+PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room);
+
+/* The frame to be filled in next, a pose for each object, by the simulation's thread: all of them, each time. */
+PANDIS_API pandis_pose *pandis_poses_frame(const pandis_poses *poses);
+
+/* Hand the frame over; the next one is due `period` seconds later. Returns 0, or PANDIS_ERROR_POSE, and nothing is handed
+ * over: a rotation is none, something is not finite, or an object turns more than halfway round until then. */
+PANDIS_API int pandis_poses_give(pandis_poses *poses, double period);
+
+/* Move the objects on by `dt` seconds, at the beginning of a tick, and tell the scene that holds them (or NULL). Returns
+ * 1 if there was another frame than before, else 0. */
+PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt);
+#endif
+
 /* The penalty force of one object at a point of the scene. Returns the flag. */
 PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
 

@@ -28,21 +28,24 @@ PANDIS_API int pandis_object_force(const pandis_object *object, const double poi
     return answer.flag;
 }
 
-static int pandis__lies(const pandis_object *o) {
-    double most = 0;
-    if (!o->field || !o->field->kind) return 0;
+/* Whether a rotation is one, within 1e-6, and a translation finite. */
+static int pandis__places(const double *rotation, const double *translation) {
+    double most = 0, across[3];
     for (int i = 0; i < 3; i++) {
-        if (!(fabs(o->translation[i]) <= 1e100)) return 0;
+        if (!(fabs(translation[i]) <= 1e100)) return 0;
         for (int j = 0; j < 3; j++) {
             double product = 0;
-            for (int k = 0; k < 3; k++) product += o->rotation[3 * k + i] * o->rotation[3 * k + j];
+            for (int k = 0; k < 3; k++) product += rotation[3 * k + i] * rotation[3 * k + j];
             double off = fabs(product - (i == j));
             if (!(off <= most)) most = off; /* NaN, too */
         }
     }
-    double across[3];
-    pandis__cross(o->rotation, o->rotation + 3, across);
-    if (!(most <= 1e-6 && pandis__dot(across, o->rotation + 6) > 0)) return 0;
+    pandis__cross(rotation, rotation + 3, across);
+    return most <= 1e-6 && pandis__dot(across, rotation + 6) > 0;
+}
+
+static int pandis__lies(const pandis_object *o) {
+    if (!o->field || !o->field->kind || !pandis__places(o->rotation, o->translation)) return 0;
     return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
 }
 

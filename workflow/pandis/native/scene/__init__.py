@@ -84,9 +84,14 @@ def library():
     """Return the compiled library with its functions' types declared."""
     lib = load(Path(__file__).with_name("scene.c"))
     pointer, size = ctypes.c_void_p, ctypes.c_size_t
-    for name in ("scene_bytes", "scene_object_bytes", "scene_room"):
+    for name in ("scene_bytes", "scene_object_bytes", "scene_room", "scene_poses_bytes"):
         getattr(lib, name).restype = size
-    lib.scene_room.argtypes = [size]
+    lib.scene_room.argtypes = lib.scene_poses_room.argtypes = [size]
+    lib.scene_poses_room.restype, lib.pandis_poses_frame.restype = size, pointer
+    lib.pandis_poses_open.argtypes = [pointer, pointer, size, pointer]
+    lib.pandis_poses_frame.argtypes = [pointer]
+    lib.pandis_poses_give.argtypes = [pointer, ctypes.c_double]
+    lib.pandis_poses_step.argtypes = [pointer, pointer, ctypes.c_double]
     lib.pandis_scene_open.argtypes = [pointer, pointer, size, pointer]
     lib.pandis_scene_moved.argtypes = [pointer, size]
     lib.scene_forces.argtypes = [pointer, pointer, size, *[pointer] * 4]
@@ -142,6 +147,16 @@ class NativeScene:
     def address(self):
         """Where the scene lies, for other C code."""
         return ctypes.addressof(self._scene)
+
+    @property
+    def placed_address(self):
+        """Where its objects lie, for other C code, which may move them (`Poses`)."""
+        return ctypes.addressof(self._placed)
+
+    def lies(self, index):
+        """Return the rotation (3, 3) and translation (3,) of an object, as it lies now."""
+        place = self._placed[range(len(self.objects))[index]]
+        return np.array(place.rotation).reshape(3, 3), np.array(place.translation)
 
     def answer(self, points, timed=False):
         """Return the `Answers` along a path (n, 3), scene units, of which only some are asked."""

@@ -38,3 +38,6 @@ void scene_ask_all(const pandis_scene *scene, const double *points, size_t count
         }
     }
 }
+
+size_t scene_poses_bytes(void) { return sizeof(pandis_poses); }
+size_t scene_poses_room(size_t count) { return PANDIS_POSES_ROOM(count); }
