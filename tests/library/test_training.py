@@ -328,7 +328,7 @@ def test_seed_and_options_matter(samples, tmp_path):
 def test_budget_in_seconds_records_its_steps(samples, tmp_path):
     arrays, attributes = trainer(samples, tmp_path, steps=None, seconds=0.5).run(silent_progress)
     assert not attributes["reproducible"]
-    assert attributes["steps"] > 5
+    assert attributes["steps"] >= 1  # how many, the clock decides
     assert np.isfinite(arrays["weight_0"]).all()
 
 

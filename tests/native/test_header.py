@@ -619,7 +619,7 @@ def fuzz(files, tmp_path, seconds):
 @needs_gcc
 def test_hostile_files_do_no_harm(files, tmp_path):
     """Mutated files with right checksums, under address and undefined-behaviour sanitizers."""
-    fuzz(files, tmp_path, 60)
+    fuzz(files, tmp_path, 20)
 
 
 @needs_gcc
