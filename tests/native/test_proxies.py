@@ -4,13 +4,22 @@ import numpy as np
 import pytest
 from test_verdict import SCALE, SIZE, task
 
+from pandis.errors import PandisError
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.geometry.shapes import Sphere
 from pandis.hardware.attached import Span, run_attached, stiffness_for
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.passes import Oracle
 from pandis.hardware.pressing import Contact
-from pandis.hardware.proxies import LEAST, MOST, Truth, feel_for, touch_device, try_proxy
+from pandis.hardware.proxies import (
+    LEAST,
+    MOST,
+    Truth,
+    feel_for,
+    felt_again,
+    touch_device,
+    try_proxy,
+)
 from pandis.hardware.validation import _attached, _Felt
 from pandis.hardware.verdict import paragraph, proxy_sentence, proxy_verdict
 from pandis.native.contact import Feel, Material, TouchedScene
@@ -100,6 +109,19 @@ def test_a_proxy_that_touched_nothing_is_not_called_in_time(ball, files):
     found = try_proxy(field, Feel(), {}, beside, places, WHOLE, truth, options)
     assert (found.touching_share, found.in_time) == (0.0, False)
     assert "touched nothing" in paragraph(SOUND, {}, options, found)
+
+
+def test_without_the_file_that_knows_its_materials_a_proxy_is_refused(ball, files, tmp_path):
+    """Felt again on a device, it would rub everywhere as its first material does."""
+    places, truth, way = ball
+    field, options = NativeField(files["sphere"]), task(devices=[])
+    rubber, steel = Material(0.9, 0.7), Material(0.1, 0.1)
+    one = try_proxy(field, Feel(), {"": rubber._asdict()}, way, places, WHOLE, truth, options)
+    assert felt_again(field, one, SIZE, tmp_path).materials == (rubber,)
+    made = {"rubber": rubber._asdict(), "steel": steel._asdict()}
+    two = one.model_copy(update={"materials": made})
+    with pytest.raises(PandisError, match="the materials rubber, steel, and no file here"):
+        felt_again(field, two, SIZE, tmp_path)
 
 
 def test_what_is_sent_is_what_was_found_safe_for_the_proxy(libraries, files, monkeypatch, ball):

@@ -118,11 +118,22 @@ def felt_again(field, verdict, size, folder):
         Metres of the longest side.
     folder : Path
         Of exported files, among which are those that say what faces are made of.
+
+    Raises
+    ------
+    pandis.errors.PandisError
+        Of several materials, no file in the folder says which one a face is made of.
     """
     materials = tuple(Material(**made) for made in verdict.materials.values())
     beside = None
     if len(materials) > 1 and not field.region_names:
         beside = regions_among(folder.glob("*.pandis"))
+        if beside is None:
+            raise PandisError(
+                f"{folder}: the proxy was validated with the materials "
+                f"{', '.join(verdict.materials)}, and no file here says which of them a place is "
+                "made of; put exact.pandis or the compact file of the same run beside the field"
+            )
     texture = texture_for(verdict, Placed.at(field, size, 1.0).scale)
     return Feel(verdict.radius, materials, beside, verdict.budget, texture)
 
