@@ -115,11 +115,12 @@ def test_without_the_file_that_knows_its_materials_a_proxy_is_refused(ball, file
     """Felt again on a device, it would rub everywhere as its first material does."""
     places, truth, way = ball
     field, options = NativeField(files["sphere"]), task(devices=[])
-    rubber, steel = Material(0.9, 0.7), Material(0.1, 0.1)
-    one = try_proxy(field, Feel(), {"": rubber._asdict()}, way, places, WHOLE, truth, options)
-    assert felt_again(field, one, SIZE, tmp_path).materials == (rubber,)
-    made = {"rubber": rubber._asdict(), "steel": steel._asdict()}
-    two = one.model_copy(update={"materials": made})
+    rubber, steel = {"sticking": 0.9, "sliding": 0.7}, {"sticking": 0.1, "sliding": 0.1}
+    made = {"the surface": rubber}
+    one = try_proxy(field, Feel(), made, way, places, WHOLE, truth, options)
+    (same,) = felt_again(field, one, SIZE, tmp_path).materials
+    assert (same.sticking, same.sliding) == (0.9, 0.7)
+    two = one.model_copy(update={"materials": {"rubber": rubber, "steel": steel}})
     with pytest.raises(PandisError, match="the materials rubber, steel, and no file here"):
         felt_again(field, two, SIZE, tmp_path)
 
