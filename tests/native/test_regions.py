@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from test_header import resealed, section
 
-from pandis.errors import ArtifactError
+from pandis.errors import ArtifactError, PandisError
 from pandis.export.native import export_native
 from pandis.fields.compact import CompactField
 from pandis.fields.exact import ExactField
@@ -20,6 +20,7 @@ from pandis.mesh.regions import carry
 from pandis.native.contact import Material, NativeContact
 from pandis.native.runtime import NativeField
 from pandis.native.scene import Placed
+from pandis.run.sourcing import SourceDigests, source_digest, source_files
 from pandis.run.tasks import MeshTask
 from support import artifact
 
@@ -179,6 +180,67 @@ def test_a_proxy_rubs_as_the_region_does_in_which_it_lies(mesh):
         rests = contact.follow(np.tile(path[-1], (50, 1)))
         assert rests.queries[-1] == 0  # at rest nobody is asked, nor is a mesh beside
         assert rests.region[-1] == 1
+
+
+@pytest.mark.parametrize("form", ["stl", "ply", "off", "obj"])
+def test_an_array_beside_the_file_says_what_its_faces_are_made_of(form, tmp_path):
+    """Through a repair that joins two balls and fills their holes, in the order of the file."""
+    parts = [balls()[name] for name in ("steel", "rubber")]
+    mesh = trimesh.util.concatenate(parts)
+    path, said = tmp_path / f"balls.{form}", []
+    mesh.export(path)
+    names = np.repeat(["steel", "rubber"], [len(part.faces) for part in parts])
+    np.save(tmp_path / f"balls.{form}.regions.npy", names)
+    task = MeshTask(source=str(path), sha256=None, seed=0)
+    arrays, attributes = build(task, path, said.append)
+    assert attributes["regions"] == ["rubber", "steel"]
+    middle = arrays["vertices"][arrays["faces"]].mean(axis=1)
+    away = [np.abs(np.linalg.norm(middle - BALLS[name], axis=1) - 1) for name in BALLS]
+    whose, clear = np.argmin(away, axis=0), np.abs(np.subtract(*away)) > 0.05
+    assert clear.sum() > 1000
+    assert (arrays["region"] == whose)[clear].all()
+    assert any(line.startswith("materials: rubber (") for line in said)
+    numbers = np.repeat([7, 3], [len(part.faces) for part in parts])
+    np.save(tmp_path / f"balls.{form}.regions.npy", numbers)
+    assert build(task, path, said.append)[1]["regions"] == ["3", "7"]
+
+
+def test_an_array_beside_the_file_that_does_not_fit_it_is_refused(tmp_path):
+    path, ball = tmp_path / "ball.stl", trimesh.creation.icosphere(1)
+    ball.export(path)
+    beside = tmp_path / "ball.stl.regions.npy"
+    task = MeshTask(source=str(path), sha256=None, seed=0)
+    for wrong in (np.zeros(79, int), np.zeros((80, 1), int), np.zeros(80), np.arange(80) * 1j):
+        np.save(beside, wrong)
+        with pytest.raises(PandisError, match="the mesh has 80 triangles: give as many"):
+            build(task, path, str)
+    np.save(beside, np.array([{}] * 80), allow_pickle=True)
+    with pytest.raises(PandisError, match="not an array that NumPy can load"):
+        build(task, path, str)
+    beside.write_bytes(b"\x93NUMPY")
+    with pytest.raises(PandisError, match="not an array that NumPy can load"):
+        build(task, path, str)
+    scene = tmp_path / "ball.glb"
+    ball.export(scene)
+    np.save(tmp_path / "ball.glb.regions.npy", np.zeros(80, int))
+    with pytest.raises(PandisError, match="name materials in the scene itself"):
+        build(MeshTask(source=str(scene), sha256=None, seed=0), scene, str)
+
+
+def test_an_array_beside_the_file_is_a_part_of_the_source(tmp_path):
+    path, digests = tmp_path / "ball.stl", SourceDigests(tmp_path / "memory.json")
+    trimesh.creation.icosphere(1).export(path)
+    alone = digests.of(str(path))
+    beside = tmp_path / "ball.stl.regions.npy"
+    seen = {alone}
+    for number in (1, 2):
+        np.save(beside, np.full(80, number))
+        assert source_files(path) == digests.files(path) == [path, beside]
+        assert digests.of(str(path)) == source_digest(source_files(path))
+        seen.add(digests.of(str(path)))
+    assert len(seen) == 3
+    beside.unlink()
+    assert digests.of(str(path)) == alone
 
 
 def test_one_material_or_none_makes_no_regions(tmp_path):

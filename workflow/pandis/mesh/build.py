@@ -7,7 +7,7 @@ from pandis.geometry.shapes import find_shape
 from pandis.mesh.declared import declared_unit
 from pandis.mesh.diagnosis import diagnose
 from pandis.mesh.intake import find_file, read_mesh, unpacked
-from pandis.mesh.regions import regions_of
+from pandis.mesh.regions import kept, read_beside, regions_of
 from pandis.mesh.repair import repair
 
 
@@ -40,6 +40,7 @@ def build(options, source_file, log):
     log(f"read {source} with {record['reader']}")
     for reader, complaint in record["passed_over"].items():
         log(f"{reader} was passed over: {complaint}")
+    beside = read_beside(path, record["format"], len(faces))
     arrays, history = repair(vertices, faces, options, options.seed, log)
     used = arrays["vertices"][np.unique(arrays["faces"])]
     frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
@@ -48,9 +49,13 @@ def build(options, source_file, log):
         **frame.attributes(),
         "shape": None,
     }
-    with unpacked(source, path) as plain:
-        given = plain, record["format"], arrays["vertices"], arrays["faces"], log
-        regions = regions_of(*given, seconds=limits[0], memory_gb=limits[1])
+    repaired = arrays["vertices"], arrays["faces"]
+    if beside:
+        regions = kept((vertices, faces), *beside, *repaired, log)
+    else:
+        with unpacked(source, path) as plain:
+            given = plain, record["format"], *repaired, log
+            regions = regions_of(*given, seconds=limits[0], memory_gb=limits[1])
     if regions:
         arrays["region"], attributes["regions"] = regions
     return arrays, attributes

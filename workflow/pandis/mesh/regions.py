@@ -2,17 +2,21 @@
 
 OBJ, glTF and 3MF files name materials. They are read once more for them, apart from the reading of
 the mesh itself: a face of the repaired mesh has the material of the face of the file that is
-nearest to it.
+nearest to it. Beside a mesh of any other format, an array may say it, face by face.
 """
 
 import igl
 import numpy as np
 
+from pandis.errors import PandisError
 from pandis.mesh import tools
 from pandis.mesh.materials import names_several
+from pandis.run.sourcing import REGIONS
 
 #: A region is one byte.
 MOST = 255
+#: Formats whose readers keep the order of a file's triangles.
+IN_ORDER = "obj", "ply", "stl", "off"
 #: Where a face asks what it is made of: at its middle, and next to each corner.
 _ASKED = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / np.array([[3], [6], [6], [6]])
 
@@ -50,6 +54,79 @@ def regions_of(path, form, vertices, faces, log, **limits):
     if len(names) > MOST:
         log(f"it names {len(names)} materials; regions are kept of {MOST} at most")
         return None
+    return kept(mesh, region, names, vertices, faces, log)
+
+
+def read_beside(path, form, count):
+    """Read the array beside a mesh file that says what each of its triangles is made of.
+
+    ``part.stl.regions.npy`` beside ``part.stl`` holds, for each triangle in the order of the file,
+    a number or a name.
+
+    Parameters
+    ----------
+    path : Path
+        The mesh's file.
+    form : str
+        Of `pandis.run.sourcing.FORMATS`.
+    count : int
+        Triangles that were read.
+
+    Returns
+    -------
+    region : ndarray, shape (count,)
+        An index into the names.
+    names : list of str
+
+    None, where there is no such file.
+
+    Raises
+    ------
+    pandis.errors.PandisError
+        It is no such array, or of another mesh.
+    """
+    beside = path.with_name(path.name + REGIONS)
+    if not beside.is_file():
+        return None
+    if form not in IN_ORDER:
+        raise PandisError(
+            f"{beside}: the parts of a .{form} scene have no common order of triangles; name "
+            "materials in the scene itself, and remove this file"
+        )
+    try:
+        whose = np.asarray(np.load(beside, allow_pickle=False))
+    except (OSError, ValueError, EOFError) as error:
+        raise PandisError(f"{beside}: not an array that NumPy can load ({error})") from None
+    if whose.shape != (count,) or whose.dtype.kind not in "biuU":
+        raise PandisError(
+            f"{beside}: an array of shape {whose.shape} and type {whose.dtype}; the mesh has "
+            f"{count:,} triangles: give as many whole numbers or names, in their order"
+        )
+    names, region = np.unique(whose, return_inverse=True)
+    if len(names) > MOST:
+        raise PandisError(f"{beside}: {len(names)} regions; at most {MOST} are possible")
+    return region, [str(name) for name in names]
+
+
+def kept(mesh, region, names, vertices, faces, log):
+    """Return the regions of a repaired mesh, by those of the mesh that was read.
+
+    Parameters
+    ----------
+    mesh : tuple of ndarray
+        Vertices and faces as they were read.
+    region : ndarray, shape (F,)
+        Of these faces, an index into the names.
+    names : list of str
+    vertices, faces : ndarray
+        The repaired mesh.
+    log : callable
+
+    Returns
+    -------
+    region, names
+        As of `regions_of`.
+    """
     carried = carry(*mesh, region, vertices, faces)
     used, carried = np.unique(carried, return_inverse=True)
     if len(used) < 2:
