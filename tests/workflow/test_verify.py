@@ -17,7 +17,7 @@ from support import box_mesh, edit, plan, snakemake, write_obj
 CONFIG = "config/scene.yaml"
 GIVEN = ("--configfile", CONFIG)
 SMALL = {
-    "fields": ["exact", "nearest-12"],
+    "fields": ["nearest-12"],
     "results": "made/here",
     "trajectory": {"samples": 50, "deep": 0.01},
     "evaluation": {"probes": 500},
@@ -80,7 +80,7 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
 
     def edit_json():
         found = json.loads((other / "hardware.json").read_text())
-        found["fields"]["exact"]["verdict"] = "excellent"
+        found["fields"]["nearest-12"]["verdict"] = "excellent"
         (other / "hardware.json").write_text(json.dumps(found))
 
     def forge():
@@ -131,7 +131,7 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
         },
         {
             "a table edited": (
-                lambda: edit(workspace / "made/here/summary.csv", "part,exact", "part,best"),
+                lambda: edit(workspace / "made/here/summary.csv", "part,nearest-12", "part,best"),
                 "summary.csv +differs",
             ),
         },

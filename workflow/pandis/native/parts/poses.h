@@ -63,7 +63,8 @@ PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, si
     memset(poses, 0, sizeof *poses);
     poses->objects = objects, poses->count = count;
     poses->frames = (pandis_pose *)(void *)room, poses->ways = room + 3 * count * (sizeof(pandis_pose) / sizeof *room);
-    poses->asking = 1, poses->waiting = 2;
+    poses->asking = 1;
+    poses->waiting = 2;
     for (size_t i = 0; i < count; i++) {
         const pandis_object *o = objects + i;
         double *way = pandis__way_of(poses, i);
