@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 from pandis.errors import PandisError
+from pandis.native import prebuilt
 from pandis.native.cache import cache_folder
 from pandis.native.sources import included
 
@@ -19,7 +20,6 @@ from pandis.native.sources import included
 FLAGS = (
     "-std=c99",
     "-O3",
-    "-march=native",
     "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-trapping-math",
@@ -36,7 +36,7 @@ def find_compiler():
 
 @cache
 def load(source):
-    """Compile a C file, unless that was done before, and load it.
+    """Load a C file as a library, compiled beforehand, or now, or on an earlier run.
 
     Parameters
     ----------
@@ -51,15 +51,40 @@ def load(source):
     PandisError
         There is no compiler, or it fails.
     """
+    if ready := prebuilt.find(source, FLAGS):
+        return ctypes.CDLL(str(ready))
     compiler = find_compiler()
     if compiler is None:
         raise PandisError(
             f"no C compiler found for {source.name}: install one (Debian: apt-get install gcc; "
             "conda: conda install gcc) or name it in the environment variable CC"
         )
+    command = [compiler, "-march=native", *FLAGS]
     return ctypes.CDLL(
-        str(build([compiler, *FLAGS], source, ["-lm", "-ldl", "-lpthread"], f"{source.stem}.so"))
+        str(build(command, source, ["-lm", "-ldl", "-lpthread"], f"{source.stem}.so"))
     )
+
+
+def prebuild(folder):
+    """Compile what a package brings along (`pandis.native.prebuilt`) into a folder.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    PandisError
+        There is no compiler, or it fails.
+    """
+    compiler, made = find_compiler(), []
+    if compiler is None:
+        raise PandisError("no C compiler found: install gcc, or name one in CC")
+    for kind in prebuilt.KINDS.get(platform.machine(), {}):
+        path = Path(folder) / prebuilt.name(FLAGS, kind)
+        command = [compiler, f"-march={kind}", *FLAGS, "-s", str(prebuilt.TOGETHER), "-lm"]
+        made.append(_compile(command, path))
+    return made
 
 
 def build(command, source, libraries, name):

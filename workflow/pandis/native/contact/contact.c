@@ -1,18 +1,13 @@
 /* Contacts of pandis.h, for Python: a probe that goes along a path. */
+#ifndef PANDIS_IMPLEMENTATION
 #define _POSIX_C_SOURCE 199309L
 #define PANDIS_IMPLEMENTATION
+#endif
+#include "../clock.h"
 #include "../pandis.h"
-
-#include <time.h>
 
 size_t contact_bytes(void) { return sizeof(pandis_contact); }
 size_t contact_touch_bytes(void) { return sizeof(pandis_touch); }
-
-static double seconds(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 /* Where the answers of steps go, a row for each; seconds may be NULL. */
 typedef struct {

@@ -1,9 +1,10 @@
 /* pandis.h as a library, for Python; and a clock around single queries. */
+#ifndef PANDIS_IMPLEMENTATION
 #define _POSIX_C_SOURCE 199309L
 #define PANDIS_IMPLEMENTATION
+#endif
+#include "../clock.h"
 #include "../pandis.h"
-
-#include <time.h>
 
 size_t runtime_field_bytes(void) { return sizeof(pandis_field); }
 
@@ -68,12 +69,6 @@ void runtime_answers(const pandis_field *field, const double *points, size_t cou
 
 int64_t runtime_vertices(const pandis_field *field) {
     return field->kind == PANDIS_MESH ? field->as.mesh.vertex_count : 0;
-}
-
-static double seconds(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
 /* Seconds of one refit; below zero if it failed. */

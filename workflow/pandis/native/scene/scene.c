@@ -1,19 +1,14 @@
 /* Scenes of pandis.h, for Python: along a path, by the scene or by asking every object. */
+#ifndef PANDIS_IMPLEMENTATION
 #define _POSIX_C_SOURCE 199309L
 #define PANDIS_IMPLEMENTATION
+#endif
+#include "../clock.h"
 #include "../pandis.h"
-
-#include <time.h>
 
 size_t scene_bytes(void) { return sizeof(pandis_scene); }
 size_t scene_object_bytes(void) { return sizeof(pandis_object); }
 size_t scene_room(size_t count) { return PANDIS_SCENE_ROOM(count); }
-
-static double seconds(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 /* Forces (three doubles each), flags, and how many fields were asked, point by point; with `taken`
  * also the seconds of each. */

@@ -1,0 +1,141 @@
+"""The package: whoever only asks fields needs NumPy, and no compiler."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pandis.native import prebuilt
+from pandis.native.compiler import FLAGS, find_compiler
+from pandis.native.contact import NativeContact
+from pandis.native.runtime import NativeField
+from pandis.native.scene import NativeScene, Placed
+
+ROOT = Path(__file__).resolve().parents[2]
+#: In the box of a field, and so much of a scene around an object of 10 cm.
+POINTS, AROUND = np.random.default_rng(0).uniform(-1, 1, (2000, 3)), 0.06
+NAMES = "exact", "compact", "spline", "tricubic", "network", "gradient", "torus"
+
+#: What a user writes, and what the checkout answers; NumPy is all that there is.
+PROGRAM = """
+import sys
+sys.path[:0] = sys.argv[1:3]
+import numpy as np
+import pandis
+from pandis.native import prebuilt
+if sys.argv[3] == "plain":
+    prebuilt.abilities = frozenset
+from pandis.native.contact import NativeContact
+from pandis.native.scene import NativeScene, Placed
+points, answers = np.load(sys.argv[4]), {}
+for path in sys.argv[6:]:
+    field = pandis.load(path)
+    placed = Placed.at(field, 0.1, 400.0)
+    answers["field " + path] = field.force(field.frame.to_mesh(points), k=400)
+    answers["contact " + path] = NativeContact(placed).follow(0.06 * points).force
+    answers["scene " + path] = NativeScene([placed, placed]).answer(0.06 * points).force
+np.savez(sys.argv[5], **answers)
+others = {"scipy", "zarr", "pydantic", "trimesh", "igl", "torch", "yaml"} & set(sys.modules)
+libraries = [line.split()[-1] for line in open("/proc/self/maps") if "/built/" in line]
+print(sorted(others), *sorted({path.rpartition("/")[2] for path in libraries}))
+"""
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """Return the wheel of these sources, and a folder into which it is installed, with NumPy."""
+    if find_compiler() is None:
+        pytest.skip("no C compiler here")
+    folder = tmp_path_factory.mktemp("package")
+    source, ignore = folder / "source", shutil.ignore_patterns("__pycache__", "*.egg-info", "built")
+    shutil.copytree(ROOT / "workflow", source / "workflow", ignore=ignore)
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
+    quiet = ["--no-deps", "--no-index"]
+    subprocess.run(
+        [*pip, "wheel", *quiet, "--no-build-isolation", "-w", folder, source], check=True
+    )
+    (wheel,) = folder.glob("*.whl")
+    subprocess.run([*pip, "install", *quiet, "--target", folder / "installed", wheel], check=True)
+    with_numpy = folder / "numpy"
+    with_numpy.mkdir()
+    site = Path(np.__file__).parents[1]
+    for name in ("numpy", "numpy.libs"):
+        if (site / name).is_dir():
+            (with_numpy / name).symlink_to(site / name)
+    return wheel, folder / "installed", with_numpy
+
+
+def ask(package, files, kind, tmp_path):
+    """Run the program where there is no compiler; returns what it says, and its answers."""
+    _, installed, with_numpy = package
+    np.save(tmp_path / "points.npy", POINTS)
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", PROGRAM, installed, with_numpy, kind,
+         tmp_path / "points.npy", tmp_path / "answers.npz", *files],
+        env={"PATH": os.devnull, "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode:
+        return done.stderr, None
+    return done.stdout.strip(), np.load(tmp_path / "answers.npz")
+
+
+@pytest.mark.parametrize("kind", ["ablest", "plain"])
+def test_with_numpy_alone_and_no_compiler_it_answers_as_the_checkout_does(
+    package, files, kind, tmp_path
+):
+    asked = [files[name] for name in NAMES]
+    said, answers = ask(package, asked, kind, tmp_path)
+    assert answers is not None, said
+    assert re.fullmatch(r"\[\] pandis-[\w-]+\.so", said)  # one library, and nothing but NumPy
+    assert kind == "ablest" or "-v3-" not in said
+    assert not (tmp_path / "cache").exists()  # nothing was compiled, nor kept
+    for path in asked:
+        field = NativeField(path)
+        placed = Placed.at(field, 0.1, 400.0)
+        wanted = {
+            "field": field.force(field.frame.to_mesh(POINTS), k=400),
+            "contact": NativeContact(placed).follow(AROUND * POINTS).force,
+            "scene": NativeScene([placed, placed]).answer(AROUND * POINTS).force,
+        }
+        for what, force in wanted.items():
+            assert force.any(axis=1).sum() > 20, (path.name, what)
+            assert np.array_equal(answers[f"{what} {path}"], force), (path.name, what)
+
+
+def test_the_wheel_is_small_and_for_all_linux_systems(package):
+    wheel, _, _ = package
+    assert wheel.stat().st_size <= 1_000_000
+    assert re.search(r"-py3-none-manylinux_2_17_\w+\.manylinux2014_\w+\.whl$", wheel.name)
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        (metadata,) = (name for name in names if name.endswith("/METADATA"))
+        needs = re.findall(r"^Requires-Dist: (.*)$", archive.read(metadata).decode(), re.M)
+    assert [need for need in needs if "extra ==" not in need] == ["numpy>=2"]
+    assert any("zarr" in need and 'extra == "workflow"' in need for need in needs)
+    assert not any(name.startswith(("build", "tests")) for name in names)
+
+
+def test_a_library_of_other_sources_is_not_taken(package, files, tmp_path):
+    """Without a compiler that is an error that says what to do; with one it is compiled anew."""
+    _, installed, with_numpy = package
+    changed = tmp_path / "changed"
+    shutil.copytree(installed, changed)
+    header = changed / "pandis/native/pandis.h"
+    header.write_text(header.read_text() + "/* changed */\n")
+    said, answers = ask((None, changed, with_numpy), [files["torus"]], "ablest", tmp_path)
+    assert answers is None
+    assert "no C compiler found for runtime.c: install one" in said
+
+
+def test_a_checkout_brings_nothing_along():
+    assert not prebuilt.FOLDER.exists()
+    assert prebuilt.find(prebuilt.PARTS[0], FLAGS) is None
