@@ -37,10 +37,11 @@ def build(options, source_file, log):
     limits = options.reader_seconds, options.reader_memory_gb
     path = find_file(str(source_file or source))
     vertices, faces, record = read_mesh(source, path, options.sha256, *limits)
+    form = record["format"]
     log(f"read {source} with {record['reader']}")
     for reader, complaint in record["passed_over"].items():
         log(f"{reader} was passed over: {complaint}")
-    beside = read_beside(path, record["format"], len(faces))
+    beside = read_beside(path, form, len(faces))
     arrays, history = repair(vertices, faces, options, options.seed, log)
     used = arrays["vertices"][np.unique(arrays["faces"])]
     frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
@@ -54,7 +55,7 @@ def build(options, source_file, log):
         regions = kept((vertices, faces), *beside, *repaired, log)
     else:
         with unpacked(source, path) as plain:
-            given = plain, record["format"], *repaired, log
+            given = plain, form, *repaired, log
             regions = regions_of(*given, seconds=limits[0], memory_gb=limits[1])
     if regions:
         arrays["region"], attributes["regions"] = regions

@@ -80,10 +80,13 @@ def prebuild(folder):
     compiler, made = find_compiler(), []
     if compiler is None:
         raise PandisError("no C compiler found: install gcc, or name one in CC")
-    for kind in prebuilt.KINDS.get(platform.machine(), {}):
-        path = Path(folder) / prebuilt.name(FLAGS, kind)
-        command = [compiler, f"-march={kind}", *FLAGS, "-s", str(prebuilt.TOGETHER), "-lm"]
-        made.append(_compile(command, path))
+    with tempfile.TemporaryDirectory() as place:
+        source = Path(place) / "together.c"
+        source.write_text(prebuilt.together(), encoding="utf-8")
+        for kind in prebuilt.KINDS.get(platform.machine(), {}):
+            path = Path(folder) / prebuilt.name(FLAGS, kind)
+            command = [compiler, f"-march={kind}", *FLAGS, "-s", str(source), "-lm"]
+            made.append(_compile(command, path))
     return made
 
 

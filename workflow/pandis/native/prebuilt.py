@@ -12,9 +12,8 @@ from pandis.native.sources import included
 
 _HERE = Path(__file__).parent
 FOLDER = _HERE / "built"
-#: What fields, contacts and scenes are asked through, and what holds all of them.
+#: What fields, contacts and scenes are asked through, each once in the library.
 PARTS = [_HERE / part for part in ("runtime/runtime.c", "contact/contact.c", "scene/scene.c")]
-TOGETHER = _HERE / "together.c"
 #: By machine: kinds of processors, the ablest first, with the compiler's name for each, and what
 #: the system has to say of a processor that is one. Answers are the same to the last bit.
 KINDS = {
@@ -46,9 +45,16 @@ def find(source, flags):
 @cache
 def name(flags, kind):
     """Return what the library is called: that of other sources has another name."""
-    texts = [path.read_text("utf-8") for path in included(TOGETHER)]
+    files = dict.fromkeys(path for part in PARTS for path in included(part))
+    texts = [path.read_text("utf-8") for path in files]
     digest = hashlib.sha256("\0".join([*flags, *texts]).encode()).hexdigest()[:12]
     return f"pandis-{kind}-{digest}.so"
+
+
+def together():
+    """Return the text in C that holds all parts."""
+    heads = ["#define _POSIX_C_SOURCE 199309L", "#define PANDIS_IMPLEMENTATION"]
+    return "\n".join([*heads, *(f'#include "{part}"' for part in PARTS)]) + "\n"
 
 
 @cache
