@@ -1,6 +1,7 @@
 """Builds the package: with its C code compiled for every kind of processor of this machine."""
 
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -27,8 +28,10 @@ class BuildPy(build_py):
         super().run()
         if self.editable_mode:
             return
+        folder = Path(self.build_lib) / "pandis/native/built"
+        shutil.rmtree(folder, ignore_errors=True)  # an earlier build's are of other sources
         try:
-            BuildPy.made = prebuild(Path(self.build_lib) / "pandis/native/built")
+            BuildPy.made = prebuild(folder)
         except PandisError as error:
             self.warn(f"{error}; the package will compile on first use")
 

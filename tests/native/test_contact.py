@@ -270,6 +270,8 @@ def test_walls_stand_where_a_probe_began_inside(files, name, radius):
         probe = -unit * field.query(field.frame.to_mesh(way * UNIT_SIDE / 0.1)).distance
         assert depth.max() <= probe[0] + (1e-6 if name in EXACT else 1e-4)
         tried += found.force.any()
+        out = NativeContact(placed(field), radius=radius)  # and the way out is free
+        assert not out.follow(start + np.linspace(0, 0.01, 100)[:, None] * normal).force.any()
     assert tried > 5
 
 

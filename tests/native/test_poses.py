@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_scenes import place, room, same_bits, walk
 
+from pandis.errors import PandisError
 from pandis.native.contact import NativeContact, TouchedScene
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
@@ -116,6 +117,14 @@ def test_what_is_no_pose_is_not_handed_over(one):
         poses.give(rotation, np.zeros((2, 3)), STILL, STILL, 0.01)
     assert not poses.step(DT)
     assert np.array_equal(scene.lies(0)[1], before[1])
+
+
+def test_what_lies_nowhere_is_not_moved(one):
+    scene, _ = one
+    with pytest.raises(PandisError, match="no rotation"):
+        scene.move(0, scene.objects[0]._replace(rotation=np.zeros((3, 3))))
+    with pytest.raises(PandisError, match="no rotation"):
+        Poses(scene)
 
 
 def test_every_tick_sees_one_whole_frame_while_another_thread_gives(files):

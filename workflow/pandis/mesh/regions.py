@@ -11,7 +11,7 @@ import numpy as np
 from pandis.errors import PandisError
 from pandis.mesh import tools
 from pandis.mesh.materials import names_several
-from pandis.run.sourcing import REGIONS
+from pandis.run.sourcing import regions_file
 
 #: A region is one byte.
 MOST = 255
@@ -85,7 +85,7 @@ def read_beside(path, form, count):
     pandis.errors.PandisError
         It is no such array, or of another mesh.
     """
-    beside = path.with_name(path.name + REGIONS)
+    beside = regions_file(path)
     if not beside.is_file():
         return None
     if form not in IN_ORDER:

@@ -114,7 +114,7 @@ def build(command, source, libraries, name):
     """
     texts = [path.read_text("utf-8") for path in included(source)]
     # what is compiled for one processor may not run on another
-    key = [*command, *libraries, platform.machine(), _processor(), *texts]
+    key = [*command, *libraries, platform.machine(), prebuilt.processor(), *texts]
     digest = hashlib.sha256("\0".join(key).encode()).hexdigest()[:20]
     compiled = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
     if compiled.is_file():
@@ -139,11 +139,3 @@ def _compile(command, compiled):
     if Path(folder) != compiled.parent:
         shutil.rmtree(folder, ignore_errors=True)
     return compiled
-
-
-def _processor():
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line for line in lines if line.startswith(("flags", "Features"))), "")

@@ -58,11 +58,15 @@ def together():
 
 
 @cache
-def abilities():
-    """Return what the system says that its processor can do."""
+def processor():
+    """Return the line in which the system says what its processor can do."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
-        return frozenset()
-    line = next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    return frozenset(line.partition(":")[2].split())
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+def abilities():
+    """Return what the processor can do, word by word."""
+    return frozenset(processor().partition(":")[2].split())

@@ -20,8 +20,8 @@ from pandis.native.cache import cache_folder, keep
 FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
 #: Sources that are no files of the user's.
 SHIPPED, ANALYTIC = "pymeshlab:", "analytic:"
-#: What a file is called that says which region each face of a mesh lies in, behind the mesh's name.
-REGIONS = ".regions.npy"
+#: What comes behind a mesh file's name in that of the array that says what its faces are made of.
+_REGIONS = ".regions.npy"
 #: What of a file is looked at for the names of others: those of an OBJ file stand anywhere.
 _LARGEST = 1 << 30
 
@@ -114,10 +114,19 @@ def source_fault(source):
     return None
 
 
+def regions_file(path):
+    """Return where the array lies that says what each face of a mesh file is made of, if it does.
+
+    ``part.stl.regions.npy`` beside ``part.stl``: `pandis.mesh.regions.read_beside`.
+    """
+    path = Path(path)
+    return path.with_name(path.name + _REGIONS)
+
+
 def source_files(path):
     """Return a mesh file and those beside it that it names, as far as they are there.
 
-    So is one with its own name and `REGIONS` behind it.
+    Its `regions_file` is one of them.
 
     Parameters
     ----------
@@ -129,7 +138,7 @@ def source_files(path):
         The mesh's own file first, the others by name.
     """
     path = Path(path)
-    named, seen = [path.name + REGIONS, *_named(path)], {path}
+    named, seen = [regions_file(path).name, *_named(path)], {path}
     while named:
         target = path.parent / named.pop()
         if target not in seen and target.is_file():
@@ -221,8 +230,7 @@ class SourceDigests:
     def files(self, path):
         """Return what `source_files` does, without reading a file that has not changed."""
         seen, waiting = [Path(path)], [Path(path)]
-        beside = seen[0].with_name(seen[0].name + REGIONS)
-        if beside.is_file():
+        if (beside := regions_file(seen[0])).is_file():
             seen.append(beside)
         while waiting:
             next_file = waiting.pop()

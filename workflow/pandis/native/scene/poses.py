@@ -4,11 +4,9 @@ import ctypes
 
 import numpy as np
 
+from pandis.errors import PandisError
 from pandis.native.runtime import library as runtime
 from pandis.native.scene import library
-
-#: Numbers of a pose: rotation (9), translation, velocity and spin (3 each).
-NUMBERS = 18
 
 
 class Poses:
@@ -20,6 +18,11 @@ class Poses:
     ----------
     scene : pandis.native.scene.NativeScene
         Whose objects are moved, from where they lie.
+
+    Raises
+    ------
+    pandis.errors.PandisError
+        An object lies nowhere.
     """
 
     def __init__(self, scene):
@@ -27,9 +30,11 @@ class Poses:
         count = len(scene.objects)
         self._room = np.empty(max(self._library.scene_poses_room(count), 1))
         self._poses = ctypes.create_string_buffer(self._library.scene_poses_bytes())
-        self._library.pandis_poses_open(
+        error = self._library.pandis_poses_open(
             self._poses, scene.placed_address, count, self._room.ctypes.data
         )
+        if error:
+            raise PandisError(runtime().pandis_error(error).decode())
         self._count = count
 
     def give(self, rotations, translations, velocities, spins, period):
