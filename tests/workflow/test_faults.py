@@ -27,7 +27,7 @@ STAGES = {
     "summary": "summary.csv",
     "report": "report.html",
 }
-QUICK = ("train", "validate")
+QUICK = ("train",)
 
 
 def kill_at(folder, text, command=("-j2", "all", *FAST)):
