@@ -14,6 +14,7 @@ from pandis.hardware.pressing import Contact
 from pandis.hardware.proxies import (
     LEAST,
     MOST,
+    Surfaces,
     Truth,
     feel_for,
     felt_again,
@@ -30,6 +31,7 @@ from pandis.run.options import AttachedOptions
 from verdicts import PRESSED, SOUND, WHOLE, changed
 
 METRES = SIZE / UNIT_SIDE
+PLAIN = Surfaces({}, {})
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +52,10 @@ def ball():
 def test_a_feel_is_of_the_configuration_and_fits_into_the_deadline(files):
     exact, grid = NativeField(files["exact"]), NativeField(files["trilinear"])
     rubs = ContactOptions(sticking=0.5, radius=1e-3, materials={"fur": MaterialOptions(drag=2.0)})
-    feel, materials, lacks = feel_for(exact, None, rubs, SIZE, 1e-6, 8e-4)
+    feel, surfaces, lacks = feel_for(exact, None, rubs, SIZE, 1e-6, 8e-4)
     assert (feel.radius, feel.queries, lacks) == (1e-3, MOST, "")
     assert (feel.materials[0].sticking, feel.materials[0].sliding) == (0.5, 0.5)
-    assert list(materials) == ["the surface"]  # its file names no materials
+    assert list(surfaces.materials) == ["the surface"]  # its file names no materials
     assert feel_for(exact, None, rubs, SIZE, 4e-5, 8e-4)[0].queries == 10
     assert feel_for(exact, None, rubs, SIZE, 1e-3, 8e-4)[0].queries == LEAST
     seven = rubs.model_copy(update={"queries": 7})
@@ -67,7 +69,7 @@ def test_a_ball_lets_no_hand_through_and_a_smaller_one_does(files, ball):
     places, truth, way = ball
     field = NativeField(files["sphere"])
     options = task(devices=["touch", "omega-3"], stiffness=100.0)
-    found = try_proxy(field, Feel(), {}, way, places, WHOLE, truth, options)
+    found = try_proxy(field, Feel(), PLAIN, way, places, WHOLE, truth, options)
     assert found.in_time
     assert 0 < found.queries["p50"] <= 4
     for name, device in found.devices.items():
@@ -89,7 +91,7 @@ def test_a_ball_lets_no_hand_through_and_a_smaller_one_does(files, ball):
 def test_a_proxy_that_a_wall_lets_through_arms_nothing(ball, files):
     places, truth, way = ball
     field, options = NativeField(files["sphere"]), task(devices=["touch"])
-    found = try_proxy(field, Feel(), {}, way, places, WHOLE, truth, options).devices["touch"]
+    found = try_proxy(field, Feel(), PLAIN, way, places, WHOLE, truth, options).devices["touch"]
     spec = DEVICES["touch"]
     assert stiffness_for(400.0, spec, found, WHOLE) == (pytest.approx(0.7 * 400), "")
     through = changed(found, passes=1)
@@ -106,7 +108,7 @@ def test_a_proxy_that_touched_nothing_is_not_called_in_time(ball, files):
     places, truth, way = ball
     field, options = NativeField(files["sphere"]), task(devices=[])
     beside = way + 10 * np.abs(way).max()
-    found = try_proxy(field, Feel(), {}, beside, places, WHOLE, truth, options)
+    found = try_proxy(field, Feel(), PLAIN, beside, places, WHOLE, truth, options)
     assert (found.touching_share, found.in_time) == (0.0, False)
     assert "touched nothing" in paragraph(SOUND, {}, options, found)
 
@@ -116,7 +118,7 @@ def test_without_the_file_that_knows_its_materials_a_proxy_is_refused(ball, file
     places, truth, way = ball
     field, options = NativeField(files["sphere"]), task(devices=[])
     rubber, steel = {"sticking": 0.9, "sliding": 0.7}, {"sticking": 0.1, "sliding": 0.1}
-    made = {"the surface": rubber}
+    made = Surfaces({"the surface": rubber}, {})
     one = try_proxy(field, Feel(), made, way, places, WHOLE, truth, options)
     (same,) = felt_again(field, one, SIZE, tmp_path).materials
     assert (same.sticking, same.sliding) == (0.9, 0.7)
@@ -159,7 +161,7 @@ def test_a_whole_validation_arms_with_the_proxys_own_figure(libraries, files, ba
         task(devices=[], seconds=0.05, attached={"library": str(libraries[0])}),
     )
     feel = Feel()
-    verdict = try_proxy(field, feel, {}, way, places, WHOLE, truth, options)
+    verdict = try_proxy(field, feel, PLAIN, way, places, WHOLE, truth, options)
     assert verdict.devices == {}
     felt = _Felt(feel, verdict, truth)
     _, found = _attached(field, places, SOUND, {}, options, felt)

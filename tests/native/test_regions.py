@@ -128,14 +128,19 @@ def surface_points(mesh, count):
 
 
 def exported(mesh, kind):
-    """Return a file of a mesh's field."""
+    """Return a file of a mesh's field, opened."""
+    return NativeField(file_of(mesh, kind))
+
+
+def file_of(mesh, kind):
+    """Return what a file of a mesh's field holds."""
     body = Body.open(mesh)
     field = ExactField("exact", body)
     if kind == "compact":
         arrays, record = build_compact(body, 16, 0, lambda text: None)
         packed = artifact("compact", arrays, record.attributes() | body.frame.attributes())
         field = CompactField("compact-16", packed)
-    return NativeField(export_native(field, kind, {}, 32, body, lambda text: None))
+    return export_native(field, kind, {}, 32, body, lambda text: None)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from test_contact import metres, opened, placed, surface_of
 
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.contact import TOUCHING, Feel, Material, NativeContact
-from pandis.native.contact.surfaces import HEIGHT, Texture, texture_for
+from pandis.native.contact.surfaces import HEIGHT, Texture, texture_for, textures_for
 from pandis.native.runtime import NativeField
 from pandis.run.contacts import ContactOptions
 
@@ -19,13 +19,13 @@ def ball(files):
     return placed(field), UNIT_SIDE / field.frame.scale / 0.1
 
 
-def heights(texture, points):
-    """Return heights (n,) and gradients (n, 3) of a texture, as C gives them."""
+def heights(texture, points, region=-1):
+    """Return heights (n,) and gradients (n, 3) of a texture in a region, as C gives them."""
     function, found = HEIGHT(texture.height), []
     for point in points:
         gradient = (ctypes.c_double * 3)()
         given = (ctypes.c_double * 3)(*point)
-        raised = function(texture.data, ctypes.pointer(given), -1, ctypes.pointer(gradient))
+        raised = function(texture.data, ctypes.pointer(given), region, ctypes.pointer(gradient))
         found.append((raised, *gradient))
     return np.array(found)[:, 0], np.array(found)[:, 1:]
 
@@ -110,9 +110,9 @@ def test_a_texture_of_a_users_own_may_say_no_number(files):
 def test_a_texture_of_the_configuration_is_in_metres_of_the_object(files):
     where, per_metre = ball(files)
     asked = ContactOptions(texture={"kind": "waves", "height": 2e-4, "length": 4e-3})
-    texture = texture_for(asked, where.scale)
+    texture = texture_for(textures_for(asked, None), where.scale)
     assert texture.most == pytest.approx(2e-4 * per_metre)
-    assert texture_for(ContactOptions(), where.scale) is None
+    assert texture_for(textures_for(ContactOptions(), None), where.scale) is None
     path = np.linspace(0.06, 0.045, 100)[:, None] * np.array([[0.6, 0.0, 0.8]])
     alone = NativeContact(where, texture=texture).follow(path)
     scene = Feel(texture=texture).scene(where).follow(path)

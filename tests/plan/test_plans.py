@@ -320,6 +320,28 @@ def test_a_scene_may_ask_for_a_field_that_is_not_listed(workspace):
     assert plan(workspace) == wanted
 
 
+def test_a_scene_with_materials_brings_the_mesh_that_knows_where_they_are(workspace):
+    """A grid knows no regions: a mesh that is listed says them, a compact one before the exact."""
+    felt = SCENE | {"contact": {"materials": {"rubber": {"sticking": 0.9}}}}
+    change(workspace, scenes={"table": felt, "other": SCENE})
+    wanted = {("mesh", "torus"), ("bake", "torus", "force", "24")}
+    wanted |= {("scene", None, "table"), ("scene", None, "other")}
+    assert plan(workspace) == wanted | native("trilinear-24", "exact", meshes=["torus"])
+
+    def beside(scene, *fields, listed=("exact", "compact-auto")):
+        objects = {f"o{i}": {"mesh": "t", "field": field} for i, field in enumerate(fields)}
+        meshes = {"t": {"source": "analytic:torus", "fields": [*listed, "tricubic-24"]}}
+        config = {"meshes": meshes, "scenes": {"table": scene | {"objects": objects}}}
+        asked = Plan(config, ROOT / "workflow").stage_options("scene", scene="table").objects
+        return [placed.beside for placed in asked]
+
+    assert beside(SCENE, "tricubic-24") == [None]
+    given = "exact", "tricubic-24", "compact-12"
+    assert beside(felt, *given) == [None, "compact-auto", None]
+    assert beside(felt, *given, listed=["exact"]) == [None, "exact", None]
+    assert beside(felt, *given, listed=[]) == [None, None, None]
+
+
 def test_moving_an_object_tries_the_scene_alone(rerun):
     """What a run without scenes has built is taken."""
     change(rerun, scenes={"table": SCENE})

@@ -11,9 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pandis.errors import PandisError
+from pandis.evaluation.scene_header import scene_header
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.contact import Material, NativeContact, TouchedScene
-from pandis.native.contact.surfaces import materials_for, texture_for
+from pandis.native.contact.surfaces import materials_for, texture_for, textures_for
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 from pandis.run.machine import describe
@@ -57,10 +58,9 @@ def try_scene(name, files, options, progress, log):
     answer = scene.answer(points, timed=True)
     different = _compare(scene, points, answer.force, progress)
     touched = answer.force.any(axis=1)
-    described = [
-        _describe(asked, placed) for asked, placed in zip(options.objects, objects, strict=True)
-    ]
-    felt, proxies, no_proxies = _touch(objects, described, points, options.radius)
+    beside = [opened.get((asked.mesh, asked.beside)) for asked in options.objects]
+    described = list(map(_describe, options.objects, objects, beside))
+    felt, proxies, no_proxies = _touch(objects, described, beside, points, options.radius)
     record = SceneRecord(
         objects=described,
         ticks=len(points),
@@ -87,7 +87,8 @@ def try_scene(name, files, options, progress, log):
         "seconds": answer.seconds,
     } | felt
     text = json.dumps(record.attributes(), indent=2) + "\n"
-    return arrays, record.attributes() | {"header": header(name, record.objects)}, text
+    header = scene_header(name, record.objects, options.radius)
+    return arrays, record.attributes() | {"header": header}, text
 
 
 def _place(asked, field):
@@ -96,18 +97,21 @@ def _place(asked, field):
     return Placed.at(field, asked.size, asked.stiffness, asked.position, rotation)
 
 
-def _describe(asked, placed):
+def _describe(asked, placed, beside):
+    names = placed.field.region_names or (beside.region_names if beside else ())
     return PlacedRecord(
         **dict(asked),
         file=placed.field.path.as_posix(),
+        beside_file=beside.path.as_posix() if beside else None,
         rotation_matrix=placed.rotation.tolist(),
         translation=placed.translation.tolist(),
         scale=placed.scale,
-        materials=materials_for(asked.contact, placed.field.region_names),
+        materials=materials_for(asked.contact, names),
+        textures=textures_for(asked.contact, names),
     )
 
 
-def _touch(objects, described, points, radius):
+def _touch(objects, described, beside, points, radius):
     """Go the same way through proxies; return arrays, a `TouchedRecord`, and why there is none."""
     for asked, placed in zip(described, objects, strict=True):
         if asked.contact.kind == "penalty":
@@ -117,8 +121,8 @@ def _touch(objects, described, points, radius):
         except PandisError as error:
             return {}, None, f"{asked.name}: {error}"
     materials = [[Material(**made) for made in asked.materials.values()] for asked in described]
-    textures = [texture_for(a.contact, p.scale) for a, p in zip(described, objects, strict=True)]
-    scene = TouchedScene(objects, radius, materials, textures=textures)
+    textures = [texture_for(asked.textures, asked.scale) for asked in described]
+    scene = TouchedScene(objects, radius, materials, beside, textures=textures)
     answer = scene.follow(points, _PERIOD, timed=True)
     every = scene.step_all(points, _PERIOD)
     record = TouchedRecord(
@@ -196,47 +200,4 @@ def _proxies(record):
     return (
         f"through proxies {made.queries_mean:.2f} queries per tick, at most {made.queries_max}, "
         f"{made.median_us:.2g} µs, p99.9 {made.p999_us:.2g}"
-    )
-
-
-def header(name, objects):
-    """Return the C header of a scene: the files to open, and where their objects lie."""
-    prefix = name.replace("-", "_")
-    files = list(dict.fromkeys(placed.file for placed in objects))
-    rows = []
-    for placed in objects:
-        numbers = ", ".join(repr(v) for row in placed.rotation_matrix for v in row)
-        place = ", ".join(map(repr, placed.translation))
-        tail = f"{placed.scale!r}, {float(placed.stiffness)!r}"
-        comment = f"/* {placed.name} */"
-        rows.append(
-            f"    {{{prefix}_fields + {files.index(placed.file)}, {{{numbers}}}, {{{place}}}, "
-            f"{tail}}}, {comment}"
-        )
-    listed = ",\n".join(f'    "{path}"' for path in files)
-    made = [
-        ", ".join("{" + ", ".join(repr(float(v)) for v in m.values()) + "}" for m in of.values())
-        for of in (placed.materials for placed in objects)
-    ]
-    materials = "".join(f"static const pandis_material {prefix}_material_{i}[] = {{{each}}};\n"
-                        for i, each in enumerate(made))  # fmt: skip
-    upper, count = prefix.upper(), range(len(objects))
-    return (
-        f"/* The scene {name}, made by pandis: metres and newtons. Open its files in this order\n"
-        f" * into {prefix}_fields, then pandis_scene_open({prefix}_objects, {upper}_OBJECTS).\n"
-        f" * For proxies: pandis_scene_touch_open with {prefix}_materials, and then give each\n"
-        f" * contact its number of materials, {prefix}_material_counts. */\n"
-        '#include "pandis.h"\n\n'
-        f"#define {upper}_FILES {len(files)}\n"
-        f"#define {upper}_OBJECTS {len(objects)}\n\n"
-        f"static const char *const {prefix}_files[] = {{\n{listed}\n}};\n"
-        f"static pandis_field {prefix}_fields[{len(files)}];\n"
-        f"static pandis_object {prefix}_objects[] = {{\n" + "\n".join(rows) + "\n};\n"
-        "/* friction at rest, sliding, damping, drag: of each region */\n"
-        f"{materials}"
-        f"static const pandis_material *const {prefix}_materials[] = {{"
-        + ", ".join(f"{prefix}_material_{i}" for i in count)
-        + f"}};\nstatic const int32_t {prefix}_material_counts[] = {{"
-        + ", ".join(str(len(placed.materials)) for placed in objects)
-        + "};\n"
     )

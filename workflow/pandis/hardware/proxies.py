@@ -11,7 +11,7 @@ from pandis.hardware.passes import ABOVE, draw, free_starts, judge, run
 from pandis.hardware.pressing import Hand, press
 from pandis.hardware.verdict import proxy_sentence, proxy_verdict
 from pandis.native.contact import BEHIND, TOUCHING, Feel, Material, NativeContact
-from pandis.native.contact.surfaces import materials_for, texture_for
+from pandis.native.contact.surfaces import materials_for, texture_for, textures_for
 from pandis.native.runtime import NativeField
 from pandis.native.scene import Placed
 from pandis.run.records.hardware import ProxyVerdict, TouchVerdict
@@ -21,6 +21,13 @@ from pandis.streams import PRESSES, generator
 LEAST, MOST, SHARE = 6, 24, 0.5
 #: Largest angle between a press and the normal, rad.
 _SLANT = 0.3
+
+
+class Surfaces(NamedTuple):
+    """What the materials of an object feel like, by their names, as a report tells it."""
+
+    materials: dict
+    textures: dict
 
 
 class Truth(NamedTuple):
@@ -72,24 +79,25 @@ def feel_for(field, beside, contact, size, seconds, deadline):
     -------
     feel : pandis.native.contact.Feel or None
         None where there is no proxy.
-    materials : dict of str to dict
-        What the materials feel like, by their names.
+    surfaces : Surfaces
+        Likewise None.
     lacks : str
         Empty, or why there is no proxy.
     """
     if contact.kind == "penalty":
-        return None, {}, "contact.kind asks for penalty forces"
+        return None, None, "contact.kind asks for penalty forces"
     try:
         NativeContact(Placed.at(field, 1.0, 1.0))
     except PandisError as error:
-        return None, {}, str(error)
+        return None, None, str(error)
     regions = None if field.region_names else beside
-    materials = materials_for(contact, field.region_names or (regions and regions.region_names))
+    names = field.region_names or (regions and regions.region_names)
+    materials, textures = materials_for(contact, names), textures_for(contact, names)
     fit = int(SHARE * deadline / seconds) if seconds > 0 else MOST
     queries = contact.queries or min(max(fit, LEAST), MOST)
     made = tuple(Material(**values) for values in materials.values())
-    texture = texture_for(contact, Placed.at(field, size, 1.0).scale)
-    return Feel(contact.radius, made, regions, queries, texture), materials, ""
+    texture = texture_for(textures, Placed.at(field, size, 1.0).scale)
+    return Feel(contact.radius, made, regions, queries, texture), Surfaces(materials, textures), ""
 
 
 def regions_among(exports):
@@ -134,17 +142,17 @@ def felt_again(field, verdict, size, folder):
                 f"{', '.join(verdict.materials)}, and no file here says which of them a place is "
                 "made of; put exact.pandis or the compact file of the same run beside the field"
             )
-    texture = texture_for(verdict, Placed.at(field, size, 1.0).scale)
+    texture = texture_for(verdict.textures, Placed.at(field, size, 1.0).scale)
     return Feel(verdict.radius, materials, beside, verdict.budget, texture)
 
 
-def try_proxy(field, feel, materials, path, surface, walls, truth, options):
+def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
     """Try a field through a proxy.
 
     Parameters
     ----------
     field : pandis.native.runtime.NativeField
-    feel, materials
+    feel, surfaces
         From `feel_for`.
     path : ndarray, shape (n, 3), m
         Of the probe, tick by tick, from outside.
@@ -170,8 +178,7 @@ def try_proxy(field, feel, materials, path, surface, walls, truth, options):
     touching = float(((touches.state & TOUCHING) > 0).mean())
     return ProxyVerdict(
         radius=feel.radius,
-        materials=materials,
-        texture=options.contact.texture,
+        **surfaces._asdict(),
         budget=feel.queries,
         queries=_levels(touches.queries),
         compute_us=_levels(1e6 * seconds),

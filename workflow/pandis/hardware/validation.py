@@ -101,10 +101,10 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
         ticks, servo = validate(field, frame, points, reference, lacks, options)
         devices, attached = press_devices(field, surface, lacks, options), None
         query = servo.compute_us["p50"] * 1e-6
-        feel, materials, no_proxy = feel_for(
+        feel, surfaces, no_proxy = feel_for(
             field, beside, options.contact, options.size, query, most
         )
-        proxy = feel and try_proxy(field, feel, materials, path_in, surface, lacks, truth, options)
+        proxy = feel and try_proxy(field, feel, surfaces, path_in, surface, lacks, truth, options)
         if options.attached:
             run = _Felt(feel, proxy, truth) if feel else None
             more, attached = _attached(field, surface, servo, devices, options, run)

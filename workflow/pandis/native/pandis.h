@@ -358,7 +358,8 @@ typedef struct {
 
 /* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
  * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
- * longer than `steepest`. Walls hold as they do without it, for it only adds. */
+ * longer than `steepest`. Walls hold as they do without it, for it only adds. Slopes up to 0.7 are followed; on steeper
+ * ones the proxy falls behind. */
 typedef struct {
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data;
@@ -376,6 +377,15 @@ typedef struct {
     double height, length;
 } pandis_bumps;
 PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
+
+/* A texture of its own for each region: `count` of them in the order of the regions, of which one whose height is NULL is
+ * smooth. What has no region, or one beyond them, has the first, as with materials. The texture that is made of them has
+ * pandis_by_region for its height, and the largest `most` and `steepest` of them all. */
+typedef struct {
+    const pandis_texture *textures;
+    int32_t count;
+} pandis_patches;
+PANDIS_API double pandis_by_region(const void *patches, const double point[3], int region, double gradient[3]);
 
 /* What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which
  * is where the device is, hangs on it by a spring. All zero, and then pandis_contact_open. One contact belongs to one
@@ -3020,6 +3030,13 @@ PANDIS_API double pandis_noise(const void *bumps, const double point[3], int reg
     }
     return sum;
 }
+
+PANDIS_API double pandis_by_region(const void *patches, const double point[3], int region, double gradient[3]) {
+    const pandis_patches *p = (const pandis_patches *)patches;
+    const pandis_texture *t = p->textures + (region > 0 && region < p->count ? region : 0);
+    if (t->height) return t->height(t->data, point, region, gradient);
+    return gradient[0] = gradient[1] = gradient[2] = 0;
+}
 /* ---------------------------------------------------------------- planes that a proxy touches */
 
 #define PANDIS__PLANES 4 /* three that are kept, and the one of the last look */
@@ -3147,7 +3164,7 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
     for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
     *distance = (*distance - raised) / sqrt(1 + steep);
-    *free = fmin(*free, (*free - raised) / (1 + 2 * t->steepest)), *sure -= t->most * f->scale;
+    *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 
 /* Look at a point; 0 if there is no answer. */

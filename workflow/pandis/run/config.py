@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, WithJsonSchema, field_validator, model_validator
 
 from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
-from pandis.run.contacts import ContactOptions
+from pandis.run.contacts import ContactOptions, SurfaceOptions
 from pandis.run.options import (
     BakeOptions,
     BudgetOptions,
@@ -169,11 +169,12 @@ class SceneOptions(Options):
     )
     speed: Positive = Field(0.5, le=10, description="of the probe on it, m/s")
     radius: float = Field(
-        0.0,
-        ge=0,
-        le=0.1,
-        description="of the probe, m, where it goes through proxies; friction and damping of the "
-        "objects are those of their meshes (`contact`)",
+        0.0, ge=0, le=0.1, description="of the probe, m, where it goes through proxies"
+    )
+    contact: SurfaceOptions | None = Field(
+        None,
+        description="how its objects are felt: as under `contact`, without a probe; null: as their "
+        "meshes are",
     )
 
 

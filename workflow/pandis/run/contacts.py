@@ -6,6 +6,41 @@ from pydantic import Field, field_validator, model_validator
 
 from pandis.run.values import Options, Positive
 
+#: Length of a texture over its largest height: then a slope is at most 0.65.
+_STEEPEST = 5
+
+
+class TextureOptions(Options):
+    """A height over the surface, which a proxy feels."""
+
+    kind: Literal["noise", "waves", "smooth"] = Field(
+        "noise",
+        description="bumps, as if drawn at random, or waves across `direction`; `smooth`: none, "
+        "for a material of an object that has a texture",
+    )
+    height: Positive = Field(
+        1e-4, le=0.01, description="of the highest, m; at most a fifth of the length"
+    )
+    length: Positive = Field(2e-3, le=1, description="from one to the next, m")
+    direction: tuple[float, float, float] = Field(
+        (1.0, 0.0, 0.0), description="across which waves lie, in the mesh's coordinates"
+    )
+
+    @model_validator(mode="after")
+    def _can_be_followed(self):
+        if self.height > self.length / _STEEPEST:
+            raise ValueError(
+                f"height is at most length / {_STEEPEST}: a proxy cannot follow steeper ones"
+            )
+        return self
+
+    @field_validator("direction")
+    @classmethod
+    def _leads_somewhere(cls, value):
+        if not any(value):
+            raise ValueError("a direction is not 0, 0, 0")
+        return value
+
 
 class MaterialOptions(Options):
     """What a surface feels like, beside its stiffness."""
@@ -33,6 +68,9 @@ class MaterialOptions(Options):
     drag: float = Field(
         0.0, ge=0, allow_inf_nan=False, description="damping along the surface, Ns/m"
     )
+    texture: TextureOptions | None = Field(
+        None, description="a height over the surface; null: none, or the whole object's"
+    )
 
     @model_validator(mode="after")
     def _sticks_more(self):
@@ -41,31 +79,11 @@ class MaterialOptions(Options):
         return self
 
 
-class TextureOptions(Options):
-    """A height over the surface, which a proxy feels."""
+class SurfaceOptions(MaterialOptions):
+    """How an object is felt: by a proxy that no wall lets through, or by penalty forces.
 
-    kind: Literal["noise", "waves"] = Field(
-        "noise", description="bumps, as if drawn at random, or waves across `direction`"
-    )
-    height: Positive = Field(1e-4, le=0.01, description="of the highest, m")
-    length: Positive = Field(2e-3, le=1, description="from one to the next, m")
-    direction: tuple[float, float, float] = Field(
-        (1.0, 0.0, 0.0), description="across which waves lie, in the mesh's coordinates"
-    )
-
-    @field_validator("direction")
-    @classmethod
-    def _leads_somewhere(cls, value):
-        if not any(value):
-            raise ValueError("a direction is not 0, 0, 0")
-        return value
-
-
-class ContactOptions(MaterialOptions):
-    """How a device feels the object: by a proxy that no wall lets through, or by penalty forces.
-
-    The materials that a mesh file names can each have their own friction and damping; the first
-    four options are those of every other surface.
+    The materials that a mesh file names can each have their own friction, damping and texture; the
+    options of a material are those of every other surface.
     """
 
     kind: Literal["proxy", "penalty"] = Field(
@@ -76,16 +94,19 @@ class ContactOptions(MaterialOptions):
         "(`nearest`, `trilinear`) have penalty forces alone. Errors are always those of penalty "
         "forces",
     )
+    materials: dict[str, MaterialOptions] = Field(
+        default_factory=dict,
+        description="by the names of materials in the mesh's file (OBJ, glTF, 3MF), or in the "
+        "array beside it: friction, damping and texture",
+    )
+
+
+class ContactOptions(SurfaceOptions):
+    """How a device feels the object, and with which probe."""
+
     radius: float = Field(0.0, ge=0, le=0.1, description="of the probe, m; 0: a point")
     queries: Annotated[int, Field(ge=6, le=1000)] | None = Field(
         None,
         description="queries of the field that a tick may take; what is left goes on in the next "
         "one. null: as many as fit into half of `hardware.deadline` on this machine, from 6 to 24",
-    )
-    materials: dict[str, MaterialOptions] = Field(
-        default_factory=dict,
-        description="by the names of materials in the mesh's file (OBJ, glTF, 3MF): what differs",
-    )
-    texture: TextureOptions | None = Field(
-        None, description="a height over the whole surface; null: none"
     )

@@ -5,10 +5,14 @@ This module stands on the ground floor, as `pandis.run.config` does.
 
 import re
 
-from pandis.run.catalogue import MESH_NAME, parse_field
+from pandis.run.catalogue import COMPACT, MESH_NAME, parse_field
 from pandis.run.config import SceneOptions
+from pandis.run.contacts import SurfaceOptions
 from pandis.run.faults import faults_of, name_faults, raise_faults
 from pandis.run.tasks import PlacedObject, SceneTask
+
+#: Kinds of fields whose files say which material a place is made of.
+_WITH_REGIONS = COMPACT, "exact"
 
 
 def load_scenes(raw, entries):
@@ -73,10 +77,9 @@ def needed(entries, scenes):
         return entries
     fields = {}
     for scene in scenes.values():
-        for placed in scene.objects.values():
+        for placed in scene_task(scene, entries).objects:
             names = fields.setdefault(placed.mesh, [])
-            if placed.field not in names:
-                names.append(placed.field)
+            names += [n for n in (placed.field, placed.beside) if n and n not in names]
     return {
         mesh: entry.model_copy(update={"fields": fields[mesh]})
         for mesh, entry in entries.items()
@@ -88,8 +91,25 @@ def scene_task(scene, entries):
     """Return what the stage of a scene is asked: its objects with everything filled in."""
     objects = []
     for name, placed in scene.objects.items():
-        device = dict(entries[placed.mesh].device)
+        entry = entries[placed.mesh]
         given = {key: value for key, value in dict(placed).items() if value is not None}
-        contact = entries[placed.mesh].contact
-        objects.append(PlacedObject(**device | given, name=name, contact=contact))
+        contact = scene.contact or SurfaceOptions(
+            **{key: getattr(entry.contact, key) for key in SurfaceOptions.model_fields}
+        )
+        beside = _knows_regions(entry, placed.field) if contact.materials else None
+        felt = {"name": name, "contact": contact, "beside": beside}
+        objects.append(PlacedObject(**dict(entry.device) | given | felt))
     return SceneTask(objects=objects, ticks=scene.ticks, speed=scene.speed, radius=scene.radius)
+
+
+def _knows_regions(entry, name):
+    """Return the field of a mesh that says what a place is made of where another field does not.
+
+    None if that field says it, or if no field of the mesh does; a compact mesh before the exact
+    one.
+    """
+    if parse_field(name, entry.train).kind in _WITH_REGIONS:
+        return None
+    specs = (parse_field(each, entry.train) for each in entry.fields)
+    known = sorted((s.kind, s.name) for s in specs if s.kind in _WITH_REGIONS)
+    return known[0][1] if known else None

@@ -252,8 +252,9 @@ class Plan:
 
     def scene_fields(self, wildcards):
         """Return the files for ``pandis.h`` of the objects of a scene, each once."""
-        objects = self.scenes[wildcards.scene].objects.values()
-        files = (f"{self.folder}/{placed.mesh}/export/{placed.field}.pandis" for placed in objects)
+        objects = scene_task(self.scenes[wildcards.scene], self.entries).objects
+        pairs = [(p.mesh, name) for p in objects for name in (p.field, p.beside) if name]
+        files = (f"{self.folder}/{mesh}/export/{field}.pandis" for mesh, field in pairs)
         return list(dict.fromkeys(files))
 
     def unexported(self, wildcards):

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pandis.run.contacts import ContactOptions
+from pandis.run.contacts import ContactOptions, SurfaceOptions
 from pandis.run.options import (
     BudgetOptions,
     DeviceOptions,
@@ -176,7 +176,10 @@ class ValidateTask(HardwareOptions, DeviceOptions):
 
 
 class PlacedObject(Options):
-    """An object of a scene: metres, degrees about the axis, N/m."""
+    """An object of a scene: metres, degrees about the axis, N/m.
+
+    ``beside`` is a field of the same mesh that says which material a place is made of.
+    """
 
     name: str
     mesh: str
@@ -185,7 +188,8 @@ class PlacedObject(Options):
     rotation: tuple[float, float, float]
     size: float
     stiffness: float
-    contact: ContactOptions = Field(default_factory=ContactOptions)
+    contact: SurfaceOptions = Field(default_factory=SurfaceOptions)
+    beside: str | None = None
 
 
 class SceneTask(Options):

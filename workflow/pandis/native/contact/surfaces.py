@@ -10,6 +10,8 @@ from pandis.native.compiler import load
 SOURCE = Path(__file__).with_name("contact.c")
 #: What a surface is called that is of one material.
 WHOLE = "the surface"
+#: The kind of a texture that is none.
+SMOOTH = "smooth"
 
 
 class Material(ctypes.Structure):
@@ -33,7 +35,7 @@ def materials_for(contact, names):
 
     Parameters
     ----------
-    contact : pandis.run.contacts.ContactOptions
+    contact : pandis.run.contacts.SurfaceOptions
     names : sequence of str or None
         Of the regions; if there are none, the whole surface is of one material.
 
@@ -54,18 +56,43 @@ def materials_for(contact, names):
     }
 
 
-def texture_for(contact, scale):
-    """Return the texture that a configuration asks for, or None.
+def textures_for(contact, names):
+    """Return the textures of an object's materials, in the order of its regions.
 
     Parameters
     ----------
-    contact : pandis.run.contacts.ContactOptions
+    contact : pandis.run.contacts.SurfaceOptions
+    names : sequence of str or None
+        Of the regions.
+
+    Returns
+    -------
+    dict of str to (pandis.run.contacts.TextureOptions or None)
+        Empty if none has one.
+    """
+    asked = {name: contact.materials.get(name, contact).texture for name in names or (WHOLE,)}
+    textures = {
+        name: None if texture is None or texture.kind == SMOOTH else texture
+        for name, texture in ((name, each or contact.texture) for name, each in asked.items())
+    }
+    return textures if any(textures.values()) else {}
+
+
+def texture_for(textures, scale):
+    """Return what a proxy feels of the textures of an object, or None.
+
+    Parameters
+    ----------
+    textures : dict of str to (pandis.run.contacts.TextureOptions or None)
+        From `textures_for`.
     scale : float
         Metres of the object's mesh unit.
     """
-    asked = contact.texture
-    if asked is None:
-        return None
+    made = [asked and _made(asked, scale) for asked in textures.values()]
+    return made[0] if len(made) == 1 else Texture.by_region(made) if made else None
+
+
+def _made(asked, scale):
     height, length = asked.height / scale, asked.length / scale
     if asked.kind == "noise":
         return Texture.noise(height, length)
@@ -85,6 +112,10 @@ HEIGHT = ctypes.CFUNCTYPE(
 )  # fmt: skip
 
 
+class _Patches(ctypes.Structure):
+    _fields_ = (("textures", ctypes.c_void_p), ("count", ctypes.c_int32))
+
+
 class Texture(ctypes.Structure):
     """A height over a surface, which a proxy feels; lengths of the mesh.
 
@@ -92,6 +123,10 @@ class Texture(ctypes.Structure):
     ----------
     most, steepest : float
         Its largest height, and the largest length of its gradient.
+    numbers : tuple of float
+        Of waves and bumps: height, length, and for waves the direction.
+    parts : list of Texture
+        Of one by region.
     """
 
     _fields_ = (
@@ -106,7 +141,7 @@ class Texture(ctypes.Structure):
         data = (ctypes.c_double * len(numbers))(*numbers)
         function = ctypes.cast(getattr(load(SOURCE), name), ctypes.c_void_p)
         made = cls(function, ctypes.addressof(data), most, steepest)
-        made._kept = data
+        made._kept, made.numbers = data, numbers
         return made
 
     @classmethod
@@ -119,6 +154,18 @@ class Texture(ctypes.Structure):
     def noise(cls, height, length):
         """Return bumps of a height, one for each cube of a length, as if drawn at random."""
         return cls._of("pandis_noise", height, 3.25 * height / length, height, length)
+
+    @classmethod
+    def by_region(cls, textures):
+        """Return that of regions, each with a texture, or with None where it is smooth."""
+        given = [cls() if each is None else each for each in textures]
+        table = (cls * len(given))(*given)
+        patches = _Patches(ctypes.addressof(table), len(given))
+        height = ctypes.cast(load(SOURCE).pandis_by_region, ctypes.c_void_p)
+        most, steepest = (max(getattr(each, k) for each in given) for k in ("most", "steepest"))
+        made = cls(height, ctypes.addressof(patches), most, steepest)
+        made._kept, made.parts = (table, patches), given
+        return made
 
     @classmethod
     def of(cls, function, most, steepest):

@@ -125,7 +125,8 @@ typedef struct {
 
 /* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
  * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
- * longer than `steepest`. Walls hold as they do without it, for it only adds. */
+ * longer than `steepest`. Walls hold as they do without it, for it only adds. Slopes up to 0.7 are followed; on steeper
+ * ones the proxy falls behind. */
 typedef struct {
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data;
@@ -143,6 +144,15 @@ typedef struct {
     double height, length;
 } pandis_bumps;
 PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
+
+/* A texture of its own for each region: `count` of them in the order of the regions, of which one whose height is NULL is
+ * smooth. What has no region, or one beyond them, has the first, as with materials. The texture that is made of them has
+ * pandis_by_region for its height, and the largest `most` and `steepest` of them all. */
+typedef struct {
+    const pandis_texture *textures;
+    int32_t count;
+} pandis_patches;
+PANDIS_API double pandis_by_region(const void *patches, const double point[3], int region, double gradient[3]);
 
 /* What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which
  * is where the device is, hangs on it by a spring. All zero, and then pandis_contact_open. One contact belongs to one

@@ -42,3 +42,10 @@ PANDIS_API double pandis_noise(const void *bumps, const double point[3], int reg
     }
     return sum;
 }
+
+PANDIS_API double pandis_by_region(const void *patches, const double point[3], int region, double gradient[3]) {
+    const pandis_patches *p = (const pandis_patches *)patches;
+    const pandis_texture *t = p->textures + (region > 0 && region < p->count ? region : 0);
+    if (t->height) return t->height(t->data, point, region, gradient);
+    return gradient[0] = gradient[1] = gradient[2] = 0;
+}

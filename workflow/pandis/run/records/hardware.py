@@ -124,7 +124,8 @@ class ProxyVerdict(Record):
         Of the probe, m.
     materials : dict of str to dict
         What surfaces feel like, by the names of their materials.
-    texture : pandis.run.contacts.TextureOptions or None
+    textures : dict of str to (pandis.run.contacts.TextureOptions or None)
+        By the same names; empty without any.
     budget : int
         Queries that a tick may take.
     queries, compute_us : dict of str to float
@@ -138,7 +139,7 @@ class ProxyVerdict(Record):
 
     radius: float
     materials: dict[str, dict]
-    texture: TextureOptions | None
+    textures: dict[str, TextureOptions | None]
     budget: int
     queries: dict[str, float]
     compute_us: dict[str, float]

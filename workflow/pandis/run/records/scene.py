@@ -1,5 +1,6 @@
 """The attributes of a scene's artifact, and its JSON file."""
 
+from pandis.run.contacts import TextureOptions
 from pandis.run.records.record import Record
 from pandis.run.tasks import PlacedObject
 
@@ -7,14 +8,17 @@ from pandis.run.tasks import PlacedObject
 class PlacedRecord(PlacedObject):
     """An object of a scene with its file and the map from its mesh's units to metres.
 
-    ``materials``: what its surface, or each of its regions, feels like, by name.
+    ``materials`` and ``textures``: what its surface, or each of its regions, feels like, by name;
+    ``beside_file``: of the mesh that says which region a place is of, where its field does not.
     """
 
     file: str
+    beside_file: str | None
     rotation_matrix: list[list[float]]
     translation: list[float]
     scale: float
     materials: dict[str, dict]
+    textures: dict[str, TextureOptions | None]
 
 
 class TouchedRecord(Record):
