@@ -24,13 +24,13 @@ class ExportedField(Field):
     """
 
     def __init__(self, name, source):
-        self._file = source if isinstance(source, NativeField) else NativeField(source)
-        self.keeps_length = self._file.kind == NETWORK
+        self.file = source if isinstance(source, NativeField) else NativeField(source)
+        self.keeps_length = self.file.kind == NETWORK
         #: A closed form is a formula in mesh units; all else has numbers of the unit frame, and is
         #: asked there, so that no digit is lost on the way to mesh units and back.
-        self._is_formula = self._file.kind == SHAPE
-        self._unit = None if self._is_formula else self._file.placed(_UNIT)
-        super().__init__(name, self._file.frame, self._file.bytes)
+        self._is_formula = self.file.kind == SHAPE
+        self._unit = None if self._is_formula else self.file.placed(_UNIT)
+        super().__init__(name, self.file.frame, self.file.bytes)
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
@@ -40,8 +40,8 @@ class ExportedField(Field):
         """Answer with flags (unit frame)."""
         if not self._is_formula:
             return Answer(*self._unit.query(points))
-        home = self._file.frame
-        distance, normal, flag = self._file.query(home.to_mesh(points))
+        home = self.file.frame
+        distance, normal, flag = self.file.query(home.to_mesh(points))
         return Answer(distance * home.scale, normal, flag)
 
     def clear(self, points):
@@ -55,12 +55,12 @@ class ExportedField(Field):
 
     def distance_and_normal(self, points):
         """Answer in mesh units: as a program would, but a closed form through its frame."""
-        asked = super() if self._is_formula else self._file
+        asked = super() if self._is_formula else self.file
         return asked.distance_and_normal(points)
 
     def placed(self, factor, offset):
         """Return the field as it would be, had its mesh come in other units and elsewhere."""
         moved = super().placed(factor, offset)
         if not self._is_formula:
-            moved._file = self._file.placed(moved.frame)
+            moved._file = self.file.placed(moved.frame)
         return moved

@@ -30,7 +30,7 @@ from pandis.run.records.model import ModelRecord
 from pandis.run.records.stress import StressRecord
 from pandis.run.records.timing import TimingRecord
 from pandis.stress.jumps import STEEP
-from pandis.stress.suite import QUESTIONS
+from pandis.stress.suite import PROXY_QUESTIONS, QUESTIONS
 
 
 def mesh_sections(meshes, threads, progress, note):
@@ -135,7 +135,8 @@ def mesh_section(name, artifacts, field_names):
         sentence=_sentence(rows, networks, bool(repaired.shape)),
         paths_said=verdict(evaluated.paths, models),
         repair=[rung.operation for rung in repaired.rungs if rung.kept],
-        verdicts=_verdicts(stressed),
+        verdicts=_verdicts(QUESTIONS, stressed.fields, stressed.failed),
+        proxy_verdicts=_verdicts(PROXY_QUESTIONS, stressed.proxies, stressed.proxies_failed),
         notes={n: _training(model) for n, model in models.items()},
         followed=trajectory.attributes["followed"],
         choice=_chosen(ChoiceRecord.of(artifacts["choice"])) if "choice" in artifacts else None,
@@ -179,14 +180,13 @@ def _chosen(record):
     }
 
 
-def _verdicts(stress):
+def _verdicts(questions, answers, failures):
     """Say of every field what it failed, and by how much, in a sentence."""
     return {
         field: "; ".join(
-            QUESTIONS[question].failing.format(**rows[question]) for question in failed
+            questions[question].failing.format(**answers[field][question]) for question in failed
         )
-        for field, failed in stress.failed.items()
-        for rows in [stress.fields[field]]
+        for field, failed in failures.items()
     }
 
 
@@ -294,6 +294,7 @@ def build(sections, refused=None):
         prices=PRICES,
         baselines=BASELINES,
         questions=QUESTIONS,
+        proxy_questions=PROXY_QUESTIONS,
         scripts=scripts,
         tables=paper.tables(sections),
         versions={k: v for section in sections for k, v in section.versions.items()},

@@ -36,8 +36,8 @@ class Section:
     versions : dict of str to str
     sentence, paths_said : str
     repair : list of str
-    verdicts, notes : dict of str to str
-        What a field failed; how a network was trained.
+    verdicts, proxy_verdicts, notes : dict of str to str
+        What a field failed, alone and through a proxy; how a network was trained.
     followed : str
         Why the path is less deep than was asked; empty if it is not.
     choice : dict or None
@@ -68,6 +68,7 @@ class Section:
     paths_said: str
     repair: list
     verdicts: dict
+    proxy_verdicts: dict
     notes: dict
     followed: str
     choice: dict | None

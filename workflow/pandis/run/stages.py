@@ -295,7 +295,9 @@ def _evaluate(job):
 
 
 def _stress(job):
-    return StressTask(**dict(job.entry.stress), **job.scale, fields=job.entry.fields, seed=job.seed)
+    entry = job.entry
+    asked = {"fields": entry.fields, "proxies": entry.contact.kind == "proxy", "seed": job.seed}
+    return StressTask(**dict(entry.stress), **job.scale, **asked)
 
 
 def _timing(job):

@@ -145,9 +145,10 @@ class EvaluateTask(EvaluationOptions, DeviceOptions):
 
 
 class StressTask(StressOptions, DeviceOptions):
-    """Put the fields under a device and a hand."""
+    """Put the fields under a device and a hand, and, if asked for, a proxy between them."""
 
     fields: list[str]
+    proxies: bool
     seed: int
 
 

@@ -13,6 +13,7 @@ from pandis.stress.coupled import closed_loop, presses, stable_stiffness
 from pandis.stress.jumps import jumps
 from pandis.stress.physical import Device
 from pandis.stress.probes import directions, shell_points
+from pandis.stress.proxy import Felt, holds, keeps, nothing, stays, surface_error, wander
 from pandis.stress.robust import (
     endurance,
     invariance,
@@ -100,6 +101,27 @@ QUESTIONS = {
         "{bad:,} answers of {ticks:,} are no numbers, {drift:,} changed",
     ),
 }
+#: What is asked of a field through a proxy, if it has one.
+PROXY_QUESTIONS = {
+    "holds": Question(
+        "Does every wall hold the proxy, and does friction keep it at rest?",
+        "worst",
+        "through a proxy {soft:.2%} of the surface holds less than half of k·depth, and on "
+        "{creeps:.2%} the proxy creeps ({limit:.1%} allowed)",
+    ),
+    "keeps": Question(
+        "Does a circling hand gain energy?",
+        "push_n",
+        "through a proxy a circling hand gains {push_n:.2g} N ({limit:.2g} allowed)",
+    ),
+    "stays": Question(
+        "Does the proxy stay outside on a long way, and the force within its bounds?",
+        "deepest_mm",
+        "on a long way the proxy lies {deepest_mm:.2g} mm deep ({limit:.2g} allowed), touches "
+        "in {touching:.0%} of the ticks, and {bad:,} of {ticks:,} forces are no numbers, or change "
+        "by more than they may",
+    ),
+}
 #: Points of the contact set; stratified surface points; points below them, and ways that begin
 #: there; points in free space; surface points whose walls are pushed into, and pressed on.
 CONTACTS, PLACES, SHELL, WAYS = 20_000, 2000, 4000, 40_000
@@ -176,6 +198,21 @@ class Suite:
                 break
         return answers
 
+    def touch(self, field):
+        """Ask one field everything through a proxy; returns as `ask` does, {} without a proxy."""
+        follow = Felt.of(field, self.scale)
+        return self.feel(follow, surface_error(field, self.contacts)) if follow else {}
+
+    def feel(self, follow, error):
+        """Ask what follows a path through a proxy, and whose surface is wrong by so much."""
+        rng, engine = streams.generator(self.seed, streams.WANDER), self.engine
+        way = wander(self.pushed, rng)
+        return {
+            "holds": holds(follow, self.pushed, self.scale),
+            "keeps": keeps(follow, engine, self.loops, self.device),
+            "stays": stays(follow, engine, error, way, self.scale),
+        }
+
     def _questions(self, field, progress):
         """Return what answers each question, in the order of `QUESTIONS`: the quick ones first."""
         rng = streams.generator(self.seed, streams.QUESTIONS)
@@ -200,7 +237,7 @@ class Suite:
         }
 
 
-def stress(fields, controls, suite, count, progress):
+def stress(fields, controls, suite, count, progress, proxies=True):
     """Ask all fields of a mesh.
 
     Parameters
@@ -213,13 +250,15 @@ def stress(fields, controls, suite, count, progress):
         Fields that are asked at a time, each in a process of its own.
     progress : callable
         Makes a `pandis.run.stage.Progress`.
+    proxies : bool
+        Whether fields that have one are asked through a proxy, too.
 
     Returns
     -------
     arrays, attributes : dict
         As stored in ``stress.zarr.zip``: by field the figures of every question and the list of
-        those it failed; fields that need a path are named under ``skipped``; the points pushed
-        into, and what the exact walls hold there.
+        those it failed, and the same through a proxy; fields that need a path are named under
+        ``skipped``; the points pushed into, and what the exact walls hold there.
 
     Raises
     ------
@@ -230,13 +269,23 @@ def stress(fields, controls, suite, count, progress):
              for control in controls}  # fmt: skip
     demand_failure("the stress suite", (name for name, failed in tried.items() if not failed))
     asked = [field for field in fields if not field.ordered]
-    answers = each(lambda field: suite.ask(field, progress), asked, count)
-    answered = {field.name: answer for field, answer in zip(asked, answers, strict=True)}
+    if proxies:
+        blind = not failures(suite.feel(nothing, 0.0))
+        demand_failure("the stress suite of proxies", ["a proxy that nothing holds"] * blind)
+
+    def both(field):
+        return suite.ask(field, progress), suite.touch(field) if proxies else {}
+
+    answers = dict(zip([field.name for field in asked], each(both, asked, count), strict=True))
+    answered = {name: answer for name, (answer, _) in answers.items()}
+    felt = {name: touched for name, (_, touched) in answers.items() if touched}
     holds = suite.thickness * suite.scale.newtons
     arrays = {"pushed": suite.pushed.feet, "holding_newtons": holds}
     record = StressRecord(
         fields=answered,
         failed={name: failures(answer) for name, answer in answered.items()},
+        proxies=felt,
+        proxies_failed={name: failures(answer) for name, answer in felt.items()},
         controls=tried,
         skipped={field.name: "its answers depend on the way" for field in fields if field.ordered},
         device=suite.device._asdict(),

@@ -12,6 +12,8 @@ class StressRecord(Record):
         By field and question of `pandis.stress.suite.QUESTIONS`: its figures.
     failed : dict of str to list of str
         By field: the questions that it failed.
+    proxies, proxies_failed : dict
+        Likewise of `pandis.stress.suite.PROXY_QUESTIONS`, of the fields that have a proxy.
     controls : dict of str to list of str
         By control.
     skipped : dict of str to str
@@ -24,6 +26,8 @@ class StressRecord(Record):
 
     fields: dict[str, dict[str, dict]]
     failed: dict[str, list[str]]
+    proxies: dict[str, dict[str, dict]]
+    proxies_failed: dict[str, list[str]]
     controls: dict[str, list[str]]
     skipped: dict[str, str]
     device: dict
