@@ -62,5 +62,5 @@ class ExportedField(Field):
         """Return the field as it would be, had its mesh come in other units and elsewhere."""
         moved = super().placed(factor, offset)
         if not self._is_formula:
-            moved._file = self.file.placed(moved.frame)
+            moved.file = self.file.placed(moved.frame)
         return moved
