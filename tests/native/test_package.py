@@ -111,6 +111,17 @@ def test_with_numpy_alone_and_no_compiler_it_answers_as_the_checkout_does(
             assert np.array_equal(answers[f"{what} {path}"], force), (path.name, what)
 
 
+def test_the_command_says_what_files_hold_with_numpy_alone(package, files, tmp_path):
+    _, installed, with_numpy = package
+    program = f"import sys; sys.path[:0] = {[str(installed), str(with_numpy)]}\n"
+    program += "from pandis.__main__ import main\nsys.exit(main(sys.argv[1:]))"
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", program, "info", *(files[name] for name in NAMES)],
+        env={"PATH": os.devnull, "HOME": str(tmp_path)}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.count("whole and undamaged") == len(NAMES)
+
+
 def test_the_wheel_is_small_and_for_all_linux_systems(package):
     wheel, _, _ = package
     assert wheel.stat().st_size <= 1_000_000

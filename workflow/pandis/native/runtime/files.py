@@ -4,6 +4,7 @@ import json
 import struct
 import zlib
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,8 +56,32 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
     return b"".join([_MAGIC, start, *pieces])
 
 
-def read_provenance(path):
-    """Return the provenance in a ``.pandis`` file.
+class Contents(NamedTuple):
+    """What the header of a ``.pandis`` file says, and its sections.
+
+    Attributes
+    ----------
+    version : int
+        Of the format.
+    wholes, reals : tuple of int, of float
+        By kind: see docs/format.md.
+    sections : dict of str to memoryview
+    """
+
+    version: int
+    wholes: tuple[int, ...]
+    reals: tuple[float, ...]
+    sections: dict[str, memoryview]
+
+    @property
+    def provenance(self):
+        """Where the field is from; None if the file does not say it."""
+        part = self.sections.get("PROV")
+        return None if part is None else json.loads(bytes(part))
+
+
+def read_contents(path):
+    """Return the `Contents` of a ``.pandis`` file.
 
     Raises
     ------
@@ -64,10 +89,25 @@ def read_provenance(path):
         It is no such file, or damaged.
     """
     NativeField(path)  # checks all of it
-    data = Path(path).read_bytes()
-    (count,) = struct.unpack_from("<I", data, 36)
+    data = memoryview(Path(path).read_bytes())
+    (version,), (count,) = struct.unpack_from("<I", data, 12), struct.unpack_from("<I", data, 36)
+    sections = {}
     for index in range(count):
         name, _, start, size = struct.unpack_from("<4sIQQ", data, _HEADER + _SECTION * index)
-        if name == b"PROV":
-            return json.loads(data[start : start + size])
-    raise ArtifactError(f"{path}: it has no provenance")
+        sections[name.decode()] = data[start : start + size]
+    wholes = struct.unpack_from(f"<{_WHOLES}i", data, 72)
+    return Contents(version, wholes, struct.unpack_from(f"<{_REALS}d", data, 128), sections)
+
+
+def read_provenance(path):
+    """Return the provenance in a ``.pandis`` file.
+
+    Raises
+    ------
+    ArtifactError
+        It is no such file, or damaged, or does not say where it is from.
+    """
+    provenance = read_contents(path).provenance
+    if provenance is None:
+        raise ArtifactError(f"{path}: it has no provenance")
+    return provenance

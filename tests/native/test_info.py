@@ -1,0 +1,75 @@
+"""The command `pandis info`: what it says of each kind of file, and of one that is damaged."""
+
+import json
+
+import pytest
+from test_header import resealed, section
+
+from pandis.__main__ import main
+from pandis.native.info import facts, told
+from pandis.native.runtime.files import read_contents, read_provenance
+
+#: What is said of a file of the fixture, by its name.
+SAID = {
+    "exact": "exact: a mesh of ",
+    "compact": " faces, its vertices on a lattice of ",
+    "spline": "spline: two banded lattices of ",
+    "tricubic": "tricubic: ",
+    "trilinear": "trilinear: ",
+    "network": "network: ",
+    "gradient": "distance, with its own gradient",
+    "torus": "closed form: a torus",
+}
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_every_kind_of_file_is_told(files, name):
+    found = facts(files[name])
+    lines = told(found)
+    assert SAID[name] in lines
+    assert found["bytes"] == files[name].stat().st_size
+    assert found["microseconds"] > 0
+    grid = name == "trilinear"
+    assert ("force and normal, inside alone" in lines) == bool(found["proxy"]) == grid
+    assert found["faces"] == (name == "exact")
+    assert max(found["size"]) == pytest.approx(found["longest"], rel=0.02)
+    assert found["provenance"] == read_provenance(files[name])
+    json.dumps(found)
+
+
+def test_a_compact_file_has_as_many_faces_as_the_mesh(files):
+    """Each block holds one face to sixty-four."""
+    exact, compact = (facts(files[name])["made_of"] for name in ("exact", "compact"))
+    faces = exact.rpartition(" and ")[2].split()[0]
+    assert compact.startswith(f"a mesh of {faces} faces")
+
+
+def test_a_damaged_file_does_not_keep_the_others_from_being_told(files, tmp_path, capsys):
+    damaged = tmp_path / "damaged.pandis"
+    data = bytearray(files["torus"].read_bytes())
+    data[-20] ^= 1
+    damaged.write_bytes(data)
+    nowhere = str(tmp_path / "nowhere.pandis")
+    assert main(["info", str(damaged), nowhere, str(files["torus"])]) == 1
+    said = capsys.readouterr()
+    assert "closed form: a torus" in said.out
+    for path in (str(damaged), nowhere):
+        assert f"error: {path}: " in said.err
+    assert main(["info", "--json", str(files["torus"]), str(files["spline"])]) == 0
+    kinds = [found["kind"] for found in json.loads(capsys.readouterr().out)]
+    assert kinds == ["closed form", "spline"]
+
+
+def test_a_file_that_says_neither_where_it_lies_nor_where_it_is_from(files, tmp_path):
+    data = files["spline"].read_bytes()
+    for name in (b"SAFE", b"PROV"):  # the table names something that readers do not know
+        at = data.index(name, 256)
+        data = resealed(data, at, "<4s", b"NONE" if name == b"SAFE" else b"OTHR")
+    path = tmp_path / "bare.pandis"
+    path.write_bytes(data)
+    found = facts(path)
+    assert (found["size"], found["provenance"]) == (None, None)
+    assert "along its longest side" in told(found)
+    assert "the file does not say it" in told(found)
+    assert set(read_contents(path).sections) >= {"NONE", "OTHR"}
+    assert section(data, b"NONE") > 256

@@ -1,0 +1,43 @@
+"""The command ``pandis``: looks at files that a program loads; needs NumPy alone."""
+
+import argparse
+import json
+import sys
+
+from pandis import __version__
+from pandis.errors import PandisError
+
+
+def main(arguments=None):
+    """Run the command; returns its exit status."""
+    parser = argparse.ArgumentParser(prog="pandis", description="Looks at .pandis files.")
+    parser.add_argument("--version", action="version", version=f"pandis {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    info = commands.add_parser("info", help="say what files hold, and check them")
+    info.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
+    info.add_argument("--json", action="store_true", help="for programs: a list, one for each file")
+    return _info(parser.parse_args(arguments))
+
+
+def _info(asked):
+    """Say what files hold: 1 if one of them cannot be read, after all others have been told."""
+    from pandis.native.info import facts, told
+
+    status, every = 0, []
+    for path in asked.files:
+        try:
+            found = facts(path)
+        except PandisError as error:
+            print(f"error: {error}", file=sys.stderr)
+            status = 1
+            continue
+        every.append(found)
+        if not asked.json:
+            print(told(found))
+    if asked.json:
+        print(json.dumps(every, indent=2))
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,146 @@
+"""What a ``.pandis`` file holds, in words: ``pandis info FILE``."""
+
+import numpy as np
+
+from pandis.errors import PandisError
+from pandis.geometry.frame import UNIT_SIDE
+from pandis.native.contact import NativeContact
+from pandis.native.runtime import (
+    COMPACT,
+    GRID,
+    MESH,
+    NETWORK,
+    RULES,
+    SHAPE,
+    SHAPES,
+    SPLINE,
+    NativeField,
+)
+from pandis.native.runtime.files import read_contents
+from pandis.native.scene import Placed
+
+#: Queries that are timed, at places drawn in the box.
+_QUERIES = 2000
+#: The section in which a file says where its surface lies, and how many numbers that is.
+_SAFE, _NUMBERS = "SAFE", 8
+
+
+def facts(path):
+    """Return what a ``.pandis`` file holds.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    dict
+        Plain values: ``file``, ``bytes``, ``format`` (its version), ``kind`` and ``made_of`` (in
+        words), ``size`` and ``centre`` (of the object's box, mesh units; without a size where the
+        file does not say it, the longest side alone in ``longest``), ``regions``, ``proxy`` (empty,
+        or why there is none), ``faces`` (whether answers name the nearest face), ``microseconds``
+        (median of a query in the box on this machine), ``provenance``.
+
+    Raises
+    ------
+    pandis.errors.ArtifactError
+        It cannot be read, is damaged, or of another version.
+    """
+    field, contents = NativeField(path), read_contents(path)
+    kind, made_of = _made_of(field, contents)
+    rng = np.random.default_rng(0)
+    points = field.frame.to_mesh(rng.uniform(-1, 1, (_QUERIES, 3)))
+    low, high = _box(field, contents)
+    return {
+        "file": str(path),
+        "bytes": field.path.stat().st_size,
+        "format": contents.version,
+        "kind": kind,
+        "made_of": made_of,
+        "longest": UNIT_SIDE / field.frame.scale,
+        "size": None if low is None else (high - low).tolist(),
+        "centre": list(field.frame.centre) if low is None else ((low + high) / 2).tolist(),
+        "regions": list(field.region_names),
+        "proxy": _no_proxy(field),
+        "faces": bool((field.faces(points[:16]) >= 0).any()),
+        "microseconds": float(np.median(field.time(points, _QUERIES)) * 1e6),
+        "provenance": contents.provenance,
+    }
+
+
+def _made_of(field, contents):
+    """Return the kind of a field and what it is made of, in words."""
+    whole = contents.wholes
+    if field.kind == NETWORK:
+        width, depth, outputs, cells, bits = whole[:5]
+        answers = "distance and direction" if outputs == 4 else "distance, with its own gradient"
+        base = f", on a coarse spline of {cells}³ cells" if cells else ""
+        return "network", f"{depth} sine layers of {width}, {bits} bits: {answers}{base}"
+    if field.kind == GRID:
+        return RULES[whole[0]], f"{whole[1]}³ nodes"
+    if field.kind == SPLINE:
+        return "spline", f"two banded lattices of {whole[0]} and {whole[1]} nodes per axis"
+    if field.kind == MESH:
+        return "exact", f"a mesh of {whole[0]:,} vertices and {whole[1]:,} faces"
+    if field.kind == COMPACT:
+        first = np.frombuffer(contents.sections["BLCK"], "<u4").reshape(-1, 4)[:, 1]
+        faces = int(((first & 63) + 1).sum())
+        return "compact", f"a mesh of {faces:,} faces, its vertices on a lattice of {whole[0]} bits"
+    if field.kind == SHAPE:
+        return "closed form", f"a {SHAPES[whole[0]]}"
+    raise PandisError(f"{field.path}: a field of kind {field.kind} is not known here")
+
+
+def _box(field, contents):
+    """Return the corners of the surface's box, mesh units; None, None if the file does not say."""
+    part = contents.sections.get(_SAFE)
+    if part is None:
+        return None, None
+    numbers = np.frombuffer(part, "<f8", _NUMBERS)
+    return field.frame.to_mesh(numbers[:3]), field.frame.to_mesh(numbers[3:6])
+
+
+def _no_proxy(field):
+    """Return why a field has no proxy; empty if it has one."""
+    try:
+        NativeContact(Placed.at(field, 1.0, 1.0))
+    except PandisError as error:
+        return str(error)
+    return ""
+
+
+def told(found):
+    """Return what `facts` has found as lines of text."""
+    if found["size"]:
+        size = " × ".join(f"{side:.6g}" for side in found["size"])
+    else:
+        size = f"{found['longest']:.6g} along its longest side"
+    centre = ", ".join(f"{place:.6g}" for place in found["centre"])
+    answers = "distance and normal, inside and outside"
+    if found["proxy"]:
+        answers = "force and normal, inside alone"
+    lines = {
+        "field": f"{found['kind']}: {found['made_of']}",
+        "file": f"{found['bytes']:,} bytes, format {found['format']}; whole and undamaged",
+        "object": f"{size} mesh units, around ({centre})",
+        "answers": answers + ("; the nearest face of the mesh" if found["faces"] else ""),
+        "proxy": f"none: {found['proxy']}" if found["proxy"] else "yes (pandis_contact)",
+        "regions": ", ".join(found["regions"]) or "none",
+        "a query": f"{found['microseconds']:.2g} µs on this machine, median of {_QUERIES:,} in its "
+        "box, one after the other",
+        "made by": _maker(found["provenance"]),
+    }
+    width = max(map(len, lines)) + 2
+    return "\n".join([found["file"], *(f"  {k:<{width}}{v}" for k, v in lines.items())])
+
+
+def _maker(provenance):
+    """Return where a field is from, in words."""
+    if not provenance:
+        return "the file does not say it"
+    names, options = provenance.get("wildcards", {}), provenance.get("options", {})
+    field, mesh = options.get("field", names.get("name")), names.get("mesh")
+    code = provenance.get("code", {}).get("digest", "")[:12]
+    parts = [f"field {field}" if field else "", f"of mesh {mesh}" if mesh else "",
+             f"by code {code}" if code else ""]  # fmt: skip
+    return " ".join(filter(None, parts)) or "a file whose provenance names no stage"
