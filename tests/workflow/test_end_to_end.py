@@ -375,6 +375,7 @@ def test_quality_of_the_default_network(workspace):
     assert errors["shallow"]["trilinear-64"]["mean"] == pytest.approx(3.10e-3, rel=0.03)
 
 
+@pytest.mark.full
 def test_every_kind_of_grid(workspace):
     """By size, by bytes and by error; exported; and as image data for ParaView."""
     kinds = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic", "spline")
