@@ -12,8 +12,9 @@ with stage(snakemake, StressTask) as job:
     fields = open_fields(job.options.fields, mesh, map(job.read_input, job.input.fields))
     suite = Suite(fields.body, Scale.of(job.options), job.options, job.options.seed)
     tried = controls(fields.exact, fields.body.surface, suite.scale)
-    asked = fields, tried, suite, job.threads, job.progress, job.options.proxies
-    arrays, attributes = stress(*asked)
+    arrays, attributes = stress(
+        fields, tried, suite, job.threads, job.progress, proxies=job.options.proxies
+    )
     for key, how in (("failed", ""), ("proxies_failed", " through a proxy")):
         for name, failed in attributes[key].items():
             job.log(f"{name}{how}: " + (f"fails {', '.join(failed)}" if failed else "passes"))

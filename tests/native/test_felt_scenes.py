@@ -119,6 +119,16 @@ def test_an_object_without_regions_asks_the_mesh_beside_it(tried, tmp_path):
     assert compiled(tmp_path, one["header"], whole["points"]) == both_forces(whole)
 
 
+@pytest.mark.parametrize("mesh", ["balls.glb"], indirect=True)
+def test_a_material_that_nothing_is_made_of_is_told(tried, capsys):
+    tried({"materials": {"rubber": ROUGH, "fur": ROUGH}}, "exact")
+    lines = [line for line in capsys.readouterr().out.splitlines() if "contact.materials" in line]
+    assert lines == ["contact.materials.fur: no object of the scene is made of it: they name "
+                     + ", ".join(sorted(NAMES))]  # fmt: skip
+    tried({"materials": {"rubber": ROUGH}}, None)
+    assert "contact.materials.rubber: no object" in capsys.readouterr().out
+
+
 def test_a_texture_too_steep_to_follow_is_refused():
     with pytest.raises(ValueError, match="height is at most length / 5"):
         TextureOptions(height=1e-3, length=4e-3)

@@ -1,6 +1,7 @@
 """The command `pandis info`: what it says of each kind of file, and of one that is damaged."""
 
 import json
+import struct
 
 import pytest
 from test_header import resealed, section
@@ -73,3 +74,34 @@ def test_a_file_that_says_neither_where_it_lies_nor_where_it_is_from(files, tmp_
     assert "the file does not say it" in told(found)
     assert set(read_contents(path).sections) >= {"NONE", "OTHR"}
     assert section(data, b"NONE") > 256
+
+
+@pytest.mark.parametrize(
+    ("said", "told_as"),
+    [
+        (b"{}", "the file does not say it"),
+        (b'{"options": [], "wildcards": {"name": 3}, "code": {"digest": null}}', "names no stage"),
+        (b'{"wildcards": {"mesh": "ball"}, "options": {"field": "exact"}}', "field exact of mesh"),
+        (b"[1, 2]", None),
+        (b"{", None),
+        (b'{"a": "\xff"}', None),
+    ],
+)
+def test_a_provenance_that_somebody_else_wrote(files, tmp_path, capsys, said, told_as):
+    data = bytearray(files["torus"].read_bytes())
+    at, room = data.index(b"PROV", 256), 80
+    data = data[: section(data, b"PROV")] + said.ljust(room)  # the last section
+    struct.pack_into("<Q", data, 16, len(data))
+    path = tmp_path / "other.pandis"
+    path.write_bytes(resealed(data, at + 16, "<Q", room))
+    assert main(["info", str(path)]) == (0 if told_as else 1)
+    printed = capsys.readouterr()
+    refused = f"error: {path}: its provenance is no JSON"
+    assert (told_as in printed.out) if told_as else (refused in printed.err)
+
+
+def test_a_section_may_have_any_name(files, tmp_path):
+    data = files["spline"].read_bytes()
+    path = tmp_path / "odd.pandis"
+    path.write_bytes(resealed(data, data.index(b"SAFE", 256), "<4s", b"\xff\x00A "))
+    assert facts(path)["size"] is None

@@ -7,7 +7,7 @@ import pytest
 from test_contact import metres, opened, placed, surface_of
 
 from pandis.geometry.frame import UNIT_SIDE
-from pandis.native.contact import TOUCHING, Feel, Material, NativeContact
+from pandis.native.contact import BEHIND, TOUCHING, Feel, Material, NativeContact
 from pandis.native.contact.surfaces import HEIGHT, Texture, texture_for, textures_for
 from pandis.native.runtime import NativeField
 from pandis.run.contacts import ContactOptions
@@ -88,6 +88,25 @@ def test_a_texture_lets_nothing_further_in_than_without_it(files, name):
             deepest = max(deepest, -field.query(points).distance.min() * unit)
     assert touched > 2000
     assert deepest < 1e-4
+
+
+@pytest.mark.parametrize("kind", ["waves", "noise"])
+def test_a_proxy_keeps_up_on_the_steepest_texture_that_the_configuration_takes(files, kind):
+    """Drawn over a ball it slides as far as without a texture, and is seldom behind."""
+    where, _ = ball(files)
+    asked = ContactOptions(texture={"kind": kind, "height": 2e-4, "length": 1e-3})
+    texture = texture_for(textures_for(asked, None), where.scale)
+    assert texture.steepest > 0.62
+    turn = np.linspace(-0.3, 0.3, 3000)
+    over = np.stack([np.sin(turn), 0 * turn, np.cos(turn)], axis=1)
+    start = np.linspace(0.06, 0.0495, 60)[:, None] * over[0]
+    path = np.concatenate([start, 0.0495 * over])
+    touches, plain = (NativeContact(where, texture=t).follow(path) for t in (texture, None))
+    apart = np.linalg.norm(touches.proxy - plain.proxy, axis=1)[60:]
+    assert (touches.state[60:] & BEHIND > 0).mean() < 0.1
+    assert np.median(apart) < 3e-4
+    assert apart[-1] < 1e-3
+    assert touches.slip.sum() > 0.9 * plain.slip.sum() > 0
 
 
 def test_without_a_texture_or_with_a_flat_one_a_ball_is_where_it_was(files):

@@ -14,7 +14,13 @@ from pandis.errors import PandisError
 from pandis.evaluation.scene_header import scene_header
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.contact import Material, NativeContact, TouchedScene
-from pandis.native.contact.surfaces import materials_for, texture_for, textures_for
+from pandis.native.contact.surfaces import (
+    WHOLE,
+    materials_for,
+    texture_for,
+    textures_for,
+    unknown_materials,
+)
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 from pandis.run.machine import describe
@@ -60,6 +66,7 @@ def try_scene(name, files, options, progress, log):
     touched = answer.force.any(axis=1)
     beside = [opened.get((asked.mesh, asked.beside)) for asked in options.objects]
     described = list(map(_describe, options.objects, objects, beside))
+    _check_names(options.objects, described, log)
     felt, proxies, no_proxies = _touch(objects, described, beside, points, options.radius)
     record = SceneRecord(
         objects=described,
@@ -109,6 +116,15 @@ def _describe(asked, placed, beside):
         materials=materials_for(asked.contact, names),
         textures=textures_for(asked.contact, names),
     )
+
+
+def _check_names(objects, described, log):
+    """Tell of materials in the configuration that nothing in the scene is made of."""
+    known = {name for placed in described for name in placed.materials} - {WHOLE}
+    unknown = {name for asked in objects for name in unknown_materials(asked.contact, known)}
+    there = f"they name {', '.join(sorted(known))}" if known else "their files name no materials"
+    for name in sorted(unknown):
+        log(f"contact.materials.{name}: no object of the scene is made of it: {there}")
 
 
 def _touch(objects, described, beside, points, radius):

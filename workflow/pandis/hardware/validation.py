@@ -17,6 +17,7 @@ from pandis.hardware.proxies import Truth, feel_for, regions_among, touch_device
 from pandis.hardware.verdict import device_sentence, judge, machine_verdict, paragraph
 from pandis.hardware.walls import compare
 from pandis.native.contact import Feel
+from pandis.native.contact.surfaces import unknown_materials
 from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
 from pandis.run.machine import describe, governor
@@ -176,7 +177,7 @@ def _entered(trajectory, size):
 def _check_names(contact, beside, log):
     """Tell of materials in the configuration that no face is made of."""
     known = beside.region_names if beside else ()
-    for name in sorted(set(contact.materials) - set(known)):
+    for name in unknown_materials(contact, known):
         there = "its file names no materials, or neither exact nor a compact field is exported"
         if known:
             there = f"the mesh names {', '.join(known)}"

@@ -14,15 +14,12 @@ from pandis.native.runtime import (
     SHAPE,
     SHAPES,
     SPLINE,
-    NativeField,
 )
 from pandis.native.runtime.files import read_contents
 from pandis.native.scene import Placed
 
 #: Queries that are timed, at places drawn in the box.
 _QUERIES = 2000
-#: The section in which a file says where its surface lies, and how many numbers that is.
-_SAFE, _NUMBERS = "SAFE", 8
 
 
 def facts(path):
@@ -46,11 +43,12 @@ def facts(path):
     pandis.errors.ArtifactError
         It cannot be read, is damaged, or of another version.
     """
-    field, contents = NativeField(path), read_contents(path)
-    kind, made_of = _made_of(field, contents)
+    contents = read_contents(path)
+    field = contents.field
+    kind, made_of = _made_of(contents)
     rng = np.random.default_rng(0)
     points = field.frame.to_mesh(rng.uniform(-1, 1, (_QUERIES, 3)))
-    low, high = _box(field, contents)
+    low, high = _box(contents)
     return {
         "file": str(path),
         "bytes": field.path.stat().st_size,
@@ -68,9 +66,9 @@ def facts(path):
     }
 
 
-def _made_of(field, contents):
+def _made_of(contents):
     """Return the kind of a field and what it is made of, in words."""
-    whole = contents.wholes
+    field, whole = contents.field, contents.wholes
     if field.kind == NETWORK:
         width, depth, outputs, cells, bits = whole[:5]
         answers = "distance and direction" if outputs == 4 else "distance, with its own gradient"
@@ -91,13 +89,13 @@ def _made_of(field, contents):
     raise PandisError(f"{field.path}: a field of kind {field.kind} is not known here")
 
 
-def _box(field, contents):
+def _box(contents):
     """Return the corners of the surface's box, mesh units; None, None if the file does not say."""
-    part = contents.sections.get(_SAFE)
+    part = contents.sections.get("SAFE")
     if part is None:
         return None, None
-    numbers = np.frombuffer(part, "<f8", _NUMBERS)
-    return field.frame.to_mesh(numbers[:3]), field.frame.to_mesh(numbers[3:6])
+    corners = np.frombuffer(part, "<f8", 6)  # of the unit frame; what follows are bounds
+    return tuple(contents.field.frame.to_mesh(corners.reshape(2, 3)))
 
 
 def _no_proxy(field):
@@ -138,9 +136,15 @@ def _maker(provenance):
     """Return where a field is from, in words."""
     if not provenance:
         return "the file does not say it"
-    names, options = provenance.get("wildcards", {}), provenance.get("options", {})
-    field, mesh = options.get("field", names.get("name")), names.get("mesh")
-    code = provenance.get("code", {}).get("digest", "")[:12]
+    field = _said(provenance, "options", "field") or _said(provenance, "wildcards", "name")
+    mesh, code = _said(provenance, "wildcards", "mesh"), _said(provenance, "code", "digest")
     parts = [f"field {field}" if field else "", f"of mesh {mesh}" if mesh else "",
-             f"by code {code}" if code else ""]  # fmt: skip
+             f"by code {code[:12]}" if code else ""]  # fmt: skip
     return " ".join(filter(None, parts)) or "a file whose provenance names no stage"
+
+
+def _said(provenance, part, name):
+    """Return a text in a part of a provenance, empty if it is not there: anybody writes files."""
+    there = provenance.get(part)
+    text = there.get(name) if isinstance(there, dict) else None
+    return text if isinstance(text, str) else ""

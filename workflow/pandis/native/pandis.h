@@ -358,8 +358,8 @@ typedef struct {
 
 /* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
  * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
- * longer than `steepest`. Walls hold as they do without it, for it only adds. Slopes up to 0.7 are followed; on steeper
- * ones the proxy falls behind. */
+ * longer than `steepest`. Walls hold as they do without it, for it only adds. Slopes up to about 0.65 are followed; on
+ * steeper ones the proxy falls behind. */
 typedef struct {
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data;
@@ -3164,6 +3164,7 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
     for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
     *distance = (*distance - raised) / sqrt(1 + steep);
+    /* the raised surface lies below a cone over the foot, of twice the slope, for feet move up to twice as far as points */
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 

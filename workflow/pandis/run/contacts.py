@@ -69,7 +69,9 @@ class MaterialOptions(Options):
         0.0, ge=0, allow_inf_nan=False, description="damping along the surface, Ns/m"
     )
     texture: TextureOptions | None = Field(
-        None, description="a height over the surface; null: none, or the whole object's"
+        None,
+        description="a height over the surface; null: for a material that of the whole object, "
+        "otherwise none",
     )
 
     @model_validator(mode="after")

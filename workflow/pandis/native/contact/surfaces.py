@@ -70,12 +70,27 @@ def textures_for(contact, names):
     dict of str to (pandis.run.contacts.TextureOptions or None)
         Empty if none has one.
     """
-    asked = {name: contact.materials.get(name, contact).texture for name in names or (WHOLE,)}
     textures = {
-        name: None if texture is None or texture.kind == SMOOTH else texture
-        for name, texture in ((name, each or contact.texture) for name, each in asked.items())
+        name: contact.materials.get(name, contact).texture or contact.texture
+        for name in names or (WHOLE,)
     }
-    return textures if any(textures.values()) else {}
+    rough = {
+        name: texture and (None if texture.kind == SMOOTH else texture)
+        for name, texture in textures.items()
+    }
+    return rough if any(rough.values()) else {}
+
+
+def unknown_materials(contact, names):
+    """Return the materials of a configuration that no face of an object is made of, sorted.
+
+    Parameters
+    ----------
+    contact : pandis.run.contacts.SurfaceOptions
+    names : sequence of str or None
+        Of the regions.
+    """
+    return sorted(set(contact.materials) - set(names or ()))
 
 
 def texture_for(textures, scale):

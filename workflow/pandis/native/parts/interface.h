@@ -125,8 +125,8 @@ typedef struct {
 
 /* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
  * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
- * longer than `steepest`. Walls hold as they do without it, for it only adds. Slopes up to 0.7 are followed; on steeper
- * ones the proxy falls behind. */
+ * longer than `steepest`. Walls hold as they do without it, for it only adds. Slopes up to about 0.65 are followed; on
+ * steeper ones the proxy falls behind. */
 typedef struct {
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data;

@@ -55,6 +55,7 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
     for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
     *distance = (*distance - raised) / sqrt(1 + steep);
+    /* the raised surface lies below a cone over the foot, of twice the slope, for feet move up to twice as far as points */
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 

@@ -61,6 +61,7 @@ class Contents(NamedTuple):
 
     Attributes
     ----------
+    field : pandis.native.runtime.NativeField
     version : int
         Of the format.
     wholes, reals : tuple of int, of float
@@ -68,6 +69,7 @@ class Contents(NamedTuple):
     sections : dict of str to memoryview
     """
 
+    field: NativeField
     version: int
     wholes: tuple[int, ...]
     reals: tuple[float, ...]
@@ -75,9 +77,23 @@ class Contents(NamedTuple):
 
     @property
     def provenance(self):
-        """Where the field is from; None if the file does not say it."""
+        """Where the field is from; None if the file does not say it.
+
+        Raises
+        ------
+        ArtifactError
+            What it says is no JSON object.
+        """
         part = self.sections.get("PROV")
-        return None if part is None else json.loads(bytes(part))
+        if part is None:
+            return None
+        try:
+            said = json.loads(bytes(part))
+        except ValueError as error:  # what is no UTF-8, too
+            raise ArtifactError(f"{self.field.path}: its provenance is no JSON: {error}") from error
+        if not isinstance(said, dict):
+            raise ArtifactError(f"{self.field.path}: its provenance is no JSON object")
+        return said
 
 
 def read_contents(path):
@@ -88,15 +104,16 @@ def read_contents(path):
     ArtifactError
         It is no such file, or damaged.
     """
-    NativeField(path)  # checks all of it
+    field = NativeField(path)  # checks all of it
     data = memoryview(Path(path).read_bytes())
     (version,), (count,) = struct.unpack_from("<I", data, 12), struct.unpack_from("<I", data, 36)
     sections = {}
     for index in range(count):
         name, _, start, size = struct.unpack_from("<4sIQQ", data, _HEADER + _SECTION * index)
-        sections[name.decode()] = data[start : start + size]
+        sections[name.decode("latin-1")] = data[start : start + size]
     wholes = struct.unpack_from(f"<{_WHOLES}i", data, 72)
-    return Contents(version, wholes, struct.unpack_from(f"<{_REALS}d", data, 128), sections)
+    reals = struct.unpack_from(f"<{_REALS}d", data, 128)
+    return Contents(field, version, wholes, reals, sections)
 
 
 def read_provenance(path):
