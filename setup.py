@@ -3,6 +3,7 @@
 import re
 import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 from setuptools import Distribution, setup
@@ -18,6 +19,15 @@ from pandis.native.compiler import prebuild
 OLDEST = 17
 
 
+def foreign():
+    """Return the headers of other projects by library; says which plugin the package lacks."""
+    found = find_spec("mujoco")
+    if found is None:
+        print("no mujoco here (pip install mujoco-core): its plugin compiles on first use")
+        return {}
+    return {"pandis-mujoco": Path(found.submodule_search_locations[0]) / "include"}
+
+
 class BuildPy(build_py):
     """Modules, and what of C they load."""
 
@@ -31,7 +41,7 @@ class BuildPy(build_py):
         folder = Path(self.build_lib) / "pandis/native/built"
         shutil.rmtree(folder, ignore_errors=True)  # an earlier build's are of other sources
         try:
-            BuildPy.made = prebuild(folder)
+            BuildPy.made = prebuild(folder, foreign())
         except PandisError as error:
             self.warn(f"{error}; the package will compile on first use")
 

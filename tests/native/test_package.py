@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pandis.native import mujoco as plugin
 from pandis.native import prebuilt
 from pandis.native.compiler import FLAGS, find_compiler
 from pandis.native.contact import NativeContact
@@ -122,6 +123,46 @@ def test_the_command_says_what_files_hold_with_numpy_alone(package, files, tmp_p
     assert done.stdout.count("whole and undamaged") == len(NAMES)
 
 
+MUJOCO = """
+import sys, warnings
+warnings.simplefilter("error")
+sys.path[:0] = sys.argv[1:4]
+import mujoco
+model = mujoco.MjModel.from_xml_string(open(sys.argv[4]).read())
+data = mujoco.MjData(model)
+mujoco.mj_step(model, data, 100)
+print(*map(repr, data.qpos.tolist()))
+print({line.rpartition("/")[2].strip() for line in open("/proc/self/maps") if "/built/" in line})
+"""
+
+
+def test_mujoco_finds_the_plugin_without_a_compiler(package, files, tmp_path):
+    mujoco = pytest.importorskip("mujoco", reason="no MuJoCo here: pip install mujoco-core")
+    _, installed, with_numpy = package
+    beside = tmp_path / "beside"
+    beside.mkdir()
+    (beside / "mujoco").symlink_to(Path(mujoco.__file__).parent)
+    text = tmp_path / "ball.xml"
+    text.write_text(f"""<mujoco><extension><plugin plugin="pandis.sdf"><instance name="b">
+        <config key="file" value="{files["compact"]}"/><config key="scale" value="0.05"/>
+        </instance></plugin></extension><asset><mesh name="b"><plugin instance="b"/></mesh></asset>
+        <worldbody><geom type="sdf" mesh="b"><plugin instance="b"/></geom><body pos="0.2 -0.1 0.08">
+        <freejoint/><geom size="0.02"/></body></worldbody></mujoco>""")
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", MUJOCO, installed, with_numpy, beside, text],
+        env={"PATH": os.devnull, "HOME": str(tmp_path)}, cwd=tmp_path, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert not done.returncode, done.stderr
+    place, libraries = done.stdout.splitlines()
+    assert re.fullmatch(r"\{'pandis-mujoco-[\w-]+\.so'\}", libraries)
+    plugin.register()
+    model = mujoco.MjModel.from_xml_string(text.read_text())
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 100)
+    assert place.split() == [repr(value) for value in data.qpos.tolist()]
+
+
 def test_the_wheel_is_small_and_for_all_linux_systems(package):
     wheel, _, _ = package
     assert wheel.stat().st_size <= 1_000_000
@@ -149,4 +190,6 @@ def test_a_library_of_other_sources_is_not_taken(package, files, tmp_path):
 
 def test_a_checkout_brings_nothing_along():
     assert not prebuilt.FOLDER.exists()
-    assert prebuilt.find(prebuilt.PARTS[0], FLAGS) is None
+    assert not any(
+        prebuilt.find(part, FLAGS) for parts in prebuilt.LIBRARIES.values() for part in parts
+    )

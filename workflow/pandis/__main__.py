@@ -1,4 +1,4 @@
-"""The command ``pandis``: looks at files that a program loads; needs NumPy alone."""
+"""The command ``pandis``: looks at files, and hands them on to other programs; NumPy is enough."""
 
 import argparse
 import json
@@ -10,13 +10,21 @@ from pandis.errors import PandisError
 
 def main(arguments=None):
     """Run the command; returns its exit status."""
-    parser = argparse.ArgumentParser(prog="pandis", description="Looks at .pandis files.")
+    parser = argparse.ArgumentParser(
+        prog="pandis", description="Looks at .pandis files, and hands them on."
+    )
     parser.add_argument("--version", action="version", version=f"pandis {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     info = commands.add_parser("info", help="say what files hold, and check them")
     info.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
     info.add_argument("--json", action="store_true", help="for programs: a list, one for each file")
-    return _info(parser.parse_args(arguments))
+    info.set_defaults(run=_info)
+    mjcf = commands.add_parser("mjcf", help="write a scene for MuJoCo")
+    mjcf.add_argument("scene", metavar="SCENE", help="results/scenes/{scene}.json")
+    mjcf.add_argument("model", metavar="MODEL", help="the file to write: ….xml")
+    mjcf.set_defaults(run=_mjcf)
+    asked = parser.parse_args(arguments)
+    return asked.run(asked)
 
 
 def _info(asked):
@@ -37,6 +45,18 @@ def _info(asked):
     if asked.json:
         print(json.dumps(every, indent=2))
     return status
+
+
+def _mjcf(asked):
+    """Write a scene as MJCF: 1 if that cannot be."""
+    from pandis.native.mujoco.mjcf import write_mjcf
+
+    try:
+        write_mjcf(asked.scene, asked.model)
+    except (PandisError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
 
 
 if __name__ == "__main__":

@@ -36,15 +36,22 @@ def find_compiler():
 
 @cache
 def load(source):
-    """Load a C file as a library, compiled beforehand, or now, or on an earlier run.
+    """Load a C file as a library: see `compiled`."""
+    return ctypes.CDLL(str(compiled(source)))
+
+
+def compiled(source, headers=()):
+    """Return the library of a C file, compiled beforehand, or now, or on an earlier run.
 
     Parameters
     ----------
     source : Path
+    headers : sequence of Path
+        Folders of what it includes of other projects.
 
     Returns
     -------
-    ctypes.CDLL
+    Path
 
     Raises
     ------
@@ -52,21 +59,26 @@ def load(source):
         There is no compiler, or it fails.
     """
     if ready := prebuilt.find(source, FLAGS):
-        return ctypes.CDLL(str(ready))
+        return ready
     compiler = find_compiler()
     if compiler is None:
         raise PandisError(
             f"no C compiler found for {source.name}: install one (Debian: apt-get install gcc; "
             "conda: conda install gcc) or name it in the environment variable CC"
         )
-    command = [compiler, "-march=native", *FLAGS]
-    return ctypes.CDLL(
-        str(build(command, source, ["-lm", "-ldl", "-lpthread"], f"{source.stem}.so"))
-    )
+    command = [compiler, "-march=native", *FLAGS, *(f"-I{folder}" for folder in headers)]
+    return build(command, source, ["-lm", "-ldl", "-lpthread"], f"{source.stem}.so")
 
 
-def prebuild(folder):
+def prebuild(folder, headers):
     """Compile what a package brings along (`pandis.native.prebuilt`) into a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    headers : dict of str to Path
+        By library, the folder of what it includes of another project. A library that needs some
+        and has none here is left out.
 
     Returns
     -------
@@ -82,11 +94,13 @@ def prebuild(folder):
         raise PandisError("no C compiler found: install gcc, or name one in CC")
     with tempfile.TemporaryDirectory() as place:
         source = Path(place) / "together.c"
-        source.write_text(prebuilt.together(), encoding="utf-8")
-        for kind in prebuilt.KINDS.get(platform.machine(), {}):
-            path = Path(folder) / prebuilt.name(FLAGS, kind)
-            command = [compiler, f"-march={kind}", *FLAGS, "-s", str(source), "-lm"]
-            made.append(_compile(command, path))
+        for library in prebuilt.LIBRARIES.keys() - (prebuilt.FOREIGN - headers.keys()):
+            source.write_text(prebuilt.together(library), encoding="utf-8")
+            others = [f"-I{headers[library]}"] if library in headers else []
+            for kind in prebuilt.KINDS.get(platform.machine(), {}):
+                path = Path(folder) / prebuilt.name(library, FLAGS, kind)
+                command = [compiler, f"-march={kind}", *FLAGS, *others, "-s", str(source), "-lm"]
+                made.append(_compile(command, path))
     return made
 
 

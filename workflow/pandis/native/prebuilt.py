@@ -1,6 +1,6 @@
-"""The library that a package brings along, compiled: who only asks fields needs no compiler.
+"""The libraries that a package brings along, compiled: who only asks fields needs no compiler.
 
-It is made when the package is built. A checkout has none, and compiles each source on first use.
+They are made when the package is built. A checkout has none, and compiles each source on first use.
 """
 
 import hashlib
@@ -12,8 +12,13 @@ from pandis.native.sources import included
 
 _HERE = Path(__file__).parent
 FOLDER = _HERE / "built"
-#: What fields, contacts and scenes are asked through, each once in the library.
-PARTS = [_HERE / part for part in ("runtime/runtime.c", "contact/contact.c", "scene/scene.c")]
+#: Libraries and their sources: what fields, contacts and scenes are asked through, and plugins.
+LIBRARIES = {
+    "pandis": [_HERE / "runtime/runtime.c", _HERE / "contact/contact.c", _HERE / "scene/scene.c"],
+    "pandis-mujoco": [_HERE / "mujoco/plugin.c"],
+}
+#: Those that include headers of another project: a package has them if it was built beside that.
+FOREIGN = {"pandis-mujoco"}
 #: By machine: kinds of processors, the ablest first, with the compiler's name for each, and what
 #: the system has to say of a processor that is one. Answers are the same to the last bit.
 KINDS = {
@@ -34,27 +39,28 @@ def find(source, flags):
     flags : sequence of str
         It was compiled with, beside the kind of processor.
     """
-    if source not in PARTS or not FOLDER.is_dir():
+    library = next((key for key, parts in LIBRARIES.items() if source in parts), None)
+    if library is None or not FOLDER.is_dir():
         return None
     kinds = KINDS.get(platform.machine(), {})
     able = (kind for kind, needs in kinds.items() if needs <= abilities())
-    made = (FOLDER / name(flags, kind) for kind in able)
+    made = (FOLDER / name(library, flags, kind) for kind in able)
     return next((path for path in made if path.is_file()), None)
 
 
 @cache
-def name(flags, kind):
-    """Return what the library is called: that of other sources has another name."""
-    files = dict.fromkeys(path for part in PARTS for path in included(part))
+def name(library, flags, kind):
+    """Return what a library's file is called: that of other sources has another name."""
+    files = dict.fromkeys(path for part in LIBRARIES[library] for path in included(part))
     texts = [path.read_text("utf-8") for path in files]
     digest = hashlib.sha256("\0".join([*flags, *texts]).encode()).hexdigest()[:12]
-    return f"pandis-{kind}-{digest}.so"
+    return f"{library}-{kind}-{digest}.so"
 
 
-def together():
-    """Return the text in C that holds all parts."""
+def together(library):
+    """Return the text in C that holds all parts of a library."""
     heads = ["#define _POSIX_C_SOURCE 199309L", "#define PANDIS_IMPLEMENTATION"]
-    return "\n".join([*heads, *(f'#include "{part}"' for part in PARTS)]) + "\n"
+    return "\n".join([*heads, *(f'#include "{part}"' for part in LIBRARIES[library])]) + "\n"
 
 
 @cache
