@@ -92,7 +92,7 @@ def _read(path):
         raise ArtifactError(f"{path}: it cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ArtifactError(f"{path}: this is no scene of results/scenes: {error!r}") from error
-    return placed, {name: friction for name, friction in frictions.items() if friction}
+    return placed, frictions
 
 
 def _file(name, scene):

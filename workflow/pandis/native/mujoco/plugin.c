@@ -196,10 +196,11 @@ static const char *take_meshes(placed *p, const mjModel *m, int instance) {
     }
     if (mesh < 0) return NULL;
     take_pose(p, m->mesh_pos + 3 * mesh, m->mesh_quat + 4 * mesh);
-    if (gap(p, m, mesh) > 0.02)
-        mujoco.warn(NAME ": mesh %s ends elsewhere than the field by %.2g of its longest side, so that contacts there are "
-                    "missed: its scale is another one, or it lacks thin parts: give it a file",
-                    m->names + m->name_meshadr[mesh], gap(p, m, mesh));
+    const double apart = gap(p, m, mesh);
+    if (apart > 0.02)
+        mujoco.warn(NAME ": mesh %s ends elsewhere than the field's surface (%.2g of the longest side apart), and MuJoCo "
+                    "misses contacts there: either its scale is another one, or it lacks thin parts and needs a file",
+                    m->names + m->name_meshadr[mesh], apart);
     return NULL;
 }
 
