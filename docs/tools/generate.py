@@ -55,6 +55,7 @@ PARTS = (
         "spline",
         "shape",
         "query",
+        "curvature",
         "refit",
         "handover",
         "scene",

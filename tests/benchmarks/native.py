@@ -38,7 +38,8 @@ from pandis.grids.dense import DenseGrid
 from pandis.grids.spline import SplineFit, samples_for
 from pandis.mesh.build import build as build_mesh
 from pandis.native.compiler import build, find_compiler, load
-from pandis.native.runtime import SOURCE, NativeField, declared
+from pandis.native.runtime import NativeField
+from pandis.native.runtime.binding import SOURCE, declared
 from pandis.run.artifact import Artifact
 from pandis.run.catalogue import GRID_FIELDS, parse_field
 from pandis.run.options import TrajectoryOptions

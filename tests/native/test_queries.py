@@ -14,7 +14,8 @@ from pandis.geometry.body import Body
 from pandis.geometry.frame import Frame
 from pandis.geometry.shapes import SHAPES
 from pandis.grids.limits import least_limit, near_surface
-from pandis.native.runtime import NativeField, library
+from pandis.native.runtime import NativeField
+from pandis.native.runtime.binding import library
 from shapes import cone
 
 BEYOND = 4

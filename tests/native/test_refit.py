@@ -10,7 +10,8 @@ from pandis.export.native import native_bytes
 from pandis.fields.base import CUT
 from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
-from pandis.native.runtime import NativeField, library
+from pandis.native.runtime import NativeField
+from pandis.native.runtime.binding import library
 
 
 def bent(vertices, angle, squeeze=1.0):

@@ -1,9 +1,15 @@
 """Verified, reproducible force fields for haptic rendering, from any triangle mesh."""
 
+from os import PathLike
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandis.native.runtime
+
 __version__ = "0.1.0"
 
 
-def load(path):
+def load(path: str | PathLike[str]) -> "pandis.native.runtime.NativeField":
     """Return the field of a ``.pandis`` file: ``load("bunny.pandis").force(points, k=400)``.
 
     The C code is compiled on first use, with the system's compiler.

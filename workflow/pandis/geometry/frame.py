@@ -7,6 +7,7 @@ Centre of the bounding box at 0, longest side 1.8, so that the shape fills
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 UNIT_SIDE = 1.8
 
@@ -25,11 +26,11 @@ class Frame(NamedTuple):
     centre: tuple[float, float, float]
     scale: float
 
-    def to_unit(self, points):
+    def to_unit(self, points) -> NDArray[np.float64]:
         """Map points (..., 3) in mesh units to the unit frame, in float64."""
         return (np.asarray(points, np.float64) - self.centre) * self.scale
 
-    def to_mesh(self, points):
+    def to_mesh(self, points) -> NDArray[np.float64]:
         """Map points (..., 3) in the unit frame to mesh units, in float64."""
         return np.asarray(points, np.float64) / self.scale + self.centre
 
@@ -45,7 +46,7 @@ class Frame(NamedTuple):
         return cls(tuple(frame["centre"]), frame["scale"])
 
     @classmethod
-    def of_bounds(cls, low, high):
+    def of_bounds(cls, low, high) -> "Frame":
         """Return the frame of a box given by its corners (3,) in mesh units."""
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
         centre = low + (high - low) / 2

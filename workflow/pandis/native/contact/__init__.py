@@ -1,18 +1,23 @@
 """Contacts, as ``pandis.h`` keeps them: a proxy that no wall lets through."""
 
 import ctypes
+from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pandis.errors import PandisError
 from pandis.native.compiler import load
-from pandis.native.contact.surfaces import Material, as_array
-from pandis.native.runtime import library as runtime
-from pandis.native.scene import NativeScene, placed_object
+from pandis.native.contact.surfaces import Material, Texture, as_array
+from pandis.native.runtime import ArrayLike, Floats, NativeField
+from pandis.native.runtime.binding import library as runtime
+from pandis.native.scene import NativeScene, Placed, placed_object
 
+#: Of a surface: one material, or one for each of its regions.
+Materials = Material | Sequence[Material] | None
 #: Bits of `Touches.state`, as in ``pandis.h``.
 TOUCHING, STICKING, BEHIND, WAITING = 1, 2, 4, 8
 
@@ -50,18 +55,18 @@ class Touches(NamedTuple):
     seconds : ndarray, shape (n,), or None
     """
 
-    force: np.ndarray
-    proxy: np.ndarray
-    normal: np.ndarray
-    depth: np.ndarray
-    slip: np.ndarray
-    state: np.ndarray
-    flag: np.ndarray
-    planes: np.ndarray
-    queries: np.ndarray
-    face: np.ndarray
-    region: np.ndarray
-    seconds: np.ndarray | None
+    force: Floats
+    proxy: Floats
+    normal: Floats
+    depth: Floats
+    slip: Floats
+    state: NDArray[np.int32]
+    flag: NDArray[np.int32]
+    planes: NDArray[np.int32]
+    queries: NDArray[np.int32]
+    face: NDArray[np.int32]
+    region: NDArray[np.int32]
+    seconds: Floats | None
 
     @classmethod
     def empty(cls, count, timed):
@@ -122,12 +127,12 @@ class Feel(NamedTuple):
     """
 
     radius: float = 0.0
-    materials: tuple = (Material(),)
-    regions: object = None
+    materials: Sequence[Material] = (Material(),)
+    regions: NativeField | None = None
     queries: int = 24
-    texture: object = None
+    texture: Texture | None = None
 
-    def scene(self, placed):
+    def scene(self, placed: Placed) -> "TouchedScene":
         """Return the `TouchedScene` of one object."""
         touched = [self.materials], [self.regions]
         return TouchedScene([placed], self.radius, *touched, self.queries, [self.texture])
@@ -154,7 +159,14 @@ class NativeContact:
         The object lies nowhere, or is a grid of forces, which knows no distance outside.
     """
 
-    def __init__(self, placed, radius=0.0, material=None, regions=None, texture=None):
+    def __init__(
+        self,
+        placed: Placed,
+        radius: float = 0.0,
+        material: Materials = None,
+        regions: NativeField | None = None,
+        texture: Texture | None = None,
+    ) -> None:
         self._library, self.placed, self._regions = library(), placed, regions
         self.texture = texture
         self.materials = as_array(material)
@@ -168,19 +180,19 @@ class NativeContact:
         self.settings.set(self.materials, regions, texture=texture)
 
     @property
-    def settings(self):
+    def settings(self) -> _State:
         """``radius``, ``slide`` and ``budget`` of the contact, which may be set."""
         return _State.from_buffer(self._state)
 
-    def move(self, placed):
+    def move(self, placed: Placed) -> None:
         """Give the object another place; the proxy goes with it."""
         self.placed, self._object = placed, placed_object(placed)
 
-    def reshaped(self):
+    def reshaped(self) -> None:
         """Say that the object's field has another shape than before (`MovingField.refit`)."""
         self._library.pandis_contact_moved(self._state)
 
-    def follow(self, path, dt=1e-3, timed=False):
+    def follow(self, path: ArrayLike, dt: float = 1e-3, timed: bool = False) -> Touches:
         """Step along a path.
 
         Parameters
@@ -208,11 +220,11 @@ class NativeContact:
 class SceneForces(NamedTuple):
     """Forces (n, 3), flags, queries, objects touched and seconds (n,), step by step of a scene."""
 
-    force: np.ndarray
-    flag: np.ndarray
-    asked: np.ndarray
-    touched: np.ndarray
-    seconds: np.ndarray | None
+    force: Floats
+    flag: NDArray[np.uint8]
+    asked: NDArray[np.int64]
+    touched: NDArray[np.int64]
+    seconds: Floats | None
 
 
 class TouchedScene(NativeScene):
@@ -239,8 +251,14 @@ class TouchedScene(NativeScene):
     """
 
     def __init__(
-        self, objects, radius=0.0, materials=None, regions=None, budget=None, textures=None
-    ):
+        self,
+        objects: Iterable[Placed],
+        radius: float = 0.0,
+        materials: Iterable[Materials] | None = None,
+        regions: Iterable[NativeField | None] | None = None,
+        budget: int | None = None,
+        textures: Iterable[Texture | None] | None = None,
+    ) -> None:
         super().__init__(objects)
         self._touching = library()
         count = len(self.objects)
@@ -253,7 +271,7 @@ class TouchedScene(NativeScene):
         self.radius = radius
         self.restart()
 
-    def restart(self):
+    def restart(self) -> None:
         """Begin all contacts anew: the next position has to lie outside of the objects."""
         self._check(self._open(self._contacts))
 
@@ -269,7 +287,7 @@ class TouchedScene(NativeScene):
             state.set(materials, regions, self._budget if state.budget else None, texture)
         return error
 
-    def follow(self, path, dt=1e-3, timed=False):
+    def follow(self, path: ArrayLike, dt: float = 1e-3, timed: bool = False) -> SceneForces:
         """Step along a path (n, 3), scene units, ``dt`` seconds apart; returns `SceneForces`."""
         path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
         count = len(path)
@@ -282,7 +300,7 @@ class TouchedScene(NativeScene):
         )  # fmt: skip
         return SceneForces(force, flag, asked, touched, seconds)
 
-    def touches(self, position, dt=1e-3):
+    def touches(self, position: ArrayLike, dt: float = 1e-3) -> tuple[NDArray[np.int32], Touches]:
         """Make one step; returns the objects (n,) that are touched, and their `Touches`."""
         most = len(self.objects)
         position = np.ascontiguousarray(position, np.float64)
@@ -294,7 +312,7 @@ class TouchedScene(NativeScene):
         )  # fmt: skip
         return objects[:count], Touches(*(None if c is None else c[:count] for c in rows))
 
-    def step_all(self, path, dt=1e-3):
+    def step_all(self, path: ArrayLike, dt: float = 1e-3) -> Floats:
         """Return the forces (n, 3) along a path by stepping every object's contact at every step.
 
         The contacts are others than the scene's, and begin with the path.

@@ -1,13 +1,18 @@
 """What a surface feels like to a proxy: friction and damping by region, and textures."""
 
 import ctypes
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pandis.native.compiler import load
+from pandis.native.runtime import ArrayLike
 
 SOURCE = Path(__file__).with_name("contact.c")
+#: What answers a height over the surface, and its gradient, at a point (3,) in a region.
+Height = Callable[[NDArray[np.float64], int], tuple[float, ArrayLike]]
 #: What a surface is called that is of one material.
 WHOLE = "the surface"
 #: The kind of a texture that is none.
@@ -160,18 +165,18 @@ class Texture(ctypes.Structure):
         return made
 
     @classmethod
-    def waves(cls, height, length, direction):
+    def waves(cls, height: float, length: float, direction: ArrayLike) -> "Texture":
         """Return waves of a height and a length across a direction (3,)."""
         x, y, z = np.asarray(direction, float) / np.linalg.norm(direction)
         return cls._of("pandis_waves", height, np.pi * height / length, height, length, x, y, z)
 
     @classmethod
-    def noise(cls, height, length):
+    def noise(cls, height: float, length: float) -> "Texture":
         """Return bumps of a height, one for each cube of a length, as if drawn at random."""
         return cls._of("pandis_noise", height, 3.25 * height / length, height, length)
 
     @classmethod
-    def by_region(cls, textures):
+    def by_region(cls, textures: Iterable["Texture | None"]) -> "Texture":
         """Return that of regions, each with a texture, or with None where it is smooth."""
         given = [cls() if each is None else each for each in textures]
         table = (cls * len(given))(*given)
@@ -183,7 +188,7 @@ class Texture(ctypes.Structure):
         return made
 
     @classmethod
-    def of(cls, function, most, steepest):
+    def of(cls, function: Height, most: float, steepest: float) -> "Texture":
         """Return that of a function: from a point (3,) and a region to height and gradient."""
 
         def height(_, point, region, gradient):

@@ -21,7 +21,7 @@ _FUNCTIONS = ("mj_version", "mjp_defaultPlugin", "mjp_registerPlugin", "mj_getPl
               "mju_warning")  # fmt: skip
 
 
-def library():
+def library() -> Path:
     """Return the path of the plugin, for programs in C: what ``mj_loadPluginLibrary`` takes.
 
     Raises
@@ -33,7 +33,7 @@ def library():
 
 
 @cache
-def register():
+def register() -> None:
     """Register the plugin with MuJoCo.
 
     Raises

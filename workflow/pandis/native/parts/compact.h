@@ -312,6 +312,7 @@ PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const 
         for (int k = 0; k < 9; k++) corner[k / 3][k % 3] = corner[k / 3][k % 3] * t->step - PANDIS__HALF;
     }
     if (!pandis__inner_foot(c, p, (double)INFINITY, &foot)) pandis__rim_foot(c, p, &foot);
+    pandis__keep_feature(c, &foot, begin);
     foot.distance = sqrt(pandis__dot(foot.offset, foot.offset));
     for (int k = 0; k < 3; k++) side[0][k] = corner[1][k] - corner[0][k], side[1][k] = corner[2][k] - corner[0][k];
     pandis__cross(side[0], side[1], n);

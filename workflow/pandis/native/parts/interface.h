@@ -64,6 +64,14 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
  * is its gradient; of any other field it takes as long. NaN where there is no answer. */
 PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance);
 
+/* The gradient of the distance, and its second derivatives (per mesh unit), row by row. Of meshes and closed forms they are
+ * those of what is nearest: 0 next to a face, round next to an edge or a corner; of splines and grids of distances those of
+ * their formula; elsewhere (networks, and wherever the flag is PANDIS_BOUND) they are differences over a few thousandths
+ * of the object or less. Where the distance has a crease, what is given is that of one side. Returns the flag: PANDIS_INVALID, and
+ * NaN, where there is no answer, and of grids of forces. */
+PANDIS_API int pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
+                                  double hessian[9]);
+
 /* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
  * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative, NaN or more than 1e100. */
 PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);

@@ -2,11 +2,16 @@
 
 /* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
  * may be wrong. Afterwards there are the closest point, the face of mesh.zarr.zip that it is on (-1: not said), and the
- * place of its face in the field's own order (-1: it has none). */
+ * place of its face in the field's own order (-1: it has none); whether it lies on a corner or an edge, and the direction
+ * of that edge (else 0). */
 typedef struct {
     double reach, guess, closest[3];
-    int32_t face, place;
+    int32_t face, place, round;
+    double along[3];
 } pandis__start;
+
+#define PANDIS__WITHIN(reach) {reach, (double)INFINITY, {0, 0, 0}, -1, -1, 0, {0, 0, 0}}
+#define PANDIS__ANYWHERE PANDIS__WITHIN((double)INFINITY)
 
 typedef struct {
     double weights[3], offset[3], distance; /* offset: from the closest point to the query */
@@ -91,6 +96,14 @@ static int pandis__inner_foot(const double *const *c, const double *p, double be
 static void pandis__find_foot(const double *const *c, const double *p, pandis__foot *foot) {
     pandis__inner_foot(c, p, pandis__rim_foot(c, p, foot), foot);
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
+}
+
+/* Keep what of its face the closest point is on. */
+static void pandis__keep_feature(const double *const *c, const pandis__foot *foot, pandis__start *begin) {
+    begin->round = foot->corner >= 0 || foot->edge >= 0;
+    if (foot->edge < 0) return;
+    for (int k = 0; k < 3; k++) begin->along[k] = c[(foot->edge + 1) % 3][k] - c[foot->edge][k];
+    (void)pandis__normalise(begin->along);
 }
 
 static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const double *p, pandis__foot *foot) {

@@ -340,7 +340,9 @@ PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double
     if (face == INT32_MAX) return PANDIS_INVALID;
     double n[3], sign;
     cut = *clear < (double)INFINITY;
+    const double *corner[3] = {pandis__corner(t, face, 0), pandis__corner(t, face, 1), pandis__corner(t, face, 2)};
     pandis__find_mesh_foot(t, face, u, &foot);
+    pandis__keep_feature(corner, &foot, begin);
     for (int k = 0; k < 3; k++) begin->closest[k] = u[k] - foot.offset[k];
     begin->face = begin->place = face;
     pandis__pseudonormal(t, face, &foot, n);

@@ -71,19 +71,19 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
 }
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
+    pandis__start begin = PANDIS__ANYWHERE;
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
-    pandis__start begin = {reach >= 0 ? reach * field->scale : (double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
+    pandis__start begin = PANDIS__WITHIN(reach >= 0 ? reach * field->scale : (double)INFINITY);
     pandis__ask(field, point, &begin, answer);
 }
 
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer) {
-    pandis__start begin = {(double)INFINITY, (double)INFINITY, {0, 0, 0}, -1, -1};
+    pandis__start begin = PANDIS__ANYWHERE;
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
     if (hint->room[0] == 1 && pandis__unit(field, point, u)) { /* the closest point before may still be about as near */

@@ -1,16 +1,22 @@
 """Fields as ``pandis.h`` answers them: the binding of ``runtime.c``."""
 
 import ctypes
-from functools import cache
+from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pandis.errors import ArtifactError
 from pandis.geometry.frame import Frame
-from pandis.native.compiler import load as load_library
+from pandis.native.runtime.binding import library
 from pandis.native.threads import SMALL, in_threads
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+else:
+    ArrayLike = object  # NumPy's own names what a type checker knows, and not what NumPy takes
 
 #: What a file can hold; numbers of docs/format.md.
 NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6
@@ -18,8 +24,10 @@ NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6
 RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Closed forms, in the order of their numbers.
 SHAPES = ("sphere", "torus", "box", "capsule")
-#: What is compiled.
-SOURCE = Path(__file__).with_name("runtime.c")
+#: Arrays of what C computes with.
+Floats = NDArray[np.float64]
+#: What a field is opened from.
+Source = str | PathLike[str] | bytes
 #: Bytes written between queries with cold caches: more than the caches of a core hold.
 CACHES = 1 << 26
 #: Fewer points of a network than this are not worth a second thread.
@@ -29,47 +37,9 @@ _FEW = 64
 class NativeAnswer(NamedTuple):
     """Distances (n,), normals (n, 3) in mesh units, and flags (n,): `pandis.fields.base.Answer`."""
 
-    distance: np.ndarray
-    normal: np.ndarray
-    flag: np.ndarray
-
-
-@cache
-def library():
-    """Return the compiled library."""
-    return declared(load_library(SOURCE))
-
-
-def declared(lib):
-    """Return a library that was compiled from SOURCE with its functions' types declared."""
-    pointer, size, f64 = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double
-    lib.runtime_field_bytes.restype = size
-    lib.pandis_open.argtypes = [pointer, pointer, size]
-    lib.pandis_open_file.argtypes = [pointer, ctypes.c_char_p]
-    lib.pandis_close.argtypes = [pointer]
-    lib.pandis_error.restype, lib.pandis_error.argtypes = ctypes.c_char_p, [ctypes.c_int]
-    lib.pandis_kind.argtypes = [pointer]
-    lib.runtime_query.argtypes = [pointer, pointer, size, pointer, pointer, pointer, pointer]
-    lib.runtime_place.argtypes = [pointer, pointer, pointer]
-    lib.runtime_bytes.restype, lib.runtime_bytes.argtypes = size, [pointer]
-    lib.runtime_forces.argtypes = [pointer, pointer, size, f64, pointer, pointer]
-    for name in ("clear", "faces", "regions"):
-        getattr(lib, f"runtime_{name}").argtypes = [pointer, pointer, size, pointer]
-    lib.pandis_region.restype, lib.pandis_region.argtypes = ctypes.c_char_p, [pointer, ctypes.c_int]
-    lib.pandis_refit_room.restype, lib.pandis_refit_room.argtypes = size, [pointer]
-    lib.pandis_refit_open.argtypes = [pointer, pointer, pointer]
-    lib.pandis_refit.argtypes = [pointer, pointer]
-    lib.runtime_handover_bytes.restype = size
-    lib.pandis_handover_room.restype, lib.pandis_handover_room.argtypes = size, [pointer]
-    lib.pandis_handover_open.argtypes = [pointer, pointer, pointer]
-    lib.pandis_handover_refit.argtypes = lib.pandis_handover_take.argtypes = [pointer, pointer]
-    lib.pandis_distance.argtypes = [pointer, pointer, pointer]
-    lib.runtime_vertices.restype, lib.runtime_vertices.argtypes = ctypes.c_int64, [pointer]
-    lib.runtime_refit_time.restype, lib.runtime_refit_time.argtypes = f64, [pointer, pointer]
-    lib.runtime_frame.argtypes = [pointer, pointer]
-    lib.runtime_answers.argtypes = [pointer, pointer, size, f64, *[pointer] * 4]
-    lib.runtime_time.argtypes = [pointer, pointer, size, size, f64, pointer, pointer, size]
-    return lib
+    distance: Floats
+    normal: Floats
+    flag: NDArray[np.uint8]
 
 
 class NativeField:
@@ -93,7 +63,7 @@ class NativeField:
         The one that the field was made in.
     """
 
-    def __init__(self, source):
+    def __init__(self, source: Source) -> None:
         self._library = library()
         self._field = ctypes.create_string_buffer(self._library.runtime_field_bytes())
         if isinstance(source, bytes):
@@ -117,7 +87,7 @@ class NativeField:
         if getattr(self, "_field", None):
             self._library.pandis_close(self._field)
 
-    def placed(self, frame):
+    def placed(self, frame: Frame) -> "NativeField":
         """Return the field as it would be, had its mesh come in other units and at another place.
 
         Parameters
@@ -134,7 +104,7 @@ class NativeField:
         self._library.runtime_place(other._field, self._field, numbers)
         return other
 
-    def moving(self):
+    def moving(self) -> "MovingField":
         """Return a `MovingField` of this one, which must be an exact mesh.
 
         Raises
@@ -145,12 +115,12 @@ class NativeField:
         return MovingField(self)
 
     @property
-    def kind(self):
+    def kind(self) -> int:
         """NETWORK, GRID, SPLINE, MESH, SHAPE or COMPACT."""
         return self._library.pandis_kind(self._field)
 
     @property
-    def bytes(self):
+    def bytes(self) -> int:
         """How many bytes its answers are made of.
 
         All that a program holds in memory but what says where to trust the field and where it is
@@ -159,19 +129,19 @@ class NativeField:
         return self._library.runtime_bytes(self._field)
 
     @property
-    def address(self):
+    def address(self) -> int:
         """Where the opened field lies, for other C code."""
         return ctypes.addressof(self._field)
 
-    def query(self, points):
+    def query(self, points: ArrayLike) -> NativeAnswer:
         """Answer distances (n,), normals (n, 3) and flags (n,) at points (n, 3), mesh units."""
         return self._query(points)[0]
 
-    def query_slopes(self, points):
+    def query_slopes(self, points: ArrayLike) -> tuple[NativeAnswer, Floats]:
         """Answer as `query`, and how long (n,) each normal was before it was made a unit vector."""
         return self._query(points, slopes=True)
 
-    def clear(self, points):
+    def clear(self, points: ArrayLike) -> Floats:
         """Return how far (n,) from points (n, 3) no surface is, mesh units.
 
         Where an answer is cut, that is proved; elsewhere it is the distance without its sign.
@@ -182,7 +152,7 @@ class NativeField:
         self._library.runtime_clear(self._field, *where)
         return clear
 
-    def faces(self, points):
+    def faces(self, points: ArrayLike) -> NDArray[np.int32]:
         """Return the faces (n,) of ``mesh.zarr.zip`` on which the closest points to (n, 3) lie.
 
         Of an exact mesh, and of a compact one with ``export.original_faces``; -1 elsewhere, and
@@ -194,7 +164,7 @@ class NativeField:
         self._library.runtime_faces(self._field, *where)
         return faces
 
-    def regions(self, points):
+    def regions(self, points: ArrayLike) -> NDArray[np.int32]:
         """Return the regions (n,) in which the closest points to (n, 3) lie; -1 where none is said.
 
         Of an exact and of a compact mesh whose source names materials.
@@ -206,14 +176,14 @@ class NativeField:
         return regions
 
     @property
-    def region_names(self):
+    def region_names(self) -> tuple[str, ...]:
         """What the regions are called, in their order: the materials that the mesh's file names."""
         names = []
         while (name := self._library.pandis_region(self._field, len(names))) is not None:
             names.append(name.decode())
         return tuple(names)
 
-    def query_within(self, points, reach):
+    def query_within(self, points: ArrayLike, reach: float) -> tuple[NativeAnswer, Floats]:
         """Answer points (n, 3) that are nearer to the surface than ``reach``, mesh units.
 
         Returns
@@ -227,7 +197,7 @@ class NativeField:
             raise ValueError(f"a reach is a number from 0 on, not {reach}")
         return self._answers(points, reach)
 
-    def follow(self, points):
+    def follow(self, points: ArrayLike) -> NativeAnswer:
         """Answer points (n, 3) of a path, each with what is known from the one before.
 
         Returns
@@ -262,11 +232,43 @@ class NativeField:
         in_threads(part, count, small=_FEW if self.kind == NETWORK else SMALL)
         return answer, lengths
 
-    def distance_and_normal(self, points):
+    def distance_and_normal(self, points: ArrayLike) -> tuple[Floats, Floats]:
         """Answer distances (n,) and unit normals (n, 3) at points (n, 3), all in mesh units."""
         return self.query(points)[:2]
 
-    def force(self, points, k=1.0):
+    def gradient(self, points: ArrayLike) -> Floats:
+        """Return the gradients (n, 3) of the distance at points (n, 3).
+
+        Of meshes and closed forms it is the normal. Elsewhere it may be shorter or longer than 1,
+        and of the paper's network it is not the direction that the network answers: it belongs to
+        the distance. NaN where there is no answer, and of grids of forces, which have no distance.
+        """
+        return self._derivatives(points)[0]
+
+    def hessian(self, points: ArrayLike) -> Floats:
+        """Return the second derivatives (n, 3, 3) of the distance at points (n, 3), per mesh unit.
+
+        They are analytic for meshes and closed forms (by what is nearest: 0 next to a face, round
+        next to an edge or a corner), for splines and for grids of distances. Of networks, and where
+        a point is flagged as a bound, they are differences over a few thousandths of the object
+        or less.
+        NaN where `gradient` is.
+        """
+        return self._derivatives(points)[1]
+
+    def _derivatives(self, points):
+        points = _rows(points)
+        count = len(points)
+        gradients, hessians = np.empty((count, 3)), np.empty((count, 3, 3))
+
+        def part(low, high):
+            where = [array[low:].ctypes.data for array in (points, gradients, hessians)]
+            self._library.runtime_derivatives(self._field, where[0], high - low, *where[1:])
+
+        in_threads(part, count, small=_FEW if self.kind == NETWORK else SMALL)
+        return gradients, hessians
+
+    def force(self, points: ArrayLike, k: float = 1.0) -> Floats:
         """Return the penalty forces (n, 3) at points (n, 3), mesh units.
 
         Parameters
@@ -281,7 +283,14 @@ class NativeField:
         )
         return forces
 
-    def time(self, points, queries, cold=False, reach=None, follow=False):
+    def time(
+        self,
+        points: ArrayLike,
+        queries: int,
+        cold: bool = False,
+        reach: float | None = None,
+        follow: bool = False,
+    ) -> Floats:
         """Return the seconds (queries,) of single queries at points (n, 3) in turn.
 
         ``cold``: before each of them other work empties the caches. ``reach``: as `query_within`
@@ -310,7 +319,7 @@ class MovingField(NativeField):
 
     _NO_SHAPE = "a vertex is no finite number, or too far away: the old shape stays"
 
-    def __init__(self, field):
+    def __init__(self, field: NativeField) -> None:
         room = field._library.pandis_refit_room(field._field)
         if not room:
             raise ValueError(f"{field.path}: only an exact mesh has vertices that can move")
@@ -325,7 +334,7 @@ class MovingField(NativeField):
         lender = self._lender._field
         self._library.pandis_refit_open(self._field, lender, self._room.ctypes.data)
 
-    def refit(self, vertices):
+    def refit(self, vertices: ArrayLike) -> float:
         """Move the vertices.
 
         Parameters

@@ -4,7 +4,7 @@ import ctypes
 
 import numpy as np
 
-from pandis.native.runtime import MovingField
+from pandis.native.runtime import ArrayLike, MovingField
 
 
 class SharedField(MovingField):
@@ -27,7 +27,7 @@ class SharedField(MovingField):
         self._library.pandis_handover_open(self._handover, lender, self._room.ctypes.data)
         self.take()
 
-    def refit(self, vertices):
+    def refit(self, vertices: ArrayLike) -> None:
         """Move the vertices (V, 3), as `MovingField.refit` does, and hand the shape over.
 
         Raises
@@ -39,6 +39,6 @@ class SharedField(MovingField):
         if self._library.pandis_handover_refit(self._handover, vertices.ctypes.data):
             raise ValueError(self._NO_SHAPE)
 
-    def take(self):
+    def take(self) -> bool:
         """Ask the newest whole shape from now on; tell whether it is another one than before."""
         return bool(self._library.pandis_handover_take(self._handover, self._field))

@@ -67,6 +67,17 @@ void runtime_answers(const pandis_field *field, const double *points, size_t cou
     }
 }
 
+/* Gradients and second derivatives of the distance; either may be NULL. */
+void runtime_derivatives(const pandis_field *field, const double *points, size_t count, double *gradients,
+                         double *hessians) {
+    double gradient[3], hessian[9];
+    for (size_t i = 0; i < count; i++) {
+        (void)pandis_derivatives(field, points + 3 * i, gradient, hessian);
+        if (gradients) memcpy(gradients + 3 * i, gradient, sizeof gradient);
+        if (hessians) memcpy(hessians + 9 * i, hessian, sizeof hessian);
+    }
+}
+
 int64_t runtime_vertices(const pandis_field *field) {
     return field->kind == PANDIS_MESH ? field->as.mesh.vertex_count : 0;
 }

@@ -1,17 +1,19 @@
 """Several objects under one probe, of which only those are asked that it may touch."""
 
 import ctypes
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pandis.errors import PandisError
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.compiler import load
-from pandis.native.runtime import NativeField
-from pandis.native.runtime import library as runtime
+from pandis.native.runtime import ArrayLike, Floats, NativeField
+from pandis.native.runtime.binding import library as runtime
 
 _UPRIGHT = np.eye(3)
 
@@ -33,26 +35,33 @@ class Placed(NamedTuple):
     """
 
     field: NativeField
-    rotation: np.ndarray
-    translation: np.ndarray
+    rotation: ArrayLike
+    translation: ArrayLike
     scale: float
     stiffness: float
 
     @classmethod
-    def at(cls, field, size, stiffness, position=(0, 0, 0), rotation=_UPRIGHT):
+    def at(
+        cls,
+        field: NativeField,
+        size: float,
+        stiffness: float,
+        position: ArrayLike = (0, 0, 0),
+        rotation: ArrayLike = _UPRIGHT,
+    ) -> "Placed":
         """Return a field with its box's centre at a position, and its longest side of a size."""
         scale = size * field.frame.scale / UNIT_SIDE
-        centre = scale * rotation @ np.array(field.frame.centre)
+        centre = scale * np.asarray(rotation) @ np.array(field.frame.centre)
         return cls(field, rotation, np.array(position) - centre, scale, stiffness)
 
 
 class Answers(NamedTuple):
     """Forces (n, 3), flags (n,), fields asked (n,), and seconds (n,) or None, point by point."""
 
-    force: np.ndarray
-    flag: np.ndarray
-    asked: np.ndarray
-    seconds: np.ndarray | None
+    force: Floats
+    flag: NDArray[np.uint8]
+    asked: NDArray[np.int64]
+    seconds: Floats | None
 
 
 class _Object(ctypes.Structure):
@@ -112,7 +121,7 @@ class NativeScene:
         An object lies nowhere: its rotation is none, its scale not positive.
     """
 
-    def __init__(self, objects):
+    def __init__(self, objects: Iterable[Placed]) -> None:
         self._library, self.objects = library(), list(objects)
         count = len(self.objects)
         self._placed = (_Object * max(count, 1))()
@@ -130,7 +139,7 @@ class NativeScene:
         if error:
             raise PandisError(runtime().pandis_error(error).decode())
 
-    def move(self, index, placed):
+    def move(self, index: int, placed: Placed) -> None:
         """Give one of the objects another place, another field, or both.
 
         Raises
@@ -144,21 +153,21 @@ class NativeScene:
         self._check(self._library.pandis_scene_moved(self._scene, index))
 
     @property
-    def address(self):
+    def address(self) -> int:
         """Where the scene lies, for other C code."""
         return ctypes.addressof(self._scene)
 
     @property
-    def placed_address(self):
+    def placed_address(self) -> int:
         """Where its objects lie, for other C code, which may move them (`Poses`)."""
         return ctypes.addressof(self._placed)
 
-    def lies(self, index):
+    def lies(self, index: int) -> tuple[Floats, Floats]:
         """Return the rotation (3, 3) and translation (3,) of an object, as it lies now."""
         place = self._placed[range(len(self.objects))[index]]
         return np.array(place.rotation).reshape(3, 3), np.array(place.translation)
 
-    def answer(self, points, timed=False):
+    def answer(self, points: ArrayLike, timed: bool = False) -> Answers:
         """Return the `Answers` along a path (n, 3), scene units, of which only some are asked."""
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         count = len(points)
@@ -170,7 +179,7 @@ class NativeScene:
         )  # fmt: skip
         return Answers(force, flag, asked, seconds)
 
-    def ask_all(self, points):
+    def ask_all(self, points: ArrayLike) -> Floats:
         """Return the forces (n, 3) at points (n, 3) by asking every object at every point."""
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         force = np.empty_like(points)

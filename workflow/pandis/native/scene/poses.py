@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.native.runtime import library as runtime
+from pandis.native.runtime.binding import library as runtime
 from pandis.native.scene import library
 
 
