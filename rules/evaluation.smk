@@ -34,6 +34,7 @@ rule evaluate:
         "<results>/benchmarks/{mesh}/evaluate.jsonl"
     conda:
         "../workflow/envs/evaluation.yaml"
+    threads: 2
     resources:
         mem_mb=4000,
         runtime=30,

@@ -10,7 +10,7 @@ import numpy as np
 #: evaluate. Its probe sets, shallow and deep, have 0 and 1.
 CONTACTS, COVERAGE = 6, 13
 #: stress.
-PLACES, QUESTIONS, WANDER = 1, 2, 3
+PLACES, QUESTIONS, WANDER, TICKS = 1, 2, 3, 4
 #: validate.
 WALLS, PRESSES = 21, 22
 #: bake_spline, bake_auto, choose. What chooses and what promises has three numbers: see

@@ -1,5 +1,6 @@
 """All questions to all fields of a mesh, and what the answers mean."""
 
+import time
 from typing import NamedTuple
 
 from pandis import streams
@@ -101,6 +102,8 @@ QUESTIONS = {
         "{bad:,} answers of {ticks:,} are no numbers, {drift:,} changed",
     ),
 }
+#: What takes about as long as all others together.
+LONG = ("endurance",)
 #: What is asked of a field through a proxy, if it has one.
 PROXY_QUESTIONS = {
     "holds": Question(
@@ -175,7 +178,7 @@ class Suite:
         """Answer exactly, as in a loop: signs are not compared with the winding number."""
         return self.engine.distance_and_normal(points, check=False)
 
-    def ask(self, field, progress, first=False):
+    def ask(self, field, progress, first=False, only=tuple(QUESTIONS)):
         """Ask one field everything.
 
         Parameters
@@ -185,6 +188,8 @@ class Suite:
             Makes a `pandis.run.stage.Progress`.
         first : bool
             Ask no more after the first question that the field fails.
+        only : collection of str
+            The questions that are asked.
 
         Returns
         -------
@@ -193,10 +198,18 @@ class Suite:
         """
         answers = {}
         for question, answer in self._questions(field, progress).items():
+            if question not in only:
+                continue
             answers[question] = answer()
             if first and not answers[question]["passed"]:
                 break
         return answers
+
+    def pace(self, field):
+        """Return about how long a field takes for a few hundred points, s."""
+        start = time.perf_counter()
+        field.answer(self.shell.points[:256])
+        return time.perf_counter() - start
 
     def touch(self, field):
         """Ask one field everything through a proxy; returns as `ask` does, {} without a proxy."""
@@ -216,6 +229,7 @@ class Suite:
     def _questions(self, field, progress):
         """Return what answers each question, in the order of `QUESTIONS`: the quick ones first."""
         rng = streams.generator(self.seed, streams.QUESTIONS)
+        walk = streams.generator(self.seed, streams.TICKS)
         answer, exact, scale, device = field.answer, self.exact, self.scale, self.device
         ticks = self.options.ticks
         return {
@@ -232,7 +246,7 @@ class Suite:
             "precision": lambda: precision(answer, exact, self.shell, scale),
             "special": lambda: special(field, self.odd),
             "endurance": lambda: endurance(
-                answer, ticks, rng, progress(f"{field.name}: ticks", ticks, "ticks")
+                answer, ticks, walk, progress(f"{field.name}: ticks", ticks, "ticks")
             ),
         }
 
@@ -247,7 +261,7 @@ def stress(fields, controls, suite, count, progress, proxies=True):
         From `pandis.fields.controls.controls`: asked until they fail a question, as each must.
     suite : Suite
     count : int
-        Fields that are asked at a time, each in a process of its own.
+        Processes: they share the questions to all fields, those that take longest first.
     progress : callable
         Makes a `pandis.run.stage.Progress`.
     proxies : bool
@@ -272,12 +286,7 @@ def stress(fields, controls, suite, count, progress, proxies=True):
     if proxies and not failures(suite.feel(nothing, 0.0)):
         demand_failure("the stress suite of proxies", ["a proxy that nothing holds"])
 
-    def both(field):
-        return suite.ask(field, progress), suite.touch(field) if proxies else {}
-
-    answers = dict(zip([field.name for field in asked], each(both, asked, count), strict=True))
-    answered = {name: answer for name, (answer, _) in answers.items()}
-    felt = {name: touched for name, (_, touched) in answers.items() if touched}
+    answered, felt = _shared_out(asked, suite, count, progress, proxies)
     holds = suite.thickness * suite.scale.newtons
     arrays = {"pushed": suite.pushed.feet, "holding_newtons": holds}
     record = StressRecord(
@@ -292,6 +301,30 @@ def stress(fields, controls, suite, count, progress, proxies=True):
         stiffness=suite.scale.stiffness,
     )
     return arrays, record.attributes()
+
+
+def _shared_out(fields, suite, count, progress, proxies):
+    """Return the answers of all fields by name, and through a proxy, of several processes."""
+    slowest = sorted(fields, key=suite.pace, reverse=True)
+    parts = [LONG, [question for question in QUESTIONS if question not in LONG]]
+    tasks = [(field, part) for part in (*parts, *([PROXY_QUESTIONS] if proxies else []))
+             for field in slowest]  # fmt: skip
+
+    def ask(task):
+        field, part = task
+        if part is PROXY_QUESTIONS:
+            return suite.touch(field)
+        return suite.ask(field, progress, only=part)
+
+    answers, felt = {field.name: {} for field in fields}, {}
+    for (field, part), answer in zip(tasks, each(ask, tasks, count), strict=True):
+        if part is not PROXY_QUESTIONS:
+            answers[field.name] |= answer
+        elif answer:
+            felt[field.name] = answer
+    ordered = {name: {question: answer[question] for question in QUESTIONS}
+               for name, answer in answers.items()}  # fmt: skip
+    return ordered, {field.name: felt[field.name] for field in fields if field.name in felt}
 
 
 def failures(answers):
