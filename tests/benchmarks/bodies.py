@@ -26,7 +26,12 @@ BAND, WIDE = (0.08, 0.04), (0.2, 0.1)
 
 
 def field_of(body, name):
-    """Return a field of a body by name.
+    """Return a field of a body by name, as `file_of` makes it."""
+    return NativeField(file_of(body, name))
+
+
+def file_of(body, name):
+    """Return the bytes of a field's file.
 
     Parameters
     ----------
@@ -36,15 +41,15 @@ def field_of(body, name):
 
     Returns
     -------
-    pandis.native.runtime.NativeField
+    bytes
     """
     engine = body.distance
     if name == "exact":
         field = ExactField("exact", body)
-        return NativeField(native_bytes(field, "exact", {}, safe=_safe(field, engine)))
+        return native_bytes(field, "exact", {}, safe=_safe(field, engine))
     kind, size = re.fullmatch(r"(.*)-(\d+)K?", name).groups()
     if kind == "compact":
-        return NativeField(pack(COMPACT, UNIT, *file_parts(*pack_body(body, int(size))), {}, 3))
+        return pack(COMPACT, UNIT, *file_parts(*pack_body(body, int(size))), {}, 3)
     if kind == "spline":
         budget = 1000 * int(size)
         fit = SplineFit(engine, body.surface, BAND, 0, samples_for(budget=budget))
@@ -54,7 +59,7 @@ def field_of(body, name):
         grid = DenseGrid(engine, GRID_FIELDS[kind], int(size), WIDE, silent_progress)
         values = np.concatenate(list(grid.slabs(32)))
         field, rule = _opened(name, {"values": values}, grid.attributes()), kind
-    return NativeField(native_bytes(field, rule, {}, safe=_safe(field, engine)))
+    return native_bytes(field, rule, {}, safe=_safe(field, engine))
 
 
 def _opened(name, arrays, attributes):

@@ -165,13 +165,6 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
     -------
     pandis.run.records.hardware.ProxyVerdict
     """
-    timed = time_proxy(field, feel, surfaces, path, options)
-    pressed = touch_devices(field, feel, surface, walls, truth, options)
-    return timed.model_copy(update={"devices": pressed})
-
-
-def time_proxy(field, feel, surfaces, path, options):
-    """Follow a path through a proxy, and say what it costs; no device presses yet."""
     placed = Placed.at(field, options.size, options.stiffness)
     followed = []
     for _ in range(2):
@@ -193,14 +186,11 @@ def time_proxy(field, feel, surfaces, path, options):
         in_time=bool(touching and missed <= options.misses),
         touching_share=touching,
         behind_share=float(((touches.state & BEHIND) > 0).mean()),
-        devices={},
+        devices={
+            name: touch_device(name, field, feel, surface, walls, truth, options, options.rate)
+            for name in options.devices
+        },
     )
-
-
-def touch_devices(field, feel, surface, walls, truth, options):
-    """Press every simulated device that is asked for through a proxy: verdicts by name."""
-    given = field, feel, surface, walls, truth, options, options.rate
-    return {name: touch_device(name, *given) for name in options.devices}
 
 
 def touch_device(name, field, feel, surface, walls, truth, options, rate):

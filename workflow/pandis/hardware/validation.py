@@ -13,19 +13,11 @@ from pandis.hardware.attached import Span, run_attached
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.load import busy_cores
 from pandis.hardware.pressing import Hand, contact, press
-from pandis.hardware.proxies import (
-    Truth,
-    feel_for,
-    regions_among,
-    time_proxy,
-    touch_device,
-    touch_devices,
-)
+from pandis.hardware.proxies import Truth, feel_for, regions_among, touch_device, try_proxy
 from pandis.hardware.verdict import device_sentence, judge, machine_verdict, paragraph
 from pandis.hardware.walls import compare
 from pandis.native.contact import Feel
 from pandis.native.contact.surfaces import unknown_materials
-from pandis.native.processes import each
 from pandis.native.runtime import NativeField
 from pandis.native.servo import run_ticks
 from pandis.run.machine import describe, governor
@@ -61,13 +53,8 @@ AGAIN = (
 ONCE = "Between two ticks the loop asked nothing (hardware.ask_again is false)."
 
 
-def validate_exports(
-    exports, walls, oracle, trajectory, evaluation, mesh, options, progress, log, cores=1
-):
-    """Validate all exported fields of a mesh.
-
-    At the servo rate they run one after the other, and nothing beside them. Then simulated devices
-    press onto them, which takes as long as it takes, in several processes.
+def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, options, progress, log):
+    """Validate all exported fields of a mesh, one after the other.
 
     Parameters
     ----------
@@ -83,8 +70,6 @@ def validate_exports(
     options : pandis.run.tasks.ValidateTask
     progress, log : callable
         Of a `pandis.run.stage.Job`.
-    cores : int
-        Processes for simulated devices.
 
     Returns
     -------
@@ -101,7 +86,6 @@ def validate_exports(
     arrays, fields = {}, {}
     surface = contact(trajectory.arrays, walls.pressed, options.size)
     report = progress("fields", len(exports), "fields")
-    tried = []
     idle = run_ticks(None, points, _ticks(options), options.rate)
     asked = AGAIN if options.ask_again else ONCE
     arrays["lateness"] = idle.lateness
@@ -116,30 +100,24 @@ def validate_exports(
         gone = missing(force_at(walls.probes.points), walls.probes.force, walls.scale.newtons)
         truth = Truth(oracle, walls.places.feet[~gone] * options.size / UNIT_SIDE)
         ticks, servo = validate(field, frame, points, reference, lacks, options)
-        arrays |= {f"{key}_{name}": values for key, values in ticks.items()}
+        devices, attached = press_devices(field, surface, lacks, options), None
         query = servo.compute_us["p50"] * 1e-6
         feel, surfaces, no_proxy = feel_for(
             field, beside, options.contact, options.size, query, most
         )
-        proxy = feel and time_proxy(field, feel, surfaces, path_in, options)
-        tried.append(_Tried(field, servo, truth, feel, proxy, no_proxy))
-        report.update(index + 1)
-    report = progress("devices", len(exports), "fields")
-    for index, (one, devices, touched) in enumerate(_pressed(tried, surface, options, cores)):
-        name, proxy, attached = one.field.path.stem, one.proxy, None
-        if proxy:
-            proxy = proxy.model_copy(update={"devices": touched})
+        proxy = feel and try_proxy(field, feel, surfaces, path_in, surface, lacks, truth, options)
         if options.attached:
-            run = _Felt(one.feel, proxy, one.truth) if proxy else None
-            more, attached = _attached(one.field, surface, one.servo, devices, options, run)
-            arrays |= {f"device_{key}_{name}": values for key, values in more.items()}
+            run = _Felt(feel, proxy, truth) if feel else None
+            more, attached = _attached(field, surface, servo, devices, options, run)
+            ticks |= {f"device_{key}": values for key, values in more.items()}
+        arrays |= {f"{key}_{name}": values for key, values in ticks.items()}
         fields[name] = FieldVerdict(
-            **dict(one.servo),
+            **dict(servo),
             devices=devices,
-            advice=paragraph(one.servo, devices, options, proxy),
-            sha256=hashlib.sha256(one.field.path.read_bytes()).hexdigest(),
+            advice=paragraph(servo, devices, options, proxy),
+            sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
             proxy=proxy,
-            no_proxy=one.no_proxy,
+            no_proxy=no_proxy,
             attached=attached,
         )
         report.update(index + 1)
@@ -160,37 +138,6 @@ def validate_exports(
         fields=fields,
     ).attributes()
     return arrays, attributes, json.dumps({"mesh": mesh} | attributes, indent=2) + "\n"
-
-
-class _Tried(NamedTuple):
-    """A field that has run at the servo rate, onto which devices are to press."""
-
-    field: NativeField
-    servo: ServoVerdict
-    truth: Truth
-    feel: Feel | None
-    proxy: ProxyVerdict | None  # without devices
-    no_proxy: str
-
-
-def _pressed(tried, surface, options, cores):
-    """Yield each field, with the verdicts of devices that press onto it, and through its proxy."""
-    slowest = sorted(tried, key=lambda one: -one.servo.compute_us["p50"])
-    tasks = [(one, felt) for one in slowest for felt in (True, False) if one.feel or not felt]
-
-    def press_one(task):
-        one, felt = task
-        if not felt:
-            return press_devices(one.field, surface, one.servo.walls, options)
-        given = one.field, one.feel, surface, one.servo.walls, one.truth, options
-        return touch_devices(*given)
-
-    found = each(press_one, tasks, cores)
-    verdicts = {(one.field.path, felt): made
-                for (one, felt), made in zip(tasks, found, strict=True)}  # fmt: skip
-    for one in tried:
-        path = one.field.path
-        yield one, verdicts[path, False], verdicts.get((path, True), {})
 
 
 class _Felt(NamedTuple):
