@@ -8,7 +8,7 @@ JOBS ?= 2
 RUN ?= default
 BIN := .venv/bin
 
-.PHONY: all check test test-full lint docs figures clean
+.PHONY: all check test test-full lint docs figures wasm clean
 
 all: .venv/installed
 	$(BIN)/snakemake -j$(JOBS) all
@@ -40,6 +40,10 @@ figures: .venv/installed
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --requirement constraints.txt
 	touch $@
+
+# compile what pages run: needs Debian's clang and lld; commit what it makes
+wasm: .venv/installed
+	PYTHONPATH=workflow $(BIN)/python docs/tools/wasm.py
 
 clean:
 	rm -rf .venv .pytest_cache .ruff_cache

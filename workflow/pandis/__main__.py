@@ -3,6 +3,9 @@
 import argparse
 import json
 import sys
+import tempfile
+import webbrowser
+from pathlib import Path
 
 from pandis import __version__
 from pandis.errors import PandisError
@@ -23,6 +26,12 @@ def main(arguments=None):
     mjcf.add_argument("scene", metavar="SCENE", help="results/scenes/{scene}.json")
     mjcf.add_argument("model", metavar="MODEL", help="the file to write: ….xml")
     mjcf.set_defaults(run=_mjcf)
+    view = commands.add_parser("view", help="touch fields of one object in a browser")
+    view.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
+    view.add_argument("--output", metavar="PAGE", help="write the page here, and open no browser")
+    view.add_argument("--size", type=float, default=0.1, help="length of the object, m (0.1)")
+    view.add_argument("--stiffness", type=float, default=400.0, help="N/m, at first (400)")
+    view.set_defaults(run=_view)
     asked = parser.parse_args(arguments)
     return asked.run(asked)
 
@@ -56,6 +65,22 @@ def _mjcf(asked):
     except (PandisError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    return 0
+
+
+def _view(asked):
+    """Write a page to touch fields on, and open it: 1 if that cannot be."""
+    from pandis.native.web import write_page
+
+    path = Path(asked.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
+    try:
+        write_page(path, asked.files, asked.size, asked.stiffness)
+    except (PandisError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(path)
+    if not asked.output and not webbrowser.open(path.resolve().as_uri()):
+        print("no browser could be opened: open the page by hand", file=sys.stderr)
     return 0
 
 

@@ -13,6 +13,7 @@ from pandis.geometry.frame import Frame
 from pandis.geometry.physical import Scale
 from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.native.processes import each
+from pandis.native.web import script
 from pandis.report import figures, paper
 from pandis.report.builds import build_seconds
 from pandis.report.picks import picks, usable
@@ -278,10 +279,11 @@ def build(sections, refused=None):
             lambda name: (resources.files("pandis.report") / name).read_text(encoding="utf-8")
         ),
     )
-    scripts = [
+    own = [
         (resources.files("pandis.report") / f"{name}.js").read_text(encoding="utf-8")
         for name in ("page", "view")
     ]
+    scripts = [script("solid"), *own]
     environment.filters["number"] = _number
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(

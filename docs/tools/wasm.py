@@ -1,0 +1,31 @@
+"""Compile web.c into pandis.wasm, which pages run: ``make wasm``, after a change of pandis.h.
+
+Needs clang with the target wasm32, and wasm-ld: Debian's packages clang and lld.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from pandis.native.sources import digest
+from pandis.native.web import HERE, MODULE, SOURCE
+
+EXPORTS = "numbers", "room", "open", "error", "begin", "ticks", "query", "digest"
+FLAGS = (
+    *("--target=wasm32", "-O3", "-msimd128", "-mbulk-memory", "-ffreestanding", "-nostdlib"),
+    *("-ffp-contract=off", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror"),
+    *("-Wl,--no-entry", "-Wl,--allow-undefined", "-Wl,-z,stack-size=524288", "-Wl,--strip-all"),
+    *(f"-Wl,--export=web_{name}" for name in EXPORTS),
+)
+
+
+def build(target, *more):
+    """Compile the module to a path."""
+    told = f'-DWEB_DIGEST="{digest(SOURCE)}"'
+    command = ["clang", *FLAGS, *more, told, "-I", str(HERE / "libc"), str(SOURCE), "-o"]
+    subprocess.run([*command, str(target)], check=True)
+
+
+if __name__ == "__main__":
+    build(Path(sys.argv[1]) if len(sys.argv) > 1 else MODULE)
+    print(f"wrote {MODULE}: {MODULE.stat().st_size:,} bytes")

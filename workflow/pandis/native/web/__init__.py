@@ -1,0 +1,112 @@
+"""Fields to touch on a page: ``pandis.h`` in WebAssembly, in one file that needs nothing else.
+
+The module ``pandis.wasm`` is compiled from ``web.c`` by ``make wasm`` and comes with the package.
+"""
+
+import base64
+import json
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from pandis.errors import ArtifactError, PandisError
+from pandis.geometry.frame import UNIT_SIDE
+from pandis.native.contact import NativeContact
+from pandis.native.runtime import NativeField
+from pandis.native.scene import Placed
+from pandis.native.web.surface import surface_of
+
+HERE = Path(__file__).parent
+SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
+#: Files that together are larger make a page that browsers open slowly.
+LARGEST = 64_000_000
+#: Whole numbers per length of the unit frame.
+_STEPS = 32767
+
+
+def write_page(path: str | PathLike[str], files: list[str], size: float, stiffness: float) -> None:
+    """Write a page on which fields of one object can be touched.
+
+    Parameters
+    ----------
+    path : path-like
+        ``….html``.
+    files : list of path-like
+        ``.pandis`` files of one object; the first is shown, and drawn.
+    size : float
+        How long the object is under the hand, m.
+    stiffness : float
+        N/m, at first.
+
+    Raises
+    ------
+    PandisError
+        A file cannot be read, has no proxy, or is of another object; all are too large for a page.
+    """
+    fields = [NativeField(file) for file in files]
+    for field in fields:
+        _check(field, fields[0])
+    total = sum(field.path.stat().st_size for field in fields)
+    if total > LARGEST:
+        raise PandisError(f"{total:,} bytes of fields are too many for a page: {LARGEST:,} at most")
+    names = ", ".join(dict.fromkeys(field.path.parent.parent.name or field.path.stem
+                                    for field in fields[:1]))  # fmt: skip
+    text = (HERE / "page.html").read_text(encoding="utf-8").format(
+        title=f"{_escaped(names)}: touch it",
+        style=(HERE / "style.css").read_text(encoding="utf-8"),
+        section=section(fields, size, stiffness),
+        scripts="".join(script(name) for name in ("solid", "touch")),
+    )  # fmt: skip
+    Path(path).write_text(text, encoding="utf-8")
+
+
+def script(name):
+    """Return the text of one of the page's scripts: ``solid``, ``touch`` or ``loop``."""
+    return (HERE / f"{name}.js").read_text(encoding="utf-8")
+
+
+def section(fields, size, stiffness):
+    """Return the part of a page in which fields of one object are touched, as HTML."""
+    corners, faces = surface_of(fields[0])
+    small = len(corners) < 1 << 16
+    data = {
+        "vertices": _text(np.rint(np.clip(corners, -1, 1) * _STEPS), "<i2"),
+        "faces": _text(faces, "<u2" if small else "<u4"),
+        "small": small,
+        "size": size,
+        "longest": UNIT_SIDE,
+        "fields": [
+            {"name": field.path.stem, "bytes": _text(np.fromfile(field.path, np.uint8), "u1")}
+            for field in fields
+        ],
+        "wasm": _text(np.fromfile(MODULE, np.uint8), "u1"),
+        "loop": script("loop"),
+    }
+    return (HERE / "section.html").read_text(encoding="utf-8").format(
+        data=json.dumps(data).replace("<", "\\u003c"),
+        size=f"{1e3 * size:g} mm",
+        stiffness=f"{stiffness:g}",
+    )  # fmt: skip
+
+
+def _check(field, first):
+    """Refuse a field that cannot be touched, or is of another object than the first."""
+    try:
+        NativeContact(Placed.at(field, 1.0, 1.0))
+    except PandisError as error:
+        raise ArtifactError(f"{field.path}: it cannot be touched: {error}") from error
+    apart = np.abs(first.frame.to_unit(field.frame.centre)).max()
+    if apart > 0.1 or not 0.9 < field.frame.scale / first.frame.scale < 1.1:
+        raise PandisError(
+            f"{field.path}: this is another object than {first.path}, of another size or at "
+            "another place: give each object a page of its own"
+        )
+
+
+def _text(values, kind):
+    return base64.b64encode(np.ascontiguousarray(values).astype(kind).tobytes()).decode()
+
+
+def _escaped(text):
+    return text.replace("&", "&amp;").replace("<", "&lt;")
