@@ -176,6 +176,7 @@ def generated():
             large=tables.large_table(),
             presses=tables.press_table(),
             contact=tables.contact_table(),
+            simulator=tables.simulator_table(),
             order=tables.order_table(),
             full=tables.full_table(),
             native=tables.native_table(),

@@ -326,6 +326,26 @@ def press_table():
     return _noted(table, notes)
 
 
+def simulator_table():
+    """Return the table of fields in MuJoCo."""
+    notes, rows = _figures("simulator")
+    table = [
+        "| scene | field | shallow error | contact error (mN) | step, median (µs) | of depth 6 "
+        "| starts | tunnelled | overlap, median and 99 % (mm) "
+        "| energy rises by, median and 99 % (weight · m) |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    native = {row["scene"]: float(row["step_us"]) for row in rows if row["field"] == "native-6"}
+    for row in rows:
+        step = float(row["step_us"])
+        cells = [row["scene"], f"`{row['field']}`", f"{float(row['shallow']):.2g}e-3"]
+        cells += [f"{float(row['contact_mn']):.2g}", f"{step:,.0f}"]
+        cells += [f"{step / native[row['scene']]:.2g}", row["starts"], row["tunnelled"]]
+        cells += [f"{float(row['overlap']):.2f}, {float(row['overlap_p99']):.2f}"]
+        table.append(_row([*cells, f"{float(row['rise']):.1e}, {float(row['rise_p99']):.1e}"]))
+    return _noted(table, notes)
+
+
 def contact_table():
     """Return the table of what a contact costs and holds."""
     notes, rows = _figures("contact")

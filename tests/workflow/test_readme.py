@@ -52,6 +52,13 @@ def test_a_force_in_a_program_of_ones_own(workspace):
         text=True,
         check=True,
     )
+    file = re.search(r"python -m pandis view (\S+)", README)[1]
+    page = workspace / "touch.html"
+    subprocess.run(
+        [sys.executable, "-m", "pandis", "view", file, "--output", str(page)],
+        cwd=workspace, env=environment(PYTHONPATH=str(workspace / "workflow")), check=True,
+    )  # fmt: skip
+    assert "compact-auto" in page.read_text(encoding="utf-8")
     # (1, 2, 3) lies an edge's length of five below the lower wall, at -2
     assert np.array(done.stdout.split(), float) == pytest.approx([0, 0, -5 * 0.4], abs=0.02)
 

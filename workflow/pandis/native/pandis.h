@@ -776,7 +776,7 @@ static int pandis__arithmetic(void) {
 /* ---------------------------------------------------------------- B-splines */
 
 /* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives by t. */
-static void pandis__weigh(double t, double *w, double *dw) {
+PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     double s = 1 - t;
     w[0] = s * s * s / 6, w[3] = t * t * t / 6;
     w[1] = (4 - 6 * t * t + 3 * t * t * t) / 6, w[2] = (4 - 6 * s * s + 3 * s * s * s) / 6;
@@ -785,8 +785,8 @@ static void pandis__weigh(double t, double *w, double *dw) {
 }
 
 /* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; 0 outside of the lattice. */
-static int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
-                         double (*dw)[4]) {
+PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
+                                 double (*dw)[4]) {
     for (int k = 0; k < 3; k++) {
         double x = (p[k] - low) * per_step, cell = floor(x);
         if (!(cell >= 1 && cell <= size - 3)) return 0; /* NaN too */
@@ -797,16 +797,33 @@ static int pandis__place(int32_t size, double low, double per_step, const double
     return 1;
 }
 
+/* Four numbers at once, where the compiler has vectors: each is computed as it would be alone. */
+#if defined(PANDIS__VECTOR) && PANDIS__VECTOR > 1
+typedef double pandis__four __attribute__((vector_size(32)));
+typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), may_alias));
+#define PANDIS__FOUR_AT_ONCE
+#endif
+
 /* Add value and gradient of the spline that has these 64 coefficients around a point. */
-static void pandis__tensor(const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
+PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
+#ifdef PANDIS__FOUR_AT_ONCE
+    pandis__four f = {0, 0, 0, 0}, gx = f, gy = f;
+#else
     double f[4] = {0}, gx[4] = {0}, gy[4] = {0};
+#endif
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++) {
             double a = w[0][x] * w[1][y], b = dw[0][x] * w[1][y], d = w[0][x] * dw[1][y];
+            const float *row = c + 16 * x + 4 * y;
+#ifdef PANDIS__FOUR_AT_ONCE
+            pandis__four r = __builtin_convertvector(*(const pandis__four_floats *)row, pandis__four);
+            f += a * r, gx += b * r, gy += d * r;
+#else
             for (int z = 0; z < 4; z++) {
-                double r = (double)c[16 * x + 4 * y + z];
+                double r = (double)row[z];
                 f[z] += a * r, gx[z] += b * r, gy[z] += d * r;
             }
+#endif
         }
     for (int z = 0; z < 4; z++) {
         *value += f[z] * w[2][z];
@@ -834,7 +851,7 @@ static void pandis__cubic(const pandis__lattice *l, const double *u, double *val
     pandis__tensor(c, w, dw, value, gradient);
 }
 
-static int pandis__count_bits(uint64_t x) {
+PANDIS__INLINE int pandis__count_bits(uint64_t x) {
 #if defined(__GNUC__)
     return __builtin_popcountll(x);
 #else
@@ -844,16 +861,19 @@ static int pandis__count_bits(uint64_t x) {
 #endif
 }
 
-/* Where the eight coefficients of a block begin, or -1 if it is not kept. */
-static int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
-    ptrdiff_t n = l->bricks;
-    uint16_t brick = l->brick[((bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
-    int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
-    uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
+/* Where the eight coefficients of a block of a brick begin, or -1 if it is not kept. */
+PANDIS__INLINE int32_t pandis__block_of(const pandis__layout *l, uint16_t brick, int bit) {
+    if (brick == PANDIS__NO_BRICK) return -1;
+    uint64_t mask = l->mask[brick], one = (uint64_t)1 << bit;
     if (!(mask & one)) return -1;
     return (int32_t)((l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1))) * 8);
 }
 
+PANDIS__INLINE int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
+    ptrdiff_t n = l->bricks;
+    uint16_t brick = l->brick[((bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
+    return pandis__block_of(l, brick, ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3));
+}
 
 /* ---------------------------------------------------------------- eight boxes or triangles at once, in single precision
  *
@@ -2241,46 +2261,64 @@ static int pandis__answer_grid(const pandis__grid *g, const double *u, double *d
 
 /* ---------------------------------------------------------------- banded splines */
 
-/* Coefficients from what is stored of them. */
-static void pandis__restore(const pandis__spline *s, int level, const int32_t *stored, int count, float *c) {
-    double offset = s->offset[level], scale = s->scale[level];
-    for (int i = 0; i < count; i++) c[i] = (float)(offset + scale * (double)stored[i]);
-}
+/* Coefficients, four at a time, from what is stored of them: coarse or far ones, and fine ones. */
+#ifdef PANDIS__FOUR_AT_ONCE
+typedef int16_t pandis__four_shorts __attribute__((vector_size(8), aligned(2), may_alias));
+typedef int8_t pandis__four_bytes __attribute__((vector_size(4), aligned(1), may_alias));
+typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
+#define PANDIS__RESTORE(type, vector, tail)                                                                              \
+    PANDIS__INLINE void pandis__restore_##tail(const type *stored, double offset, double scale, float *c) {              \
+        pandis__four_ints whole = __builtin_convertvector(*(const vector *)stored, pandis__four_ints);                   \
+        *(pandis__four_floats *)c =                                                                                      \
+            __builtin_convertvector(offset + scale * __builtin_convertvector(whole, pandis__four), pandis__four_floats); \
+    }
+#else
+#define PANDIS__RESTORE(type, vector, tail)                                                                  \
+    PANDIS__INLINE void pandis__restore_##tail(const type *stored, double offset, double scale, float *c) {  \
+        for (int i = 0; i < 4; i++) c[i] = (float)(offset + scale * (double)stored[i]);                      \
+    }
+#endif
+PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
+PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* The 64 coefficients around a point, block by block; what is not kept is zero. Tells how much is kept: 0
- * nothing, 1 some of it, 2 everything. */
-static int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
+/* The 64 coefficients around a point, block by block; what is not kept is zero. Tells whether any is kept; of the coarse
+ * lattice, which is of no use in parts, whether all are. */
+PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
-    int found = 0, missing = 0, blocks[3];
-    float room[6][6][6]; /* two or three blocks of an axis */
-    for (int k = 0; k < 3; k++) blocks[k] = ((first[k] + 3) >> 1) - (first[k] >> 1) + 1;
+    int found = 0, low[3], blocks[3];
+    double offset = s->offset[level], scale = s->scale[level];
+    float room[6][6][6], own[8]; /* two or three blocks of an axis */
+    memset(room, 0, sizeof room);
+    for (int k = 0; k < 3; k++) low[k] = first[k] >> 1, blocks[k] = ((first[k] + 3) >> 1) - low[k] + 1;
     for (int i = 0; i < blocks[0]; i++)
-        for (int j = 0; j < blocks[1]; j++)
-            for (int k = 0; k < blocks[2]; k++) {
-                int32_t at = pandis__block(l, (first[0] >> 1) + i, (first[1] >> 1) + j, (first[2] >> 1) + k);
-                float own[8] = {0};
-                if (at >= 0) {
-                    int32_t stored[8];
+        for (int j = 0; j < blocks[1]; j++) {
+            int bx = low[0] + i, by = low[1] + j, within = ((bx & 3) << 4) | ((by & 3) << 2);
+            const uint16_t *row = l->brick + ((ptrdiff_t)(bx >> 2) * l->bricks + (by >> 2)) * l->bricks;
+            float *line = room[2 * i][2 * j];
+            for (int k = 0; k < blocks[2]; k++, line += 2) {
+                int bz = low[2] + k;
+                int32_t at = pandis__block_of(l, row[bz >> 2], within | (bz & 3));
+                if (at < 0 && level == 0) return 0;
+                if (at < 0) continue;
+                found = 1;
+                for (int e = 0; e < 8; e += 4) {
                     if (level)
-                        for (int e = 0; e < 8; e++) stored[e] = s->fine[at + e];
+                        pandis__restore_fine(s->fine + at + e, offset, scale, own + e);
                     else
-                        for (int e = 0; e < 8; e++) stored[e] = s->coarse[at + e];
-                    pandis__restore(s, level, stored, 8, own);
-                    found = 1;
-                } else {
-                    missing = 1;
+                        pandis__restore_coarse(s->coarse + at + e, offset, scale, own + e);
+                    memcpy(line + 9 * e, own + e, 2 * sizeof *own); /* 36 from x to x, 6 from y to y */
+                    memcpy(line + 9 * e + 6, own + e + 2, 2 * sizeof *own);
                 }
-                for (int e = 0; e < 4; e++)
-                    memcpy(&room[2 * i + (e >> 1)][2 * j + (e & 1)][2 * k], own + 2 * e, 2 * sizeof *own);
             }
+        }
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++)
             memcpy(c + 16 * x + 4 * y, &room[x + (first[0] & 1)][y + (first[1] & 1)][first[2] & 1], 4 * sizeof *c);
-    return found ? 2 - missing : 0;
+    return found;
 }
 
-/* Add one level's value and gradient; tells how much of it is kept. */
-static int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
+/* Add one level's value and gradient; tells what pandis__collect does. */
+PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
     int first[3], kept;
     double w[3][4], dw[3][4];
@@ -2297,13 +2335,13 @@ static int pandis__add_level(const pandis__spline *s, int level, const double *p
 #define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
 #define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
 
-static void pandis__sharpen(const pandis__spline *s, const double *p, double *value, double *gradient) {
+PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, double *value, double *gradient) {
     double missing = (1 - pandis__dot(gradient, gradient) - PANDIS__SHORT) / (1 - PANDIS__SHORT);
     if (!(missing > 0 && *value < 0)) return;
     double lift = PANDIS__LIFT / s->layout[0].per_step, q[3], found = 0, normal[3] = {0};
     lift = (lift < -*value ? lift : -*value) * missing * missing * (3 - 2 * missing);
     for (int k = 0; k < 3; k++) q[k] = p[k] + lift * gradient[k];
-    if (pandis__add_level(s, 0, q, &found, normal) < 2) return;
+    if (!pandis__add_level(s, 0, q, &found, normal)) return;
     pandis__add_level(s, 1, q, &found, normal);
     double slope = sqrt(pandis__dot(gradient, gradient));
     if (!(slope > PANDIS__TINY) || !pandis__normalise(normal)) return;
@@ -2311,23 +2349,22 @@ static void pandis__sharpen(const pandis__spline *s, const double *p, double *va
     for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* as long as it was */
 }
 
-PANDIS__APART static int pandis__answer_spline(const pandis__spline *s, const double *u, double *distance, double *normal) {
+PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, double *distance,
+                                               double *normal, int *flag) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
     for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
-    int kept = pandis__add_level(s, 0, p, &value, gradient), flag = PANDIS_OK;
-    pandis__add_level(s, 1, p, &value, gradient);
-    if (kept < 2 || outside > 0) {
+    *flag = PANDIS_OK;
+    if (outside > 0 || !pandis__add_level(s, 0, p, &value, gradient)) {
         int first[3];
-        int32_t stored[64];
         double w[3][4], dw[3][4];
         float c[64];
         value = gradient[0] = gradient[1] = gradient[2] = 0;
         if (pandis__place(s->far_size, s->far_low, s->far_per_step, p, first, w, dw)) {
-            for (int i = 0; i < 64; i++) {
-                ptrdiff_t x = first[0] + (i >> 4), y = first[1] + (i >> 2 & 3), z = first[2] + (i & 3);
-                stored[i] = s->far[(x * s->far_size + y) * s->far_size + z];
+            for (int i = 0; i < 64; i += 4) {
+                ptrdiff_t x = first[0] + (i >> 4), y = first[1] + (i >> 2 & 3);
+                const int16_t *stored = s->far + (x * s->far_size + y) * s->far_size + first[2];
+                pandis__restore_coarse(stored, s->offset[2], s->scale[2], c + i);
             }
-            pandis__restore(s, 2, stored, 64, c);
             pandis__tensor(c, w, dw, &value, gradient);
         }
         const pandis__layout *l = s->layout;
@@ -2341,14 +2378,18 @@ PANDIS__APART static int pandis__answer_spline(const pandis__spline *s, const do
             value = (value > s->outside ? value : s->outside) + outside;
         else
             value = value < -s->inside ? value : -s->inside;
-        flag = PANDIS_BOUND;
+        *flag = PANDIS_BOUND;
     } else {
+        pandis__add_level(s, 1, p, &value, gradient);
         pandis__sharpen(s, p, &value, gradient);
     }
     *distance = value;
     memcpy(normal, gradient, sizeof gradient);
-    return flag;
 }
+
+PANDIS__COMPILE(pandis__answer_spline,
+                (const pandis__spline *s, const double *u, double *distance, double *normal, int *flag),
+                (s, u, distance, normal, flag))
 
 /* ---------------------------------------------------------------- closed forms */
 
@@ -2442,7 +2483,7 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
         switch (field->kind) {
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
-            case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
+            case PANDIS_SPLINE: pandis__answer_spline(&field->as.spline, u[0], &d, n[0], &flag); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_SHAPE:
@@ -2586,7 +2627,7 @@ static int pandis__bend_spline(const pandis__spline *s, const double *u, double 
         int first[3], kept = 0;
         if (pandis__place_twice(l->size, l->low, l->per_step, u, first, w, dw, ddw))
             kept = pandis__collect(s, level, first, c);
-        if (level == 0 && kept < 2) return 0;
+        if (level == 0 && !kept) return 0;
         if (!kept) continue;
         pandis__tensor(c, w, dw, &value, gradient);
         pandis__tensor_twice(c, w, dw, ddw, hessian);

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pandis.errors import PandisError
 from pandis.native.compiler import load
 from pandis.native.contact.surfaces import Material, Texture, as_array
-from pandis.native.runtime import ArrayLike, Floats, NativeField
+from pandis.native.runtime import ArrayLike, Floats, NativeField, Number
 from pandis.native.runtime.binding import library as runtime
 from pandis.native.scene import NativeScene, Placed, placed_object
 
@@ -162,7 +162,7 @@ class NativeContact:
     def __init__(
         self,
         placed: Placed,
-        radius: float = 0.0,
+        radius: Number = 0.0,
         material: Materials = None,
         regions: NativeField | None = None,
         texture: Texture | None = None,
@@ -192,7 +192,7 @@ class NativeContact:
         """Say that the object's field has another shape than before (`MovingField.refit`)."""
         self._library.pandis_contact_moved(self._state)
 
-    def follow(self, path: ArrayLike, dt: float = 1e-3, timed: bool = False) -> Touches:
+    def follow(self, path: ArrayLike, dt: Number = 1e-3, timed: bool = False) -> Touches:
         """Step along a path.
 
         Parameters
@@ -253,7 +253,7 @@ class TouchedScene(NativeScene):
     def __init__(
         self,
         objects: Iterable[Placed],
-        radius: float = 0.0,
+        radius: Number = 0.0,
         materials: Iterable[Materials] | None = None,
         regions: Iterable[NativeField | None] | None = None,
         budget: int | None = None,
@@ -287,7 +287,7 @@ class TouchedScene(NativeScene):
             state.set(materials, regions, self._budget if state.budget else None, texture)
         return error
 
-    def follow(self, path: ArrayLike, dt: float = 1e-3, timed: bool = False) -> SceneForces:
+    def follow(self, path: ArrayLike, dt: Number = 1e-3, timed: bool = False) -> SceneForces:
         """Step along a path (n, 3), scene units, ``dt`` seconds apart; returns `SceneForces`."""
         path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
         count = len(path)
@@ -300,7 +300,7 @@ class TouchedScene(NativeScene):
         )  # fmt: skip
         return SceneForces(force, flag, asked, touched, seconds)
 
-    def touches(self, position: ArrayLike, dt: float = 1e-3) -> tuple[NDArray[np.int32], Touches]:
+    def touches(self, position: ArrayLike, dt: Number = 1e-3) -> tuple[NDArray[np.int32], Touches]:
         """Make one step; returns the objects (n,) that are touched, and their `Touches`."""
         most = len(self.objects)
         position = np.ascontiguousarray(position, np.float64)
@@ -312,7 +312,7 @@ class TouchedScene(NativeScene):
         )  # fmt: skip
         return objects[:count], Touches(*(None if c is None else c[:count] for c in rows))
 
-    def step_all(self, path: ArrayLike, dt: float = 1e-3) -> Floats:
+    def step_all(self, path: ArrayLike, dt: Number = 1e-3) -> Floats:
         """Return the forces (n, 3) along a path by stepping every object's contact at every step.
 
         The contacts are others than the scene's, and begin with the path.

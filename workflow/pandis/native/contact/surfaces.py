@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pandis.native.compiler import load
-from pandis.native.runtime import ArrayLike
+from pandis.native.runtime import ArrayLike, Number
 
 SOURCE = Path(__file__).with_name("contact.c")
 #: What answers a height over the surface, and its gradient, at a point (3,) in a region.
@@ -165,13 +165,13 @@ class Texture(ctypes.Structure):
         return made
 
     @classmethod
-    def waves(cls, height: float, length: float, direction: ArrayLike) -> "Texture":
+    def waves(cls, height: Number, length: Number, direction: ArrayLike) -> "Texture":
         """Return waves of a height and a length across a direction (3,)."""
         x, y, z = np.asarray(direction, float) / np.linalg.norm(direction)
         return cls._of("pandis_waves", height, np.pi * height / length, height, length, x, y, z)
 
     @classmethod
-    def noise(cls, height: float, length: float) -> "Texture":
+    def noise(cls, height: Number, length: Number) -> "Texture":
         """Return bumps of a height, one for each cube of a length, as if drawn at random."""
         return cls._of("pandis_noise", height, 3.25 * height / length, height, length)
 
@@ -188,7 +188,7 @@ class Texture(ctypes.Structure):
         return made
 
     @classmethod
-    def of(cls, function: Height, most: float, steepest: float) -> "Texture":
+    def of(cls, function: Height, most: Number, steepest: Number) -> "Texture":
         """Return that of a function: from a point (3,) and a region to height and gradient."""
 
         def height(_, point, region, gradient):

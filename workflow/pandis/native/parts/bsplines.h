@@ -1,7 +1,7 @@
 /* ---------------------------------------------------------------- B-splines */
 
 /* Cubic B-spline weights of the four nodes around t in [0, 1), and their derivatives by t. */
-static void pandis__weigh(double t, double *w, double *dw) {
+PANDIS__INLINE void pandis__weigh(double t, double *w, double *dw) {
     double s = 1 - t;
     w[0] = s * s * s / 6, w[3] = t * t * t / 6;
     w[1] = (4 - 6 * t * t + 3 * t * t * t) / 6, w[2] = (4 - 6 * s * s + 3 * s * s * s) / 6;
@@ -10,8 +10,8 @@ static void pandis__weigh(double t, double *w, double *dw) {
 }
 
 /* Find the cell of a point and the weights of its 4 x 4 x 4 nodes; 0 outside of the lattice. */
-static int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
-                         double (*dw)[4]) {
+PANDIS__INLINE int pandis__place(int32_t size, double low, double per_step, const double *p, int *first, double (*w)[4],
+                                 double (*dw)[4]) {
     for (int k = 0; k < 3; k++) {
         double x = (p[k] - low) * per_step, cell = floor(x);
         if (!(cell >= 1 && cell <= size - 3)) return 0; /* NaN too */
@@ -22,16 +22,33 @@ static int pandis__place(int32_t size, double low, double per_step, const double
     return 1;
 }
 
+/* Four numbers at once, where the compiler has vectors: each is computed as it would be alone. */
+#if defined(PANDIS__VECTOR) && PANDIS__VECTOR > 1
+typedef double pandis__four __attribute__((vector_size(32)));
+typedef float pandis__four_floats __attribute__((vector_size(16), aligned(4), may_alias));
+#define PANDIS__FOUR_AT_ONCE
+#endif
+
 /* Add value and gradient of the spline that has these 64 coefficients around a point. */
-static void pandis__tensor(const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
+PANDIS__INLINE void pandis__tensor(const float *c, double (*w)[4], double (*dw)[4], double *value, double *gradient) {
+#ifdef PANDIS__FOUR_AT_ONCE
+    pandis__four f = {0, 0, 0, 0}, gx = f, gy = f;
+#else
     double f[4] = {0}, gx[4] = {0}, gy[4] = {0};
+#endif
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++) {
             double a = w[0][x] * w[1][y], b = dw[0][x] * w[1][y], d = w[0][x] * dw[1][y];
+            const float *row = c + 16 * x + 4 * y;
+#ifdef PANDIS__FOUR_AT_ONCE
+            pandis__four r = __builtin_convertvector(*(const pandis__four_floats *)row, pandis__four);
+            f += a * r, gx += b * r, gy += d * r;
+#else
             for (int z = 0; z < 4; z++) {
-                double r = (double)c[16 * x + 4 * y + z];
+                double r = (double)row[z];
                 f[z] += a * r, gx[z] += b * r, gy[z] += d * r;
             }
+#endif
         }
     for (int z = 0; z < 4; z++) {
         *value += f[z] * w[2][z];
@@ -59,7 +76,7 @@ static void pandis__cubic(const pandis__lattice *l, const double *u, double *val
     pandis__tensor(c, w, dw, value, gradient);
 }
 
-static int pandis__count_bits(uint64_t x) {
+PANDIS__INLINE int pandis__count_bits(uint64_t x) {
 #if defined(__GNUC__)
     return __builtin_popcountll(x);
 #else
@@ -69,13 +86,16 @@ static int pandis__count_bits(uint64_t x) {
 #endif
 }
 
-/* Where the eight coefficients of a block begin, or -1 if it is not kept. */
-static int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
-    ptrdiff_t n = l->bricks;
-    uint16_t brick = l->brick[((bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
-    int bit = ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3);
-    uint64_t mask = brick == PANDIS__NO_BRICK ? 0 : l->mask[brick], one = (uint64_t)1 << bit;
+/* Where the eight coefficients of a block of a brick begin, or -1 if it is not kept. */
+PANDIS__INLINE int32_t pandis__block_of(const pandis__layout *l, uint16_t brick, int bit) {
+    if (brick == PANDIS__NO_BRICK) return -1;
+    uint64_t mask = l->mask[brick], one = (uint64_t)1 << bit;
     if (!(mask & one)) return -1;
     return (int32_t)((l->base[brick] + (uint32_t)pandis__count_bits(mask & (one - 1))) * 8);
 }
 
+PANDIS__INLINE int32_t pandis__block(const pandis__layout *l, int bx, int by, int bz) {
+    ptrdiff_t n = l->bricks;
+    uint16_t brick = l->brick[((bx >> 2) * n + (by >> 2)) * n + (bz >> 2)];
+    return pandis__block_of(l, brick, ((bx & 3) << 4) | ((by & 3) << 2) | (bz & 3));
+}

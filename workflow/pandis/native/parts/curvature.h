@@ -46,7 +46,7 @@ static int pandis__bend_spline(const pandis__spline *s, const double *u, double 
         int first[3], kept = 0;
         if (pandis__place_twice(l->size, l->low, l->per_step, u, first, w, dw, ddw))
             kept = pandis__collect(s, level, first, c);
-        if (level == 0 && kept < 2) return 0;
+        if (level == 0 && !kept) return 0;
         if (!kept) continue;
         pandis__tensor(c, w, dw, &value, gradient);
         pandis__tensor_twice(c, w, dw, ddw, hessian);

@@ -53,7 +53,7 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
         switch (field->kind) {
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
-            case PANDIS_SPLINE: flag = pandis__answer_spline(&field->as.spline, u[0], &d, n[0]); break;
+            case PANDIS_SPLINE: pandis__answer_spline(&field->as.spline, u[0], &d, n[0], &flag); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_SHAPE:

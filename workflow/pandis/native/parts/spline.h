@@ -1,45 +1,63 @@
 /* ---------------------------------------------------------------- banded splines */
 
-/* Coefficients from what is stored of them. */
-static void pandis__restore(const pandis__spline *s, int level, const int32_t *stored, int count, float *c) {
-    double offset = s->offset[level], scale = s->scale[level];
-    for (int i = 0; i < count; i++) c[i] = (float)(offset + scale * (double)stored[i]);
-}
+/* Coefficients, four at a time, from what is stored of them: coarse or far ones, and fine ones. */
+#ifdef PANDIS__FOUR_AT_ONCE
+typedef int16_t pandis__four_shorts __attribute__((vector_size(8), aligned(2), may_alias));
+typedef int8_t pandis__four_bytes __attribute__((vector_size(4), aligned(1), may_alias));
+typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
+#define PANDIS__RESTORE(type, vector, tail)                                                                              \
+    PANDIS__INLINE void pandis__restore_##tail(const type *stored, double offset, double scale, float *c) {              \
+        pandis__four_ints whole = __builtin_convertvector(*(const vector *)stored, pandis__four_ints);                   \
+        *(pandis__four_floats *)c =                                                                                      \
+            __builtin_convertvector(offset + scale * __builtin_convertvector(whole, pandis__four), pandis__four_floats); \
+    }
+#else
+#define PANDIS__RESTORE(type, vector, tail)                                                                  \
+    PANDIS__INLINE void pandis__restore_##tail(const type *stored, double offset, double scale, float *c) {  \
+        for (int i = 0; i < 4; i++) c[i] = (float)(offset + scale * (double)stored[i]);                      \
+    }
+#endif
+PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
+PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* The 64 coefficients around a point, block by block; what is not kept is zero. Tells how much is kept: 0
- * nothing, 1 some of it, 2 everything. */
-static int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
+/* The 64 coefficients around a point, block by block; what is not kept is zero. Tells whether any is kept; of the coarse
+ * lattice, which is of no use in parts, whether all are. */
+PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
-    int found = 0, missing = 0, blocks[3];
-    float room[6][6][6]; /* two or three blocks of an axis */
-    for (int k = 0; k < 3; k++) blocks[k] = ((first[k] + 3) >> 1) - (first[k] >> 1) + 1;
+    int found = 0, low[3], blocks[3];
+    double offset = s->offset[level], scale = s->scale[level];
+    float room[6][6][6], own[8]; /* two or three blocks of an axis */
+    memset(room, 0, sizeof room);
+    for (int k = 0; k < 3; k++) low[k] = first[k] >> 1, blocks[k] = ((first[k] + 3) >> 1) - low[k] + 1;
     for (int i = 0; i < blocks[0]; i++)
-        for (int j = 0; j < blocks[1]; j++)
-            for (int k = 0; k < blocks[2]; k++) {
-                int32_t at = pandis__block(l, (first[0] >> 1) + i, (first[1] >> 1) + j, (first[2] >> 1) + k);
-                float own[8] = {0};
-                if (at >= 0) {
-                    int32_t stored[8];
+        for (int j = 0; j < blocks[1]; j++) {
+            int bx = low[0] + i, by = low[1] + j, within = ((bx & 3) << 4) | ((by & 3) << 2);
+            const uint16_t *row = l->brick + ((ptrdiff_t)(bx >> 2) * l->bricks + (by >> 2)) * l->bricks;
+            float *line = room[2 * i][2 * j];
+            for (int k = 0; k < blocks[2]; k++, line += 2) {
+                int bz = low[2] + k;
+                int32_t at = pandis__block_of(l, row[bz >> 2], within | (bz & 3));
+                if (at < 0 && level == 0) return 0;
+                if (at < 0) continue;
+                found = 1;
+                for (int e = 0; e < 8; e += 4) {
                     if (level)
-                        for (int e = 0; e < 8; e++) stored[e] = s->fine[at + e];
+                        pandis__restore_fine(s->fine + at + e, offset, scale, own + e);
                     else
-                        for (int e = 0; e < 8; e++) stored[e] = s->coarse[at + e];
-                    pandis__restore(s, level, stored, 8, own);
-                    found = 1;
-                } else {
-                    missing = 1;
+                        pandis__restore_coarse(s->coarse + at + e, offset, scale, own + e);
+                    memcpy(line + 9 * e, own + e, 2 * sizeof *own); /* 36 from x to x, 6 from y to y */
+                    memcpy(line + 9 * e + 6, own + e + 2, 2 * sizeof *own);
                 }
-                for (int e = 0; e < 4; e++)
-                    memcpy(&room[2 * i + (e >> 1)][2 * j + (e & 1)][2 * k], own + 2 * e, 2 * sizeof *own);
             }
+        }
     for (int x = 0; x < 4; x++)
         for (int y = 0; y < 4; y++)
             memcpy(c + 16 * x + 4 * y, &room[x + (first[0] & 1)][y + (first[1] & 1)][first[2] & 1], 4 * sizeof *c);
-    return found ? 2 - missing : 0;
+    return found;
 }
 
-/* Add one level's value and gradient; tells how much of it is kept. */
-static int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
+/* Add one level's value and gradient; tells what pandis__collect does. */
+PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
     int first[3], kept;
     double w[3][4], dw[3][4];
@@ -56,13 +74,13 @@ static int pandis__add_level(const pandis__spline *s, int level, const double *p
 #define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
 #define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
 
-static void pandis__sharpen(const pandis__spline *s, const double *p, double *value, double *gradient) {
+PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, double *value, double *gradient) {
     double missing = (1 - pandis__dot(gradient, gradient) - PANDIS__SHORT) / (1 - PANDIS__SHORT);
     if (!(missing > 0 && *value < 0)) return;
     double lift = PANDIS__LIFT / s->layout[0].per_step, q[3], found = 0, normal[3] = {0};
     lift = (lift < -*value ? lift : -*value) * missing * missing * (3 - 2 * missing);
     for (int k = 0; k < 3; k++) q[k] = p[k] + lift * gradient[k];
-    if (pandis__add_level(s, 0, q, &found, normal) < 2) return;
+    if (!pandis__add_level(s, 0, q, &found, normal)) return;
     pandis__add_level(s, 1, q, &found, normal);
     double slope = sqrt(pandis__dot(gradient, gradient));
     if (!(slope > PANDIS__TINY) || !pandis__normalise(normal)) return;
@@ -70,23 +88,22 @@ static void pandis__sharpen(const pandis__spline *s, const double *p, double *va
     for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* as long as it was */
 }
 
-PANDIS__APART static int pandis__answer_spline(const pandis__spline *s, const double *u, double *distance, double *normal) {
+PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, double *distance,
+                                               double *normal, int *flag) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
     for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
-    int kept = pandis__add_level(s, 0, p, &value, gradient), flag = PANDIS_OK;
-    pandis__add_level(s, 1, p, &value, gradient);
-    if (kept < 2 || outside > 0) {
+    *flag = PANDIS_OK;
+    if (outside > 0 || !pandis__add_level(s, 0, p, &value, gradient)) {
         int first[3];
-        int32_t stored[64];
         double w[3][4], dw[3][4];
         float c[64];
         value = gradient[0] = gradient[1] = gradient[2] = 0;
         if (pandis__place(s->far_size, s->far_low, s->far_per_step, p, first, w, dw)) {
-            for (int i = 0; i < 64; i++) {
-                ptrdiff_t x = first[0] + (i >> 4), y = first[1] + (i >> 2 & 3), z = first[2] + (i & 3);
-                stored[i] = s->far[(x * s->far_size + y) * s->far_size + z];
+            for (int i = 0; i < 64; i += 4) {
+                ptrdiff_t x = first[0] + (i >> 4), y = first[1] + (i >> 2 & 3);
+                const int16_t *stored = s->far + (x * s->far_size + y) * s->far_size + first[2];
+                pandis__restore_coarse(stored, s->offset[2], s->scale[2], c + i);
             }
-            pandis__restore(s, 2, stored, 64, c);
             pandis__tensor(c, w, dw, &value, gradient);
         }
         const pandis__layout *l = s->layout;
@@ -100,12 +117,16 @@ PANDIS__APART static int pandis__answer_spline(const pandis__spline *s, const do
             value = (value > s->outside ? value : s->outside) + outside;
         else
             value = value < -s->inside ? value : -s->inside;
-        flag = PANDIS_BOUND;
+        *flag = PANDIS_BOUND;
     } else {
+        pandis__add_level(s, 1, p, &value, gradient);
         pandis__sharpen(s, p, &value, gradient);
     }
     *distance = value;
     memcpy(normal, gradient, sizeof gradient);
-    return flag;
 }
+
+PANDIS__COMPILE(pandis__answer_spline,
+                (const pandis__spline *s, const double *u, double *distance, double *normal, int *flag),
+                (s, u, distance, normal, flag))
 

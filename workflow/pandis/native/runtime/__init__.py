@@ -26,6 +26,8 @@ RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tric
 SHAPES = ("sphere", "torus", "box", "capsule")
 #: Arrays of what C computes with.
 Floats = NDArray[np.float64]
+#: A number: to what checks calls while they run a whole one is no float.
+Number = float | int
 #: What a field is opened from.
 Source = str | PathLike[str] | bytes
 #: Bytes written between queries with cold caches: more than the caches of a core hold.
@@ -183,7 +185,7 @@ class NativeField:
             names.append(name.decode())
         return tuple(names)
 
-    def query_within(self, points: ArrayLike, reach: float) -> tuple[NativeAnswer, Floats]:
+    def query_within(self, points: ArrayLike, reach: Number) -> tuple[NativeAnswer, Floats]:
         """Answer points (n, 3) that are nearer to the surface than ``reach``, mesh units.
 
         Returns
@@ -268,7 +270,7 @@ class NativeField:
         in_threads(part, count, small=_FEW if self.kind == NETWORK else SMALL)
         return gradients, hessians
 
-    def force(self, points: ArrayLike, k: float = 1.0) -> Floats:
+    def force(self, points: ArrayLike, k: Number = 1.0) -> Floats:
         """Return the penalty forces (n, 3) at points (n, 3), mesh units.
 
         Parameters
@@ -288,7 +290,7 @@ class NativeField:
         points: ArrayLike,
         queries: int,
         cold: bool = False,
-        reach: float | None = None,
+        reach: Number | None = None,
         follow: bool = False,
     ) -> Floats:
         """Return the seconds (queries,) of single queries at points (n, 3) in turn.

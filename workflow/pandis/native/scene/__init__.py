@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pandis.errors import PandisError
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.compiler import load
-from pandis.native.runtime import ArrayLike, Floats, NativeField
+from pandis.native.runtime import ArrayLike, Floats, NativeField, Number
 from pandis.native.runtime.binding import library as runtime
 
 _UPRIGHT = np.eye(3)
@@ -44,8 +44,8 @@ class Placed(NamedTuple):
     def at(
         cls,
         field: NativeField,
-        size: float,
-        stiffness: float,
+        size: Number,
+        stiffness: Number,
         position: ArrayLike = (0, 0, 0),
         rotation: ArrayLike = _UPRIGHT,
     ) -> "Placed":

@@ -25,7 +25,7 @@ LARGEST = 64_000_000
 _STEPS = 32767
 
 
-def write_page(path: str | PathLike[str], files: list[str], size: float, stiffness: float) -> None:
+def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
     """Write a page on which fields of one object can be touched.
 
     Parameters
