@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pandis.__main__ import main
 from pandis.native import mujoco as plugin
 from pandis.native import prebuilt
 from pandis.native.compiler import FLAGS, find_compiler
@@ -112,15 +113,30 @@ def test_with_numpy_alone_and_no_compiler_it_answers_as_the_checkout_does(
             assert np.array_equal(answers[f"{what} {path}"], force), (path.name, what)
 
 
-def test_the_command_says_what_files_hold_with_numpy_alone(package, files, tmp_path):
+def command(package, home, *arguments):
+    """Return what the command of the installed package prints, with NumPy and no compiler."""
     _, installed, with_numpy = package
     program = f"import sys; sys.path[:0] = {[str(installed), str(with_numpy)]}\n"
     program += "from pandis.__main__ import main\nsys.exit(main(sys.argv[1:]))"
     done = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", program, "info", *(files[name] for name in NAMES)],
-        env={"PATH": os.devnull, "HOME": str(tmp_path)}, capture_output=True, text=True, check=True,
+        [sys.executable, "-I", "-S", "-c", program, *map(str, arguments)],
+        env={"PATH": os.devnull, "HOME": str(home)}, capture_output=True, text=True, check=True,
     )  # fmt: skip
-    assert done.stdout.count("whole and undamaged") == len(NAMES)
+    return done.stdout
+
+
+def test_the_command_says_what_files_hold_with_numpy_alone(package, files, tmp_path):
+    told = command(package, tmp_path, "info", *(files[name] for name in NAMES))
+    assert told.count("whole and undamaged") == len(NAMES)
+
+
+def test_the_command_makes_a_sample_and_a_page_to_touch_it_on(package, tmp_path):
+    """The page is the one that a checkout makes."""
+    file, pages = tmp_path / "torus.pandis", [tmp_path / f"{k}.html" for k in range(2)]
+    command(package, tmp_path, "sample", "torus", file, "3", "1")
+    command(package, tmp_path, "view", file, "--output", pages[0])
+    assert main(["view", str(file), "--output", str(pages[1])]) == 0
+    assert pages[0].read_bytes() == pages[1].read_bytes()
 
 
 MUJOCO = """

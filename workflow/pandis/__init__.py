@@ -26,3 +26,13 @@ def load(path: str | PathLike[str]) -> "pandis.native.runtime.NativeField":
     from pandis.native.runtime import NativeField
 
     return NativeField(path)
+
+
+def sample(shape: str, *sizes: float | int) -> "pandis.native.runtime.NativeField":
+    """Return the field of a closed form, to try things on: ``sample("torus", 0.03, 0.01)``.
+
+    See `pandis.native.samples.sample`.
+    """
+    from pandis.native import samples
+
+    return samples.sample(shape, *sizes)

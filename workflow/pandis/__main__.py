@@ -26,6 +26,11 @@ def main(arguments=None):
     mjcf.add_argument("scene", metavar="SCENE", help="results/scenes/{scene}.json")
     mjcf.add_argument("model", metavar="MODEL", help="the file to write: ….xml")
     mjcf.set_defaults(run=_mjcf)
+    sample = commands.add_parser("sample", help="write the file of a closed form")
+    sample.add_argument("shape", metavar="SHAPE", help="sphere, torus, box or capsule")
+    sample.add_argument("file", metavar="FILE", help="the file to write: ….pandis")
+    sample.add_argument("sizes", nargs="*", type=float, metavar="SIZE", help="see docs/format.md")
+    sample.set_defaults(run=_sample)
     view = commands.add_parser("view", help="touch fields of one object in a browser")
     view.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
     view.add_argument("--output", metavar="PAGE", help="write the page here, and open no browser")
@@ -62,6 +67,18 @@ def _mjcf(asked):
 
     try:
         write_mjcf(asked.scene, asked.model)
+    except (PandisError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _sample(asked):
+    """Write a closed form: 1 if that cannot be."""
+    from pandis.native.samples import sample_bytes
+
+    try:
+        Path(asked.file).write_bytes(sample_bytes(asked.shape, *asked.sizes))
     except (PandisError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -58,8 +58,12 @@ def name(library, flags, kind):
 
 
 def together(library):
-    """Return the text in C that holds all parts of a library."""
+    """Return the text in C that holds all parts of a library.
+
+    Each kind of processor has a library of its own, so none needs what is for another kind.
+    """
     heads = ["#define _POSIX_C_SOURCE 199309L", "#define PANDIS_IMPLEMENTATION"]
+    heads.append("#define PANDIS_NO_DISPATCH")
     return "\n".join([*heads, *(f'#include "{part}"' for part in LIBRARIES[library])]) + "\n"
 
 

@@ -21,6 +21,8 @@ HERE = Path(__file__).parent
 SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
 #: Files that together are larger make a page that browsers open slowly.
 LARGEST = 64_000_000
+#: Metres, and N/m (the slider's largest).
+LONGEST, STIFFEST = 10.0, 1500.0
 #: Whole numbers per length of the unit frame.
 _STEPS = 32767
 
@@ -42,18 +44,24 @@ def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
     Raises
     ------
     PandisError
-        A file cannot be read, has no proxy, or is of another object; all are too large for a page.
+        A file cannot be read, has no proxy, or is of another object; all are too large for a page;
+        size or stiffness are none.
     """
+    if not (0 < size <= LONGEST and 0 <= stiffness <= STIFFEST):
+        raise PandisError(
+            f"size: {size:g}, stiffness: {stiffness:g}: an object on a page is up to {LONGEST:g} m "
+            f"long, and its stiffness up to {STIFFEST:g} N/m"
+        )
     fields = [NativeField(file) for file in files]
     for field in fields:
         _check(field, fields[0])
     total = sum(field.path.stat().st_size for field in fields)
     if total > LARGEST:
         raise PandisError(f"{total:,} bytes of fields are too many for a page: {LARGEST:,} at most")
-    names = ", ".join(dict.fromkeys(field.path.parent.parent.name or field.path.stem
-                                    for field in fields[:1]))  # fmt: skip
+    first = fields[0].path
+    name = first.parent.parent.name if first.parent.name == "export" else first.stem
     text = (HERE / "page.html").read_text(encoding="utf-8").format(
-        title=f"{_escaped(names)}: touch it",
+        title=f"{_escaped(name)}: touch it",
         style=(HERE / "style.css").read_text(encoding="utf-8"),
         section=section(fields, size, stiffness),
         scripts="".join(script(name) for name in ("solid", "touch")),

@@ -1,0 +1,67 @@
+"""Closed forms as fields: those that the workflow exports, of any size."""
+
+import numpy as np
+import pytest
+from test_header import points_for
+
+import pandis
+from pandis.__main__ import main
+from pandis.errors import PandisError
+from pandis.geometry.shapes import SHAPES
+from pandis.native.contact import NativeContact
+from pandis.native.runtime import NativeField
+from pandis.native.samples import SIZES, sample_bytes
+from pandis.native.scene import Placed
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_sample_answers_as_what_the_workflow_exports(files, name):
+    """To the last bit, and in the same frame."""
+    made, exported = pandis.sample(name), NativeField(files[name])
+    points = points_for(made)
+    assert made.frame == exported.frame
+    for one, other in zip(made.query(points), exported.query(points), strict=True):
+        assert np.array_equal(one, other)
+    assert set(SIZES) == set(SHAPES)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_size_is_a_size(name):
+    """Ten times as large: ten times as far, from the same places of the frame."""
+    small, large = pandis.sample(name), pandis.sample(name, *(10 * size for size in SIZES[name]))
+    points = points_for(small)
+    near, far = small.query(points), large.query(10 * points)
+    assert far.distance == pytest.approx(10 * near.distance, rel=1e-12, abs=1e-12)
+    assert np.allclose(far.normal, near.normal, atol=1e-9)
+
+
+def test_a_sample_has_a_proxy_and_a_scene():
+    """It says where its surface lies, and that its distances are exact."""
+    field = pandis.sample("box", 0.05, 0.05, 0.01)
+    contact = NativeContact(Placed.at(field, 0.1, 400.0))
+    way = np.linspace([0, 0, 0.02], [0, 0, 0.008], 50)
+    touches = contact.follow(way)
+    assert touches.force[-1] == pytest.approx([0, 0, 400 * 0.002])
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        (("cube",), "there are sphere, torus, box, capsule"),
+        (("torus", 1.0), "2 sizes"),
+        (("sphere", -1.0), "above zero"),
+        (("sphere", np.inf), "above zero"),
+    ],
+)
+def test_what_is_no_shape_is_refused(given, why):
+    with pytest.raises(PandisError, match=why):
+        sample_bytes(*given)
+
+
+def test_the_command_writes_a_file(tmp_path, capsys):
+    path = tmp_path / "torus.pandis"
+    assert main(["sample", "torus", str(path), "3", "1"]) == 0
+    assert pandis.load(path).query([[3.0, 0, 0]]).distance == pytest.approx(-1.0)
+    assert main(["sample", "torus", str(path), "3"]) == 1
+    assert "2 sizes" in capsys.readouterr().err
+    assert path.stat().st_size < 1000
