@@ -15,7 +15,6 @@ rises above its lowest before, in weight times a metre; `over_start`: starts who
 that of their start.
 """
 
-import ctypes
 import os
 import sys
 import tempfile
@@ -29,7 +28,7 @@ import mujoco
 import numpy as np
 import trimesh
 from bodies import UNIT, file_of
-from common import SCANS, load, write
+from common import ROOT, SCANS, load, write
 
 from pandis.geometry.body import Body
 from pandis.geometry.frame import UNIT_SIDE
@@ -37,6 +36,10 @@ from pandis.geometry.measure import contact_errors, draw_contacts
 from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import blue_noise, probes
 from pandis.native import mujoco as plugin
+
+sys.path.insert(0, str(ROOT / "tests"))
+
+from sdf import asker
 
 STEPS, EVERY, POINTS, TIMED = 300, 10, 400, 400
 NATIVE = {f"native-{depth}": depth for depth in (6, 7, 8)}
@@ -227,42 +230,16 @@ def model_of(scene, field, folder):
 # ---------------------------------------------------------------- what MuJoCo has of a field
 
 
-class Sdf(ctypes.Structure):
-    """The structure mjSDF of MuJoCo."""
-
-    _fields_ = (
-        ("plugin", ctypes.POINTER(ctypes.c_void_p)), ("id", ctypes.POINTER(ctypes.c_int)),
-        ("type", ctypes.c_int), ("position", ctypes.c_void_p), ("matrix", ctypes.c_void_p),
-        ("geom", ctypes.c_void_p),
-    )  # fmt: skip
-
-
 def force_of(model, part):
     """Return what gives penalty forces (n, 3), unit frame, k = 1, of the first geom's field."""
-    core = ctypes.CDLL(str(next(plugin.package().glob("libmujoco*"))))
-    core.mjc_getSDF.restype, core.mjc_distance.restype = ctypes.c_void_p, ctypes.c_double
-    data = mujoco.MjData(model)
-    made = ctypes.c_void_p()  # none: MuJoCo's own field of the geom's mesh
-    if model.nplugin:
-        made = ctypes.c_void_p(core.mjc_getSDF(ctypes.c_void_p(model._address), 0))
-    pose, kind = np.append(np.zeros(3), np.eye(3)), ctypes.c_int(mujoco.mjtGeom.mjGEOM_SDF)
-    at = pose.ctypes.data, pose[3:].ctypes.data, ctypes.addressof(kind)
-    asked = Sdf(ctypes.pointer(made), ctypes.pointer(ctypes.c_int(0)), 0, *at)
-    asked.kept = made, pose, kind, data  # as long as they are pointed at
-    turn = np.empty(9)
+    ask, turn = asker(model), np.empty(9)
     mujoco.mju_quat2Mat(turn, model.mesh_quat[0])
     turn = turn.reshape(3, 3)
 
     def force(points):
-        given = [ctypes.c_void_p(one._address) for one in (model, data)] + [ctypes.byref(asked)]
-        local = np.ascontiguousarray((points * part.metre - model.mesh_pos[0]) @ turn)
-        distance, gradient = np.empty(len(points)), np.empty((len(points), 3))
-        for i, (point, out) in enumerate(zip(local, gradient, strict=True)):
-            where, into = (ctypes.c_void_p(array.ctypes.data) for array in (point, out))
-            distance[i] = core.mjc_distance(*given, where) / part.metre
-            core.mjc_gradient(*given, into, where)
+        distance, gradient = ask((points * part.metre - model.mesh_pos[0]) @ turn)
         length = np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
-        return np.maximum(-distance, 0)[:, None] * (gradient / length) @ turn.T
+        return np.maximum(-distance, 0)[:, None] / part.metre * (gradient / length) @ turn.T
 
     return force
 

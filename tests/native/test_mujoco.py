@@ -1,7 +1,6 @@
 """The plugin for MuJoCo: distances are the library's, bit for bit, and what is wrong is said."""
 
 import copy
-import ctypes
 import json
 import os
 import re
@@ -37,16 +36,6 @@ KINDS = "exact", "compact", "spline", "tricubic", "trilinear-normal", "network",
 FROM_FIELD = '<mesh name="b"><plugin instance="b"/></mesh>'
 
 
-class Sdf(ctypes.Structure):
-    """The structure mjSDF of MuJoCo."""
-
-    _fields_ = (
-        ("plugin", ctypes.POINTER(ctypes.c_void_p)), ("id", ctypes.POINTER(ctypes.c_int)),
-        ("type", ctypes.c_int), ("position", ctypes.c_void_p), ("matrix", ctypes.c_void_p),
-        ("geom", ctypes.c_void_p),
-    )  # fmt: skip
-
-
 @pytest.fixture(scope="module", autouse=True)
 def registered():
     plugin.register()
@@ -78,22 +67,9 @@ def model_of(*asked, **named):
 
 def answers(model, points):
     """Return what MuJoCo has of the first geom's distance (n,) and gradient (n, 3)."""
-    core = ctypes.CDLL(str(next(plugin.package().glob("libmujoco*"))))
-    core.mjc_getSDF.restype, core.mjc_distance.restype = ctypes.c_void_p, ctypes.c_double
-    data = mujoco.MjData(model)
-    made = ctypes.c_void_p(core.mjc_getSDF(ctypes.c_void_p(model._address), 0))
-    pose, kind = np.append(np.zeros(3), np.eye(3)), ctypes.c_int(mujoco.mjtGeom.mjGEOM_SDF)
-    at = pose.ctypes.data, pose[3:].ctypes.data, ctypes.addressof(kind)
-    asked = Sdf(ctypes.pointer(made), ctypes.pointer(ctypes.c_int(0)), 0, *at)
-    given = [ctypes.c_void_p(model._address), ctypes.c_void_p(data._address), ctypes.byref(asked)]
-    distances, gradients = [], np.empty((len(points), 3))
-    for point, gradient in zip(np.ascontiguousarray(points), gradients, strict=True):
-        at, out = (ctypes.c_void_p(array.ctypes.data) for array in (point, gradient))
-        if len(distances) % 3:  # sometimes the gradient alone, as MuJoCo may
-            core.mjc_gradient(*given, out, at)
-        distances.append(core.mjc_distance(*given, at))
-        core.mjc_gradient(*given, out, at)
-    return np.array(distances), gradients
+    from sdf import asker  # it imports MuJoCo
+
+    return asker(model)(points)
 
 
 @pytest.mark.parametrize("name", KINDS)
