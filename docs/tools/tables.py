@@ -332,17 +332,19 @@ def simulator_table():
     table = [
         "| scene | field | shallow error | contact error (mN) | step, median (µs) | of depth 6 "
         "| starts | tunnelled | overlap, median and 99 % (mm) "
-        "| energy rises by, median and 99 % (weight · m) |",
+        "| energy rises by, median and 99 % (weight · mm) |",
         "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     native = {row["scene"]: float(row["step_us"]) for row in rows if row["field"] == "native-6"}
     for row in rows:
         step = float(row["step_us"])
-        cells = [row["scene"], f"`{row['field']}`", f"{float(row['shallow']):.2g}e-3"]
-        cells += [f"{float(row['contact_mn']):.2g}", f"{step:,.0f}"]
+        off = [float(row[name]) for name in ("shallow", "contact_mn")]
+        shallow, contact = (f"{value:.2g}" if value > 1e-9 else "0" for value in off)
+        cells = [row["scene"], f"`{row['field']}`", f"{shallow}e-3", contact, f"{step:,.0f}"]
         cells += [f"{step / native[row['scene']]:.2g}", row["starts"], row["tunnelled"]]
         cells += [f"{float(row['overlap']):.2f}, {float(row['overlap_p99']):.2f}"]
-        table.append(_row([*cells, f"{float(row['rise']):.1e}, {float(row['rise_p99']):.1e}"]))
+        rises = [1e3 * float(row[name]) for name in ("rise", "rise_p99")]
+        table.append(_row([*cells, ", ".join(f"{value:.2g}" for value in rises)]))
     return _noted(table, notes)
 
 
