@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import time
 
 import pytest
 
+#: Seconds for an answer, beside other work.
+PATIENCE = 60
 #: Puts two pipes where Chromium reads commands and answers, and becomes Chromium.
 _PLACED = """
 import os, sys
@@ -61,6 +64,7 @@ class Browser:
         os.write(self._write, json.dumps(asked).encode() + b"\0")
         while True:
             while b"\0" not in self._rest:
+                assert select.select([self._read], [], [], PATIENCE)[0], f"no answer to {method}"
                 part = os.read(self._read, 1 << 16)
                 assert part, "Chromium has ended"
                 self._rest += part
@@ -84,7 +88,7 @@ class Browser:
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")
 
-    def until(self, expression, seconds=30):
+    def until(self, expression, seconds=PATIENCE):
         """Ask until an expression is true on the page."""
         end = time.monotonic() + seconds
         while not self.value(expression):

@@ -265,12 +265,12 @@ def test_snakemakes_own_report_builds(rerun):
 
 
 def test_plan_of_the_default_config():
-    """Twelve fields of the bunny, five of the sphere, one chosen for the holed bunny."""
+    """Ten fields of the bunny, three of the sphere, one chosen for the holed bunny."""
     config = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     files = Plan(config, ROOT / "workflow").target("all")
     assert "results/bunny/export/trilinear-normal-64.onnx" in files
-    assert sum("/bunny/" in file for file in files) == 40
-    assert sum("/sphere/" in file for file in files) == 22
+    assert sum("/bunny/" in file for file in files) == 35
+    assert sum("/sphere/" in file for file in files) == 16
     chosen = {file.removeprefix("results/bunny-holes/") for file in files if "-holes/" in file}
     assert chosen == {
         "mesh.zarr.zip", "choice.zarr.zip", "export/auto.pandis", "trajectory.zarr.zip",
@@ -285,7 +285,7 @@ def test_the_longest_training_goes_first():
     plan = Plan(config, ROOT / "workflow")
     named = [("bunny", "pandis"), ("bunny", "pandis-exact"), ("sphere", "pandis")]
     order = [plan.train_priority(SimpleNamespace(mesh=m, recipe=r)) for m, r in named]
-    assert order == [3000, 1500, 600]
+    assert order == [1200, 800, 300]
 
 
 OPEN = """
