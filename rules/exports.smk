@@ -68,6 +68,29 @@ rule export_vti:
         "../scripts/export_vti.py"
 
 
+rule export_page:
+    input:
+        exports=plan.touchable,
+    output:
+        "<results>/{mesh}/export/touch.html",
+    log:
+        "<results>/logs/{mesh}/export-page.log",
+    benchmark:
+        "<results>/benchmarks/{mesh}/export-page.jsonl"
+    conda:
+        "../workflow/envs/exports.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    params:
+        options=plan.options("export_page"),
+        code=plan.code("export_page"),
+    message:
+        "{wildcards.mesh}: write a page to touch its fields on"
+    script:
+        "../scripts/export_page.py"
+
+
 rule export_native:
     input:
         held=plan.native_artifact,

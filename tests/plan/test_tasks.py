@@ -19,7 +19,12 @@ from support import ROOT
 FIELDS = ["exact", "trilinear-24", "spline-48", "spline-auto", "pandis", "pandis-exact"]
 FIELDS += ["compact-16", "compact-auto", "support-planes", "salisbury"]
 MESHES = {
-    "a": {"source": "analytic:sphere", "fields": FIELDS, "bake": {"vti": True}},
+    "a": {
+        "source": "analytic:sphere",
+        "fields": FIELDS,
+        "bake": {"vti": True},
+        "export": {"page": True},
+    },
     "b": {"source": "analytic:torus", "fields": "auto", "budget": {"force_error": 1e-3}},
 }
 MODULES = (options, recipes, tasks, values)

@@ -13,9 +13,10 @@ import pytest
 import yaml
 
 from pandis.report.page import build, mesh_section
+from pandis.report.seal import read_seal
 from pandis.run.artifact import read_artifact
 from pandis.run.plan import Plan
-from support import ROOT, box_mesh, copy_workflow, results, snakemake, write_obj
+from support import ROOT, box_mesh, copy_workflow, edit, plan, results, snakemake, write_obj
 
 FAST = ("--configfile", "config/fast.yaml")
 
@@ -256,6 +257,28 @@ def test_report_shows_the_mesh_and_turns_it(finished, tmp_path):
     radius = 0.46 * 640 * 0.9
     assert seen["drawn"] == pytest.approx(np.pi * radius**2, rel=0.02)  # it is a sphere
     assert seen["zoomed"] == pytest.approx(1.15**2 * seen["drawn"], rel=0.02)
+
+
+def test_a_page_to_touch_a_mesh_is_one_job_more(rerun):
+    """Of the fields that have a proxy; verify sees what is done to it."""
+    path = rerun / "config/fast.yaml"
+    edit(path, "meshes:\n", "export: {page: true}\nmeshes:\n")
+    assert plan(rerun) == {("export_page", "sphere"), ("export_page", "torus")}
+    done = snakemake(rerun, "-j2", "all", *FAST)
+    assert done.returncode == 0, done.stdout
+    page = rerun / "results/torus/export/touch.html"
+    files = [f"results/torus/export/{name}.pandis" for name in ("exact", "pandis-exact")]
+    assert sorted(read_seal(page)["inputs"]) == files
+    held = page.read_text(encoding="utf-8")
+    assert "torus: touch it" in held
+    assert '"name": "exact"' in held
+    assert '"name": "trilinear-24"' not in held
+    assert plan(rerun) == set()
+    assert snakemake(rerun, "-j2", "verify", *FAST).returncode == 0
+    page.write_text(held.replace("torus: touch it", "sphere: touch it"), encoding="utf-8")
+    done = snakemake(rerun, "-j2", "verify", *FAST)
+    assert done.returncode != 0
+    assert "touch.html" in done.stdout
 
 
 def test_snakemakes_own_report_builds(rerun):

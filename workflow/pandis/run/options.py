@@ -194,8 +194,8 @@ class BakeOptions(Options):
         return self
 
 
-class ExportOptions(Options):
-    """The files for user programs."""
+class NativeOptions(Options):
+    """The files for ``pandis.h``."""
 
     weight_bits: Literal[16, 32] = Field(
         32,
@@ -207,6 +207,16 @@ class ExportOptions(Options):
         description="the `.pandis` file of a compact mesh also says on which face of "
         "`mesh.zarr.zip` a closest point lies (`pandis_answer.face`), in about four bytes a face; "
         "an exact mesh always says so",
+    )
+
+
+class ExportOptions(NativeOptions):
+    """The files for user programs."""
+
+    page: bool = Field(
+        False,
+        description="also write `results/{mesh}/export/touch.html`, a page on which all fields "
+        "that have a proxy are touched in a browser, in bytes a third more than their files",
     )
 
 

@@ -21,7 +21,7 @@ from pandis.run.provenance import CodeDigests, unused_modules
 from pandis.run.reading import check_yaml, load_config, results_folder
 from pandis.run.recipes import budgeted
 from pandis.run.sourcing import ANALYTIC, SHIPPED, SourceDigests, source_fault, url_extension
-from pandis.run.stages import STAGES, PlannedJob, field_holders, field_specs
+from pandis.run.stages import STAGES, PlannedJob, field_holders, field_specs, touchable
 from pandis.run.tasks import CalibrateTask, RefuseTask, SummaryTask, VerifyTask
 
 #: Named targets: the stages' own, and that of scenes.
@@ -249,6 +249,11 @@ class Plan:
         """Return the files for ``pandis.h`` of a mesh."""
         specs = [spec for spec in self.specs(wildcards.mesh) if spec.native]
         return [f"{self.folder}/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
+
+    def touchable(self, wildcards):
+        """Return the files for ``pandis.h`` that go onto the page of a mesh."""
+        folder = f"{self.folder}/{wildcards.mesh}/export"
+        return [f"{folder}/{spec.name}.pandis" for spec in touchable(self.entries[wildcards.mesh])]
 
     def scene_fields(self, wildcards):
         """Return the files for ``pandis.h`` of the objects of a scene, each once."""

@@ -21,6 +21,7 @@ from pandis.run.tasks import (
     ChooseTask,
     EvaluateTask,
     ExportNativeTask,
+    ExportPageTask,
     ExportTask,
     FetchTask,
     HandOptions,
@@ -192,6 +193,17 @@ def _native(entry):
     return [(f"export/{spec.name}.pandis", {"name": spec.name}) for spec in native]
 
 
+def touchable(entry):
+    """Return the fields of a mesh's options that may have a proxy; of `auto` its file says."""
+    forces = ("force", "force-box")
+    native = [spec for spec in field_specs(entry) if spec.native]
+    return [spec for spec in native if GRID_FIELDS.get(spec.kind) not in forces]
+
+
+def _page(entry):
+    return [("export/touch.html", {})] if entry.export.page and touchable(entry) else []
+
+
 def _hardware(entry):
     return [("hardware.zarr.zip", {}), ("hardware.json", {})]
 
@@ -275,7 +287,12 @@ def _export(wildcard):
 
 
 def _export_native(job):
-    return ExportNativeTask(**dict(job.entry.export), field=job.wildcards["name"])
+    given = {key: value for key, value in job.entry.export if key != "page"}
+    return ExportNativeTask(**given, field=job.wildcards["name"])
+
+
+def _export_page(job):
+    return ExportPageTask(**job.scale, fields=[spec.name for spec in touchable(job.entry)])
 
 
 def _trajectory(job):
@@ -356,6 +373,7 @@ STAGES = {
     "export_grid": Stage(_graphs, _export("field"), "exports"),
     "export_vti": Stage(_images, _export("field"), "exports"),
     "export_native": Stage(_native, _export_native, "exports", in_scenes=True),
+    "export_page": Stage(_page, _export_page, "exports"),
     "trajectory": Stage(_file("trajectory.zarr.zip"), _trajectory, "evaluations"),
     "evaluate": Stage(_file("evaluation.zarr.zip"), _evaluate, "evaluations"),
     "stress": Stage(_file("stress.zarr.zip"), _stress, "evaluations"),

@@ -15,10 +15,10 @@ from pandis.run.options import (
     BudgetOptions,
     DeviceOptions,
     EvaluationOptions,
-    ExportOptions,
     GridTarget,
     HardwareOptions,
     MeshOptions,
+    NativeOptions,
     SampleOptions,
     StressOptions,
     TimingOptions,
@@ -124,10 +124,16 @@ class ExportTask(Options):
     field: str
 
 
-class ExportNativeTask(ExportOptions):
+class ExportNativeTask(NativeOptions):
     """Export one field for ``pandis.h``."""
 
     field: str
+
+
+class ExportPageTask(DeviceOptions):
+    """Put the exported fields of a mesh on a page; at first with the device's scale."""
+
+    fields: list[str]
 
 
 class TrajectoryTask(TrajectoryOptions):

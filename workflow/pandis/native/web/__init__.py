@@ -21,8 +21,8 @@ HERE = Path(__file__).parent
 SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
 #: Files that together are larger make a page that browsers open slowly.
 LARGEST = 64_000_000
-#: Metres, and N/m (the slider's largest).
-LONGEST, STIFFEST = 10.0, 1500.0
+#: Metres; N/m, beyond which the page's hand would shake by itself, and of the slider's end.
+LONGEST, STIFFEST, USUAL = 10.0, 5000.0, 1500.0
 #: Whole numbers per length of the unit frame.
 _STEPS = 32767
 
@@ -47,26 +47,53 @@ def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
         A file cannot be read, has no proxy, or is of another object; all are too large for a page;
         size or stiffness are none.
     """
+    fields = [NativeField(file) for file in files]
+    for field in fields:
+        _check(field, fields[0])
+    first = fields[0].path
+    name = first.parent.parent.name if first.parent.name == "export" else first.stem
+    Path(path).write_text(page(name, fields, size, stiffness), encoding="utf-8")
+
+
+def page(name, fields, size, stiffness):
+    """Return a page on which fields of one object, which is called so, are touched.
+
+    Parameters and errors are those of `write_page`, but that the fields are open.
+    """
     if not (0 < size <= LONGEST and 0 <= stiffness <= STIFFEST):
         raise PandisError(
             f"size: {size:g}, stiffness: {stiffness:g}: an object on a page is up to {LONGEST:g} m "
             f"long, and its stiffness up to {STIFFEST:g} N/m"
         )
-    fields = [NativeField(file) for file in files]
-    for field in fields:
-        _check(field, fields[0])
     total = sum(field.path.stat().st_size for field in fields)
     if total > LARGEST:
         raise PandisError(f"{total:,} bytes of fields are too many for a page: {LARGEST:,} at most")
-    first = fields[0].path
-    name = first.parent.parent.name if first.parent.name == "export" else first.stem
-    text = (HERE / "page.html").read_text(encoding="utf-8").format(
+    return (HERE / "page.html").read_text(encoding="utf-8").format(
         title=f"{_escaped(name)}: touch it",
         style=(HERE / "style.css").read_text(encoding="utf-8"),
         section=section(fields, size, stiffness),
-        scripts="".join(script(name) for name in ("solid", "touch")),
+        scripts="".join(script(part) for part in ("solid", "touch")),
     )  # fmt: skip
-    Path(path).write_text(text, encoding="utf-8")
+
+
+def with_proxies(fields, log):
+    """Return those of some fields that have a proxy, and say which have none.
+
+    Raises
+    ------
+    PandisError
+        None has one.
+    """
+    found = []
+    for field in fields:
+        try:
+            NativeContact(Placed.at(field, 1.0, 1.0))
+            found.append(field)
+        except PandisError as error:
+            log(f"{field.path.stem}: not on the page: {error}")
+    if not found:
+        raise PandisError("none of these fields has a proxy: name another one in fields")
+    return found
 
 
 def script(name):
@@ -95,6 +122,7 @@ def section(fields, size, stiffness):
         data=json.dumps(data).replace("<", "\\u003c"),
         size=f"{1e3 * size:g} mm",
         stiffness=f"{stiffness:g}",
+        most=f"{max(stiffness, USUAL):g}",
     )  # fmt: skip
 
 

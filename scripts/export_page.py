@@ -1,0 +1,13 @@
+"""Put the exported fields of a mesh on a page. Reads export/*.pandis, writes export/touch.html."""
+
+from pandis.native.runtime import NativeField
+from pandis.native.web import STIFFEST, page, with_proxies
+from pandis.report.seal import seal
+from pandis.run.stage import stage
+from pandis.run.tasks import ExportPageTask
+
+with stage(snakemake, ExportPageTask) as job:
+    fields = with_proxies([NativeField(job.note_file(path)) for path in job.input.exports], job.log)
+    stiffness = min(job.options.stiffness, STIFFEST)
+    text = page(job.mesh, fields, job.options.size, stiffness)
+    job.write_file(seal(text, job.provenance()).encode())
