@@ -9,5 +9,7 @@ from pandis.run.tasks import ExportPageTask
 with stage(snakemake, ExportPageTask) as job:
     fields = with_proxies([NativeField(job.note_file(path)) for path in job.input.exports], job.log)
     stiffness = min(job.options.stiffness, STIFFEST)
+    if stiffness < job.options.stiffness:
+        job.log(f"the page begins with {stiffness:g} N/m, the most that it takes")
     text = page(job.mesh, fields, job.options.size, stiffness)
     job.write_file(seal(text, job.provenance()).encode())

@@ -19,13 +19,14 @@ FLAGS = (
 )
 
 
-def build(target, *more):
+def build(target):
     """Compile the module to a path."""
     told = f'-DWEB_DIGEST="{digest(SOURCE)}"'
-    command = ["clang", *FLAGS, *more, told, "-I", str(HERE / "libc"), str(SOURCE), "-o"]
+    command = ["clang", *FLAGS, told, "-I", str(HERE / "libc"), str(SOURCE), "-o"]
     subprocess.run([*command, str(target)], check=True)
 
 
 if __name__ == "__main__":
-    build(Path(sys.argv[1]) if len(sys.argv) > 1 else MODULE)
-    print(f"wrote {MODULE}: {MODULE.stat().st_size:,} bytes")
+    made = Path(sys.argv[1]) if len(sys.argv) > 1 else MODULE
+    build(made)
+    print(f"wrote {made}: {made.stat().st_size:,} bytes")

@@ -30,6 +30,7 @@ import trimesh
 from bodies import UNIT, file_of
 from common import ROOT, SCANS, load, write
 
+from pandis.errors import PandisError
 from pandis.geometry.body import Body
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.geometry.measure import contact_errors, draw_contacts
@@ -41,7 +42,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from sdf import asker
 
-STEPS, EVERY, POINTS, TIMED = 300, 10, 400, 400
+STEPS, EVERY, POINTS, TIMED, CONTROL = 300, 10, 400, 400, 20
 NATIVE = {f"native-{depth}": depth for depth in (6, 7, 8)}
 OURS = "tricubic-64", "spline-800K", "compact-16", "exact"
 FEWER = "native-7", "native-8", "exact"
@@ -177,7 +178,7 @@ def scenes():
 
     return {
         "ball": Scene(bunny, None, thrown, BALL, own.format(10, 40), np.zeros((1, 3))),
-        "peg": Scene(block, peg, placed([0, 0, 0.45], 0.004, 0.01, 0.5), 0.14, own.format(15, 60),
+        "peg": Scene(block, peg, placed([0, 0, 0.45], 0.004, 0.01, 0.5), 0.03, own.format(15, 60),
                      spread(peg)),
         "bolt": Scene(rod, nut, placed([0, 0, 0.0], 0.001, 0.002, 2.0), 0.04, own.format(15, 60),
                       spread(nut)),
@@ -333,6 +334,16 @@ def simulated(model, scene, starts):
     }  # fmt: skip
 
 
+def demand_control(name, scene, model):
+    """Demand that whatever has no contacts tunnels: else that column would say nothing."""
+    model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    through = simulated(model, scene, CONTROL)["tunnelled"]
+    model.opt.disableflags = 0
+    if through < CONTROL / 4:  # some starts go by
+        raise PandisError(f"{name}: without contacts {through} of {CONTROL} starts tunnel")
+    print(f"{name}: without contacts {through} of {CONTROL} tunnel", file=sys.stderr, flush=True)
+
+
 def main(starts=1000, few=100, *names):
     """Measure the scenes of these names, or all: first all times, while nothing else runs."""
     plugin.register()
@@ -342,6 +353,7 @@ def main(starts=1000, few=100, *names):
             continue
         folder = Path(tempfile.mkdtemp())
         models = {field: model_of(scene, field, folder) for field in (*NATIVE, *OURS)}
+        demand_control(name, scene, models["native-6"])
         took = timed(models, scene)
         made[name] = scene, models, {field: errors(model, scene.fixed) | took[field]
                                      for field, model in models.items()}  # fmt: skip

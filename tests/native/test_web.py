@@ -120,10 +120,8 @@ def test_what_is_drawn_is_the_surface(files, name):
     off = np.abs(answer.distance) * field.frame.scale
     assert np.percentile(off[np.isfinite(off)], 90) < 2e-3
     assert len(faces) > 1000
-    if name not in (
-        "network",
-        "gradient",
-    ):  # which are not trained: zeros go through the box's sides
+    untrained = "network", "gradient"  # whose zeros go through the sides of the box
+    if name not in untrained:
         assert mesh.is_watertight
         assert mesh.volume > 0
 

@@ -59,7 +59,7 @@ def facts(path):
         "size": None if low is None else (high - low).tolist(),
         "centre": list(field.frame.centre) if low is None else ((low + high) / 2).tolist(),
         "regions": list(field.region_names),
-        "proxy": _no_proxy(field),
+        "proxy": no_proxy(field),
         "faces": bool((field.faces(points[:16]) >= 0).any()),
         "microseconds": float(np.median(field.time(points, _QUERIES)) * 1e6),
         "provenance": contents.provenance,
@@ -98,7 +98,7 @@ def _box(contents):
     return tuple(contents.field.frame.to_mesh(corners.reshape(2, 3)))
 
 
-def _no_proxy(field):
+def no_proxy(field):
     """Return why a field has no proxy; empty if it has one."""
     try:
         NativeContact(Placed.at(field, 1.0, 1.0))

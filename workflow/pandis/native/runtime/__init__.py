@@ -252,9 +252,8 @@ class NativeField:
 
         They are analytic for meshes and closed forms (by what is nearest: 0 next to a face, round
         next to an edge or a corner), for splines and for grids of distances. Of networks, and where
-        a point is flagged as a bound, they are differences over a few thousandths of the object
-        or less.
-        NaN where `gradient` is.
+        a point is flagged as a bound, they are differences over a few thousandths of the object or
+        less. NaN where `gradient` is.
         """
         return self._derivatives(points)[1]
 

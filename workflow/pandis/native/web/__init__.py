@@ -12,16 +12,15 @@ import numpy as np
 
 from pandis.errors import ArtifactError, PandisError
 from pandis.geometry.frame import UNIT_SIDE
-from pandis.native.contact import NativeContact
+from pandis.native.info import no_proxy
 from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed
 from pandis.native.web.surface import surface_of
 
 HERE = Path(__file__).parent
 SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
 #: Files that together are larger make a page that browsers open slowly.
 LARGEST = 64_000_000
-#: Metres; N/m, beyond which the page's hand would shake by itself, and of the slider's end.
+#: The most that a page takes, m and N/m; and where the slider of the stiffness usually ends.
 LONGEST, STIFFEST, USUAL = 10.0, 5000.0, 1500.0
 #: Whole numbers per length of the unit frame.
 _STEPS = 32767
@@ -86,11 +85,10 @@ def with_proxies(fields, log):
     """
     found = []
     for field in fields:
-        try:
-            NativeContact(Placed.at(field, 1.0, 1.0))
+        if why := no_proxy(field):
+            log(f"{field.path.stem}: not on the page: {why}")
+        else:
             found.append(field)
-        except PandisError as error:
-            log(f"{field.path.stem}: not on the page: {error}")
     if not found:
         raise PandisError("none of these fields has a proxy: name another one in fields")
     return found
@@ -128,10 +126,8 @@ def section(fields, size, stiffness):
 
 def _check(field, first):
     """Refuse a field that cannot be touched, or is of another object than the first."""
-    try:
-        NativeContact(Placed.at(field, 1.0, 1.0))
-    except PandisError as error:
-        raise ArtifactError(f"{field.path}: it cannot be touched: {error}") from error
+    if why := no_proxy(field):
+        raise ArtifactError(f"{field.path}: it cannot be touched: {why}")
     apart = np.abs(first.frame.to_unit(field.frame.centre)).max()
     if apart > 0.1 or not 0.9 < field.frame.scale / first.frame.scale < 1.1:
         raise PandisError(
