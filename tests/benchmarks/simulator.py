@@ -10,9 +10,9 @@ the paper (0 to 0.01 below the surface of the unit frame), and where a device pr
 states for each. Then STARTS random starts of 300 steps each (1,000 by default; FEW, 100 by default,
 for depths 7 and 8 and for the exact mesh; a quarter of them for peg and bolt), judged by the exact
 distance of points of what moves: `overlap`: how deep the deepest lies where anything overlaps, mm;
-`tunnelled`: starts in which one lies deeper than what is thinnest there; `rise`: how far the energy
-rises above its lowest before, in weight times a metre; `over_start`: starts whose energy exceeds
-that of their start.
+`tunnelled`: starts in which one lies too deep, as many do without contacts; `rise`: how far the
+energy rises above its lowest before, in weight times a metre; `over_start`: starts whose energy
+exceeds that of their start.
 """
 
 import os
