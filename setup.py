@@ -1,4 +1,4 @@
-"""Builds the package: with its C code compiled for every kind of processor of this machine."""
+"""Builds the package: with its C code compiled for machines of this kind."""
 
 import re
 import shutil

@@ -30,19 +30,16 @@ import sys
 sys.path[:0] = sys.argv[1:3]
 import numpy as np
 import pandis
-from pandis.native import prebuilt
-if sys.argv[3] == "plain":
-    prebuilt.abilities = frozenset
 from pandis.native.contact import NativeContact
 from pandis.native.scene import NativeScene, Placed
-points, answers = np.load(sys.argv[4]), {}
-for path in sys.argv[6:]:
+points, answers = np.load(sys.argv[3]), {}
+for path in sys.argv[5:]:
     field = pandis.load(path)
     placed = Placed.at(field, 0.1, 400.0)
     answers["field " + path] = field.force(field.frame.to_mesh(points), k=400)
     answers["contact " + path] = NativeContact(placed).follow(0.06 * points).force
     answers["scene " + path] = NativeScene([placed, placed]).answer(0.06 * points).force
-np.savez(sys.argv[5], **answers)
+np.savez(sys.argv[4], **answers)
 others = {"scipy", "zarr", "pydantic", "trimesh", "igl", "torch", "yaml"} & set(sys.modules)
 libraries = [line.split()[-1] for line in open("/proc/self/maps") if "/built/" in line]
 print(sorted(others), *sorted({path.rpartition("/")[2] for path in libraries}))
@@ -75,12 +72,12 @@ def package(tmp_path_factory):
     return wheel, folder / "installed", with_numpy
 
 
-def ask(package, files, kind, tmp_path):
+def ask(package, files, tmp_path):
     """Run the program where there is no compiler; returns what it says, and its answers."""
     _, installed, with_numpy = package
     np.save(tmp_path / "points.npy", POINTS)
     done = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", PROGRAM, installed, with_numpy, kind,
+        [sys.executable, "-I", "-S", "-c", PROGRAM, installed, with_numpy,
          tmp_path / "points.npy", tmp_path / "answers.npz", *files],
         env={"PATH": os.devnull, "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")},
         capture_output=True, text=True, check=False,
@@ -90,15 +87,11 @@ def ask(package, files, kind, tmp_path):
     return done.stdout.strip(), np.load(tmp_path / "answers.npz")
 
 
-@pytest.mark.parametrize("kind", ["ablest", "plain"])
-def test_with_numpy_alone_and_no_compiler_it_answers_as_the_checkout_does(
-    package, files, kind, tmp_path
-):
+def test_with_numpy_alone_and_no_compiler_it_answers_as_the_checkout_does(package, files, tmp_path):
     asked = [files[name] for name in NAMES]
-    said, answers = ask(package, asked, kind, tmp_path)
+    said, answers = ask(package, asked, tmp_path)
     assert answers is not None, said
     assert re.fullmatch(r"\[\] pandis-[\w-]+\.so", said)  # one library, and nothing but NumPy
-    assert kind == "ablest" or "-v3-" not in said
     assert not (tmp_path / "cache").exists()  # nothing was compiled, nor kept
     for path in asked:
         field = NativeField(path)
@@ -199,7 +192,7 @@ def test_a_library_of_other_sources_is_not_taken(package, files, tmp_path):
     shutil.copytree(installed, changed)
     header = changed / "pandis/native/pandis.h"
     header.write_text(header.read_text() + "/* changed */\n")
-    said, answers = ask((None, changed, with_numpy), [files["torus"]], "ablest", tmp_path)
+    said, answers = ask((None, changed, with_numpy), [files["torus"]], tmp_path)
     assert answers is None
     assert "no C compiler found for runtime.c: install one" in said
 

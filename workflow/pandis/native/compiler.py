@@ -89,18 +89,20 @@ def prebuild(folder, headers):
     PandisError
         There is no compiler, or it fails.
     """
-    compiler, made = find_compiler(), []
+    compiler, machine, made = find_compiler(), platform.machine(), []
     if compiler is None:
         raise PandisError("no C compiler found: install gcc, or name one in CC")
+    if machine not in prebuilt.KINDS:
+        raise PandisError(f"no library is made for machines of the kind {machine}")
     with tempfile.TemporaryDirectory() as place:
         source = Path(place) / "together.c"
         for library in prebuilt.LIBRARIES.keys() - (prebuilt.FOREIGN - headers.keys()):
             source.write_text(prebuilt.together(library), encoding="utf-8")
             others = [f"-I{headers[library]}"] if library in headers else []
-            for kind in prebuilt.KINDS.get(platform.machine(), {}):
-                path = Path(folder) / prebuilt.name(library, FLAGS, kind)
-                command = [compiler, f"-march={kind}", *FLAGS, *others, "-s", str(source), "-lm"]
-                made.append(_compile(command, path))
+            kind = prebuilt.KINDS[machine]
+            path = Path(folder) / prebuilt.name(library, FLAGS, kind)
+            command = [compiler, f"-march={kind}", *FLAGS, *prebuilt.SMALLER, *others, str(source)]
+            made.append(_compile([*command, "-lm"], path))
     return made
 
 
