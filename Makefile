@@ -39,6 +39,7 @@ figures: .venv/installed
 .venv/installed: constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --requirement constraints.txt
+	$(BIN)/python -m pip install --no-deps mujoco-warp==4.0.0  # needs of MuJoCo no more than its core
 	touch $@
 
 # compile what pages run: needs Debian's clang and lld; commit what it makes

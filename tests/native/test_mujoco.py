@@ -380,7 +380,7 @@ def test_a_scene_takes_meshes_and_says_what_is_wrong(files, meshes, tmp_path, ca
 def test_the_program_of_the_page_runs(files, tmp_path):
     """As it stands; its ball falls onto the object."""
     page = (ROOT / "docs/simulators.md").read_text(encoding="utf-8")
-    (program,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    program = re.search(r"```python\n(.*?)```", page, re.S).group(1)
     path = tmp_path / "results/bunny/export/compact-auto.pandis"
     path.parent.mkdir(parents=True)
     shutil.copy(files["compact"], path)
