@@ -177,6 +177,8 @@ def generated():
             presses=tables.press_table(),
             contact=tables.contact_table(),
             simulator=tables.simulator_table(),
+            kernels=tables.kernels_table(),
+            cooked=tables.cooked_table(),
             order=tables.order_table(),
             full=tables.full_table(),
             native=tables.native_table(),

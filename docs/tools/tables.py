@@ -348,6 +348,43 @@ def simulator_table():
     return _noted(table, notes)
 
 
+def kernels_table():
+    """Return the table of fields in Warp."""
+    notes, rows = _figures("kernels")
+    table = [
+        "| field | points | device | million points per second | `pandis.h` on the same machine "
+        "| distance off by, at most | gradient |",
+        "|---|---|---|--:|--:|--:|--:|",
+    ]
+    for row in rows:
+        cells = [f"`{row['field']}`", row["points"], row["device"]]
+        cells += [f"{float(row[name]):.2g}" if float(row[name]) < 100 else f"{float(row[name]):.0f}"
+                  for name in ("mega_points_per_s", "pandis_h_mega_points_per_s")]  # fmt: skip
+        table.append(_row([*cells, *(f"{float(row[k]):.0e}" for k in ("distance", "gradient"))]))
+    return _noted(table, notes)
+
+
+def cooked_table():
+    """Return the table of Newton's cooked distances, its own and ours."""
+    notes, rows = _figures("cooked")
+    table = [
+        "| mesh | resolution | read on | nodes | MB | made in (s) | shallow error, mean and 99 % "
+        "| of Newton's | deep error, mean and 99 % | of Newton's |",
+        "|---|--:|---|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    own = {}
+    for row in rows:
+        which = row["mesh"], row["resolution"], row["device"]
+        own.setdefault(which, row)  # Newton's comes first
+        cells = [row["mesh"], row["resolution"], row["device"], row["nodes"]]
+        cells += [f"{float(row['mb']):.2g}", f"{float(row['seconds']):.2g}"]
+        for kind in ("shallow", "deep"):
+            off, most = float(row[kind]), float(row[f"{kind}_p99"])
+            cells += [f"{off:.2f}e-3, {most:.1f}e-3", f"{off / float(own[which][kind]):.2f}"]
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
 def contact_table():
     """Return the table of what a contact costs and holds."""
     notes, rows = _figures("contact")
