@@ -177,6 +177,7 @@ def generated():
             presses=tables.press_table(),
             contact=tables.contact_table(),
             simulator=tables.simulator_table(),
+            bridge=tables.bridge_table(),
             kernels=tables.kernels_table(),
             cooked=tables.cooked_table(),
             order=tables.order_table(),

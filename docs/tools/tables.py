@@ -348,6 +348,18 @@ def simulator_table():
     return _noted(table, notes)
 
 
+def bridge_table():
+    """Return the table of stiffnesses of objects that MuJoCo moves."""
+    notes, rows = _figures("bridge")
+    table = ["| device | box | bridge (N/m) | held for 5 ms (N/m) | ratio |", "|---|---|--:|--:|--:|"]
+    for row in rows:
+        held, ratio = float(row["held_n_m"]), float(row["ratio"])
+        cells = [row["device"], row["object"], f"{float(row['bridge_n_m']):,.0f}"]
+        cells += [f"{held:,.0f}" if held else "below 40", f"{ratio:.3g}" if held else "–"]
+        table.append(_row(cells))
+    return _noted(table, notes)
+
+
 def kernels_table():
     """Return the table of fields in Warp."""
     notes, rows = _figures("kernels")

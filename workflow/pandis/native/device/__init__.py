@@ -109,6 +109,10 @@ class Simulated(ctypes.Structure):
     )  # fmt: skip
 
 
+#: What is called between ticks; not 0 ends the run.
+_BETWEEN = ctypes.CFUNCTYPE(ctypes.c_int)
+
+
 class _Order(ctypes.Structure):
     _fields_ = (
         ("scene", ctypes.c_void_p),
@@ -122,6 +126,10 @@ class _Order(ctypes.Structure):
         ("armed", ctypes.c_int),
         ("ticks", ctypes.c_longlong),
         *((name, ctypes.c_void_p) for name in ("positions", "forces", "taken", "since", "proxies")),
+        ("bridge", ctypes.c_void_p),
+        ("between", _BETWEEN),
+        ("every", ctypes.c_int),
+        ("held", ctypes.c_int),
     )
 
 
@@ -230,6 +238,12 @@ def library():
     pointer, text = ctypes.c_void_p, ctypes.c_char_p
     lib.client_device.argtypes = [text, text, pointer, pointer]
     lib.client_simulated.argtypes = [*[pointer] * 5, ctypes.c_int, *[pointer] * 2]
+    size = ctypes.c_size_t
+    lib.bridge_bytes.restype = lib.bridge_room.restype = size
+    lib.bridge_room.argtypes = [size]
+    lib.bridge_open.argtypes = [pointer, pointer, size, pointer]
+    lib.bridge_take.argtypes = [pointer, pointer]
+    lib.bridge_next.restype, lib.bridge_next.argtypes = pointer, [pointer]
     return lib
 
 
@@ -256,6 +270,14 @@ class Order(NamedTuple):
         tenth is another, and is refused. 0: any.
     armed : bool
         Whether forces are sent.
+    bridge : object, optional
+        To a simulation that moves the scene's objects: see `pandis.native.mujoco.bridge`.
+    between : callable, optional
+        Called every so many ticks (``every``), in the time of ticks alone: a simulation that keeps
+        step with the simulated device. What it raises ends the run, and is raised after it.
+    every : int
+    held : int
+        Ticks for which a force is held before another one is asked for: 1 on any device.
 
     Notes
     -----
@@ -273,6 +295,10 @@ class Order(NamedTuple):
     patience: float = 0.05
     expected: float = 0.0
     armed: bool = False
+    bridge: object = None
+    between: object = None
+    every: int = 1
+    held: int = 1
 
 
 def run_device(path, name, order):
@@ -290,6 +316,7 @@ def run_device(path, name, order):
     -------
     Session
     """
+    _by_the_clock(order)
     return _run(order, lambda *ends: library().client_device(path.encode(), name.encode(), *ends))
 
 
@@ -313,6 +340,8 @@ def run_simulated(device, start, rest, press, order, clock=False):
     """
     if not 0 <= device.delay <= 20:
         raise ValueError("a force can be late by 0 to 20 ticks")
+    if clock:
+        _by_the_clock(order)
     columns = [
         np.ascontiguousarray(np.broadcast_to(values, shape), np.float64)
         for values, shape in ((start, 3), (rest, (order.ticks, 3)), (press, (order.ticks, 3)))
@@ -324,18 +353,37 @@ def run_simulated(device, start, rest, press, order, clock=False):
     return session._replace(path=path[: len(session.position)])
 
 
+def _by_the_clock(order):
+    """Refuse what would keep a device waiting."""
+    if order.between is not None:
+        raise ValueError("between ticks nothing is called of a device that runs by the clock")
+
+
 def _run(order, function):
-    if order.ticks < 1:
-        raise ValueError("at least one tick is needed")
+    if min(order.ticks, order.every, order.held) < 1:
+        raise ValueError("at least one tick is needed, and between calls and forces, too")
     position, force, proxy = (np.zeros((order.ticks, 3)) for _ in range(3))
     taken, since = np.zeros(order.ticks), np.zeros(order.ticks)
+    raised = []
+
+    def between():
+        try:
+            order.between()
+        except BaseException as error:  # C cannot pass it on
+            raised.append(error)
+        return len(raised)
+
     given = _Order(
         order.scene.address, order.limits, order.period, order.deadline, order.overruns, order.gap,
         order.patience, order.expected, order.armed, order.ticks,
         *(column.ctypes.data for column in (position, force, taken, since, proxy)),
+        order.bridge.address if order.bridge else None,
+        _BETWEEN(between) if order.between else _BETWEEN(), order.every, order.held,
     )  # fmt: skip
     ended = _Outcome()
     function(ctypes.byref(given), ctypes.byref(ended))
+    if raised:
+        raise raised[0]
     if ended.hangs:
         # the callback is still at it, and may come back
         _KEPT.append((order, given, ended, position, force, taken, since, proxy))

@@ -8,6 +8,7 @@
 #define _GNU_SOURCE
 #define PANDIS_IMPLEMENTATION
 #include "../pandis.h"
+#include "bridge.h"
 #include "guard.h"
 #include "hd.h"
 #include "simulated.h"
@@ -34,6 +35,9 @@ typedef struct {
     long long ticks;
     double *positions, *forces, *taken, *since; /* per tick: m, N, s of computing, s since the last call */
     double *proxies; /* per tick: of the first object that is touched; else the position, m */
+    bridge *bridge;  /* to a simulation that moves the scene's objects, or NULL; with contacts only */
+    int (*between)(void); /* called every so many ticks, where time is that of ticks; not 0: the run ends */
+    int every, held;      /* ticks between these calls; and ticks for which each force is held */
 } client_order;
 
 typedef struct {
@@ -58,6 +62,7 @@ static struct {
     client_order order;
     guard guard;
     double middle[3]; /* of the device's workspace: there the scene's origin lies */
+    double asked[3];  /* the last force that the scene had */
     unsigned int code;
     int overruns, released;
     double last;
@@ -96,8 +101,11 @@ static void client_ask(const double *position, double *force, double *proxy) {
     pandis_touch touch;
     double place[3];
     int flag;
+    bridge *b = client.order.bridge;
     for (int k = 0; k < 3; k++) place[k] = position[k] - client.middle[k];
-    if (scene->contacts) flag = pandis_scene_touch(scene, place, client.order.period, force, &touch, 1);
+    if (b) bridge_move(b, scene, client.order.period);
+    if (b) flag = pandis_scene_touch(scene, place, client.order.period, force, b->touches, b->count), touch = *b->touches;
+    else if (scene->contacts) flag = pandis_scene_touch(scene, place, client.order.period, force, &touch, 1);
     else flag = pandis_scene_force(scene, place, force);
     if (flag == PANDIS_INVALID) guard_end(&client.guard, CAUSE_NUMBER);
     for (int k = 0; scene->contacts && scene->touched && k < 3; k++) proxy[k] = touch.proxy[k] + client.middle[k];
@@ -126,13 +134,23 @@ static int client_tick(void *data) {
     if (client_real() && since > order->gap) guard_end(g, CAUSE_GAP);
     double proxy[3];
     memcpy(proxy, state.position, sizeof proxy);
-    if (!g->cause && tick < order->ticks) client_ask(state.position, force, proxy);
+    int asks = !g->cause && tick < order->ticks;
+    if (asks && order->between && tick % order->every == 0 && order->between()) guard_end(g, CAUSE_INTERRUPTED), asks = 0;
+    if (asks && tick % order->held == 0) client_ask(state.position, client.asked, proxy);
+    if (asks) memcpy(force, client.asked, sizeof force);
     double taken = client_now() - begin;
     client.overruns = client_real() && taken > order->deadline ? client.overruns + 1 : 0;
     if (client_real() && client.overruns >= order->overruns) guard_end(g, CAUSE_OVERRUN);
     if (client_real() && taken > order->gap) guard_end(g, CAUSE_GAP);
     /* nobody is armed any more after the last tick, in which no field is asked */
+    double asked[3], size = pandis__dot(force, force);
+    memcpy(asked, force, sizeof asked);
+    if (order->bridge) memcpy(g->carried, order->bridge->carried, sizeof g->carried);
     guard_pass(g, &state, since, order->armed && (tick < order->ticks || g->armed), force);
+    if (order->bridge && asks) {
+        double share = size > 0 ? pandis__dot(asked, force) / size : 0; /* the guard may have cut it */
+        bridge_give(order->bridge, order->scene->touched, fmin(fmax(share, 0), 1), order->period);
+    }
     client.device.write(&client.device, force, NULL);
     client_errors();
     if (g->cause && length_of(force) > 0) { /* an error of this very write: there may be no other tick */
@@ -256,7 +274,8 @@ static int client_run(const device *made, const char *name, const client_order *
     const guard *g = &client.guard;
     outcome->cause = g->cause ? g->cause : __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST);
     outcome->code = client.code, outcome->ticks = beat < order->ticks ? beat : order->ticks;
-    outcome->worst = client_real() ? g->energy.worst : simulated.energy.worst;
+    /* a simulated device does not know that what it touches moves */
+    outcome->worst = client_real() || order->bridge ? g->energy.worst : simulated.energy.worst;
     outcome->strongest = g->strongest, outcome->steepest = g->steepest, outcome->added = g->added;
     outcome->fastest = g->fastest, outcome->cut = g->cut, outcome->slowed = g->slowed, outcome->damped = g->damped;
     outcome->armed_at = g->armed_at, outcome->signs = g->signs;
@@ -317,3 +336,15 @@ int client_simulated(const simulated_spec *spec, const double *start, const doub
     if (clock) made.write = simulated_write_and_move, made.next = NULL;
     return client_run(&made, NULL, order, outcome);
 }
+
+/* What a program needs to make a bridge, in its own room: doubles, as many as `bridge_room` says. */
+size_t bridge_bytes(void) { return sizeof(bridge); }
+
+size_t bridge_room(size_t count) { return bridge_doubles(count); }
+
+void bridge_open(bridge *b, pandis_poses *poses, size_t count, double *room) { bridge_begin(b, poses, count, room); }
+
+void bridge_take(bridge *b, double *sums) { bridge_read(b, sums); }
+
+/* What goes with the frame of poses that is handed over next: a `bridge_frame` for each object. */
+double *bridge_next(const bridge *b) { return (double *)(void *)(b->frames + (size_t)b->poses->writing * b->count); }

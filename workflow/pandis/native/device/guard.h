@@ -69,6 +69,7 @@ typedef struct {
     guard_limits limits;
     double period; /* s */
     double position[3], sent[3], velocity[3];
+    double carried[3]; /* how far what is touched has moved since the last tick: the wall is where it is */
     double ticks, given; /* all of them; those since it was armed */
     double now, trouble; /* s since the start; since when something is wrong; below zero: nothing is */
     double times[2];     /* when it last did, and the time before */
@@ -107,7 +108,7 @@ static void guard_observe(guard *g, const double *position, double dt) {
     double way[3], work = 0, length;
     for (int k = 0; k < 3; k++) {
         way[k] = position[k] - g->position[k];
-        work += g->sent[k] * way[k], g->velocity[k] = way[k] / dt;
+        work += g->sent[k] * (way[k] - g->carried[k]), g->velocity[k] = way[k] / dt;
     }
     length = length_of(way);
     double lost = g->limits.damping * length * length / dt + g->limits.friction * length;

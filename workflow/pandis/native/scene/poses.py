@@ -37,6 +37,11 @@ class Poses:
             raise PandisError(runtime().pandis_error(error).decode())
         self._count = count
 
+    @property
+    def address(self):
+        """Where these poses lie, for other C code, which may step them."""
+        return ctypes.addressof(self._poses)
+
     def give(self, rotations, translations, velocities, spins, period):
         """Hand over where all objects lie now, and how they move.
 

@@ -1,19 +1,17 @@
 """Models with fields of ours in MuJoCo Warp: what `pandis.sdf` is to MuJoCo itself."""
 
 import copy
-import ctypes
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from pandis.errors import PandisError
-from pandis.native.mujoco import NAME, package
+from pandis.native.mujoco.instances import instances
 from pandis.native.warp import WarpField
 from pandis.native.warp.data import Field
 
 try:
-    import mujoco
     import mujoco_warp
     from mujoco_warp._src import collision_sdf
     from mujoco_warp._src.types import vec_pluginattr
@@ -68,7 +66,7 @@ _ADDRESS_OF, _SCALE_OF = wp.constant(_ADDRESS), wp.constant(_SCALE)
 _ORIGIN_OF, _TURN_OF = wp.constant(_ORIGIN), wp.constant(_TURN)
 
 
-def put_model(model: "mujoco.MjModel", **options: Any) -> "mujoco_warp.Model":
+def put_model(model: Any, **options: Any) -> "mujoco_warp.Model":
     """Put a model with geoms of `pandis.sdf` onto the device: ``mujoco_warp.put_model`` for them.
 
     Their fields must be splines, compact meshes or networks. Geoms of other plugins go on with the
@@ -93,14 +91,11 @@ def put_model(model: "mujoco.MjModel", **options: Any) -> "mujoco_warp.Model":
     ArtifactError
         A file cannot be read, or is damaged.
     """
-    instances = {}
-    for geom, instance in enumerate(model.geom_plugin):
-        if instance >= 0 and _is_ours(model, instance):
-            instances.setdefault(int(instance), geom)
-    fields = {one: WarpField(_config(model, one, "file")) for one in instances}
+    found = {each.number: each for each in instances(model)}
+    fields = {number: WarpField(each.file) for number, each in found.items()}
     for field in fields.values():
         _install(field.answer)
-    put = mujoco_warp.put_model(_with_numbers(model, fields), **options)
+    put = mujoco_warp.put_model(_without_texts(model, found), **options)
     geoms = [i for i in model.geom_plugin if i >= 0]
     rows, kept = put.plugin_attr.numpy().copy(), []
     for row, instance in zip(rows, geoms, strict=True):
@@ -108,52 +103,28 @@ def put_model(model: "mujoco.MjModel", **options: Any) -> "mujoco_warp.Model":
             field = fields[instance]
             held = wp.array([field.data], dtype=Field, device=put.plugin_attr.device)
             kept += [field, held]
-            scale = float(_config(model, instance, "scale") or 1)
-            row[:] = _numbers(model, instances[instance], field.answer, held.ptr, scale)
+            row[:] = _numbers(found[instance], field.answer, held.ptr)
     put.plugin_attr = wp.array(rows, dtype=vec_pluginattr, device=put.plugin_attr.device)
     put.pandis_fields = kept  # their memory is asked as long as the model is
     return put
 
 
-def _numbers(model, geom, answer, address, scale):
+def _numbers(instance, answer, address):
     """Return what an instance's functions are given: an array of the length of MuJoCo Warp's."""
-    mesh, row = model.geom_dataid[geom], np.zeros(vec_pluginattr._length_, np.float32)
+    row = np.zeros(vec_pluginattr._length_, np.float32)
     row[0] = _MARK + 1 + _known.index(answer)
     row[_ADDRESS : _ADDRESS + 3] = [(address >> 22 * i) & 0x3FFFFF for i in range(3)]
-    row[_SCALE] = scale
-    turn, origin = np.eye(3).ravel(), np.zeros(3)
-    if mesh >= 0:  # MuJoCo moves the origin of a mesh of a file to its centre of mass
-        origin, turn = model.mesh_pos[mesh], np.zeros(9)
-        mujoco.mju_quat2Mat(turn, model.mesh_quat[mesh])
-    row[_ORIGIN : _ORIGIN + 3], row[_TURN : _TURN + 9] = origin, turn
+    row[_SCALE] = instance.scale
+    row[_ORIGIN : _ORIGIN + 3], row[_TURN : _TURN + 9] = instance.origin, instance.turn.ravel()
     return row
 
 
-def _core():
-    """Return MuJoCo's own library, which is loaded already."""
-    core = ctypes.CDLL(str(sorted(package().glob("libmujoco*"))[0]))
-    core.mjp_getPluginAtSlot.restype = ctypes.POINTER(ctypes.c_char_p)
-    core.mj_getPluginConfig.restype = ctypes.c_char_p
-    core.mj_getPluginConfig.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p]
-    return core
-
-
-def _is_ours(model, instance):
-    """Tell whether an instance is of the plugin `pandis.sdf`: a plugin begins with its name."""
-    return _core().mjp_getPluginAtSlot(int(model.plugin[instance]))[0] == NAME.encode()
-
-
-def _config(model, instance, name):
-    return _core().mj_getPluginConfig(model._address, int(instance), name.encode()).decode()
-
-
-def _with_numbers(model, instances):
+def _without_texts(model, numbers):
     """Return a copy of a model whose files are no texts any more, which MuJoCo Warp cannot read."""
     other = copy.copy(model)
-    for instance in instances:
-        start = other.plugin_attradr[instance]
-        ends = [*other.plugin_attradr[instance + 1 :], len(other.plugin_attr)]
-        other.plugin_attr[start : ends[0]] = 0
+    for number in numbers:
+        ends = [*other.plugin_attradr[number + 1 :], len(other.plugin_attr)]
+        other.plugin_attr[other.plugin_attradr[number] : ends[0]] = 0
     return other
 
 

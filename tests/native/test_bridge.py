@@ -1,0 +1,233 @@
+"""A simulation that moves objects at its own rate, and a hand that feels them at a kilohertz."""
+
+import re
+import threading
+
+import numpy as np
+import pytest
+
+from pandis.errors import PandisError
+from pandis.hardware.devices import DEVICES
+from pandis.native import mujoco as plugin
+from pandis.native.compiler import find_compiler
+from pandis.native.contact import TouchedScene
+from pandis.native.contact.surfaces import Material
+from pandis.native.device import DONE, Order, Simulated, run_simulated
+from pandis.native.samples import sample_bytes
+from support import ROOT
+
+mujoco = pytest.importorskip("mujoco", reason="no MuJoCo here: pip install mujoco-core")
+pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler here")
+
+#: Side of the object (m), its mass (kg), ticks until the whole force is given, and then.
+HALF, MASS, RAMP, TICKS = 0.03, 0.4, 500, 700
+TOUCH = DEVICES["touch"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registered():
+    plugin.register()
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory):
+    path = tmp_path_factory.mktemp("box") / "box.pandis"
+    path.write_bytes(sample_bytes("box", HALF, HALF, HALF))
+    return path
+
+
+def bridge_of(path, joint="<freejoint/>", step=0.005, more="", euler="0 0 0", **options):
+    """Return a bridge to a box that floats, or is held as a joint says, and its model."""
+    from pandis.native.mujoco.bridge import Bridge
+
+    model = mujoco.MjModel.from_xml_string(f"""
+        <mujoco><option timestep="{step}" gravity="0 0 0" integrator="implicitfast"/>
+          <compiler inertiafromgeom="false"/>
+          <extension><plugin plugin="pandis.sdf"><instance name="b">
+            <config key="file" value="{path}"/></instance></plugin></extension>
+          <asset><mesh name="b"><plugin instance="b"/></mesh></asset>
+          <worldbody><body name="box" euler="{euler}">{joint}
+            <inertial pos="0 0 0" mass="{MASS}" diaginertia="2.4e-4 2.4e-4 2.4e-4"/>
+            <geom name="box" type="sdf" mesh="b" contype="0" conaffinity="0">
+              <plugin instance="b"/></geom></body>{more}</worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return Bridge(model, data, **options), model, data
+
+
+def press(
+    bridge, push=(0, 0, -2.0), start=(0, 0, 0.034), ticks=TICKS, order=None, hand=(0, 3.0), **more
+):
+    """Let a hand press the simulated Touch onto what lies under it."""
+    limits = TOUCH.limits(1e-3, 400.0)
+    limits.most_damping = 0.0
+    rest, force = (
+        np.tile(np.array(start, float), (ticks, 1)),
+        np.tile([0, 0, -2.0], (ticks, 1)),
+    )
+    force[:RAMP] = 0
+    device = TOUCH.simulated(0, 3.0, 0, 1e-3, 400.0)
+    order = order or bridge.in_step(ticks, limits, armed=True)
+    return run_simulated(device, start, rest, force, order)
+
+
+def test_what_the_hand_gets_the_object_gets_the_other_way(box):
+    """Linear momentum, of an object that floats: to the last bit of what was sent."""
+    bridge, _, data = bridge_of(box)
+    session = press(bridge)
+    assert session.cause == DONE
+    assert session.force[:, 2].max() > 0.5
+    bridge.step()  # what was given since the last step
+    bridge.step()
+    momentum = MASS * data.qvel[:3]
+    given = -1e-3 * session.force.sum(axis=0)
+    assert momentum == pytest.approx(given, abs=1e-9)
+    assert momentum[2] < -0.1
+
+
+def test_an_object_turns_as_it_is_pushed_beside_its_middle(box):
+    """Angular momentum around the origin is the sum of the pushes where the proxy was."""
+    bridge, _, data = bridge_of(box, euler="0 0 30")
+    session = press(bridge, start=(0.015, 0.008, 0.034), ticks=RAMP + 60)
+    pushed = session.force.any(axis=1)
+    assert pushed.sum() > 30
+    moment = 1e-3 * np.cross(session.proxy[pushed], -session.force[pushed]).sum(axis=0)
+    bridge.step()
+    bridge.step()
+    spin = np.array(data.cvel[1, :3])
+    middle = data.xipos[1]
+    angular = 2.4e-4 * spin + np.cross(middle, MASS * data.qvel[:3])
+    assert np.linalg.norm(moment) > 1e-3
+    assert angular == pytest.approx(moment, abs=0.02 * np.linalg.norm(moment))
+
+
+def test_an_object_that_stands_still_feels_as_it_does_without_a_simulation(box):
+    """To the last bit, whatever the rate of the simulation."""
+    forces = []
+    for step in (0.002, 0.01):
+        bridge, _, _ = bridge_of(box, joint="", step=step)
+        forces.append(press(bridge).force)
+    bridge, _, _ = bridge_of(box, joint="")
+    limits = TOUCH.limits(1e-3, 400.0)
+    limits.most_damping = 0.0
+    alone = TouchedScene(bridge.scene.objects, 0.0, [Material()])
+    forces.append(press(None, order=Order(alone, TICKS, limits, armed=True)).force)
+    assert forces[0].any()
+    assert np.array_equal(forces[0], forces[1])
+    assert np.array_equal(forces[0], forces[2])
+
+
+def test_an_unarmed_hand_moves_nothing(box):
+    bridge, _, data = bridge_of(box)
+    order = bridge.in_step(TICKS, TOUCH.limits(1e-3, 400.0), armed=False)
+    session = press(bridge, order=order)
+    assert not session.force.any()
+    bridge.step()
+    assert not data.qvel.any()
+
+
+def test_forces_of_others_stay(box):
+    bridge, _, data = bridge_of(box)
+    data.xfrc_applied[1, 0] = 1e-3
+    press(bridge)
+    assert data.xfrc_applied[1, 2] < -0.1
+    bridge.step()
+    bridge.step()  # the hand is gone
+    assert data.xfrc_applied[1] == pytest.approx([1e-3, 0, 0, 0, 0, 0], abs=1e-12)
+
+
+def test_two_threads_at_their_own_rates(box):
+    """By the clock: the loop never waits for the simulation, and nothing of the push is lost."""
+    bridge, _, data = bridge_of(box, step=0.004)
+    limits = TOUCH.limits(1e-3, 400.0)
+    limits.most_damping = 0.0
+    order = bridge.order(TICKS, limits, armed=True, deadline=0.5, gap=5.0, patience=10.0)
+    ended = []
+    rest = np.tile([0, 0, 0.034], (TICKS, 1))
+    force = np.zeros((TICKS, 3))
+    force[RAMP:, 2] = -2
+    device = TOUCH.simulated(0, 3.0, 0, 1e-3, 400.0)
+    thread = threading.Thread(
+        target=lambda: ended.append(run_simulated(device, rest[0], rest, force, order, clock=True))
+    )
+    thread.start()
+    steps = 0
+    while thread.is_alive():
+        bridge.step()
+        steps += 1
+    bridge.step()
+    bridge.step()
+    session = ended[0]
+    assert session.cause == DONE
+    assert steps > 10
+    assert MASS * data.qvel[:3] == pytest.approx(-1e-3 * session.force.sum(axis=0), abs=1e-9)
+    assert data.qvel[2] < 0
+
+
+def test_a_simulation_that_fails_ends_the_run(box):
+    bridge, _, _ = bridge_of(box)
+    calls = []
+
+    def failing():
+        calls.append(1)
+        if len(calls) > 110:
+            raise FloatingPointError("it exploded")
+
+    order = bridge.in_step(TICKS, TOUCH.limits(1e-3, 400.0), armed=True)._replace(between=failing)
+    with pytest.raises(FloatingPointError, match="it exploded"):
+        press(bridge, order=order)
+    assert len(calls) == 111
+    again = press(bridge_of(box)[0])  # nothing is left behind
+    assert again.cause == DONE
+
+
+def test_what_is_wrong_is_said(box):
+    from pandis.native.mujoco.bridge import Bridge
+
+    empty = mujoco.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(PandisError, match="no geom of the plugin"):
+        Bridge(empty, mujoco.MjData(empty))
+    with pytest.raises(PandisError, match="no geom of pandis.sdf is called lid"):
+        bridge_of(box, materials={"lid": Material()})
+    bridge, _, _ = bridge_of(box, step=0.0033)
+    with pytest.raises(PandisError, match="no whole number of ticks"):
+        press(bridge)
+    bridge, _, _ = bridge_of(box)
+    order = bridge.in_step(10, TOUCH.limits(1e-3, 400.0))
+    with pytest.raises(ValueError, match="by the clock"):
+        run_simulated(Simulated(), 0, 0, 0, order, clock=True)
+
+
+def test_the_program_of_the_page_runs(box, capsys):
+    """As it stands, on a model that floats."""
+    page = (ROOT / "docs/simulators.md").read_text(encoding="utf-8")
+    (text,) = re.findall("```python\n([^`]*import Bridge.*?)```", page, re.S)
+    _, model, data = bridge_of(box)
+    exec(text, {"model": model, "data": data})
+    assert "ran to its end" in capsys.readouterr().out
+    assert data.time == pytest.approx(2.0)
+    assert data.qvel[2] < -0.1
+
+
+@pytest.mark.parametrize("joint", ["<freejoint/>", '<joint type="slide" axis="0 0 1"/>'])
+def test_between_steps_an_object_gives_way_by_its_own_inertia(joint, box):
+    """A tick's push moves it by the next tick, long before the simulation's next step."""
+    bridge, model, data = bridge_of(box, joint=joint, step=0.02)
+    ticks, after = RAMP + 115, 15
+    order, seen = bridge.in_step(ticks, TOUCH.limits(1e-3, 400.0), armed=True), []
+
+    def looking():
+        bridge.step()
+        seen[:] = (
+            bridge.scene.lies(0)[1][2],
+            data.xpos[1, 2],
+            data.qvel[-1 if len(data.qvel) == 1 else 2],
+        )
+
+    session = press(bridge, ticks=ticks, order=order._replace(between=looking))
+    lay, place, speed = seen  # when the last frame came
+    base = lay + after / order.every * (place + speed * model.opt.timestep - lay)
+    impulse = 1e-3 * session.force[-after:-1, 2].cumsum()
+    given = -1e-3 / MASS * impulse.sum()
+    assert given < -1e-6
+    assert bridge.scene.lies(0)[1][2] == pytest.approx(base + given, abs=2e-2 * abs(given))

@@ -1,0 +1,149 @@
+/* Between a haptic loop and a simulation on another thread that moves the objects of its scene.
+ *
+ * The loop adds up what it gives to each object: impulse, and angular impulse around the scene's origin, both since the
+ * run began. The simulation takes the last sums that are whole and subtracts those that it took before, so that nothing is
+ * lost and nothing counts twice, however the two rates go together. Neither waits: three slots change hands, as they do for
+ * poses (parts/poses.h).
+ *
+ * With each frame of poses comes how an object answers a push, and up to which sums the frame knows of the hand. Until the
+ * next frame the loop moves an object by what has been given since, as the object's own inertia has it. Without that, an
+ * object gives way late, and what is late gives energy.
+ */
+#ifndef BRIDGE_H
+#define BRIDGE_H
+
+#include <string.h>
+
+/* Of an object: N s and N m s. And seven numbers of a pose: quaternion and translation. */
+enum { BRIDGE_SUMS = 6, BRIDGE_POSE = 7 };
+
+/* What comes with a frame for an object. */
+typedef struct {
+    double answer[BRIDGE_SUMS * BRIDGE_SUMS]; /* velocity (m/s, rad/s) by impulse, at the centre of mass */
+    double middle[3];                         /* the centre of mass */
+    double known[BRIDGE_SUMS];                /* the sums of which the frame's motion knows */
+} bridge_frame;
+
+typedef struct {
+    pandis_poses *poses;   /* by which the simulation moves the scene's objects */
+    size_t count;          /* of objects */
+    pandis_touch *touches; /* as many */
+    bridge_frame *frames;  /* three for each, in the slots of the poses */
+    double *sums, *slots;  /* of all objects: the loop's own, and three for handing over */
+    double *gone;          /* of each object: how far the hand has moved it since the frame (m, rad) */
+    size_t touched;        /* so many objects were, at the last tick */
+    double carried[3];     /* by which what was touched has moved since, along the force: m */
+    int32_t writing, reading;
+    volatile int32_t waiting; /* the slot that is handed over, with PANDIS__NEW until it is taken */
+} bridge;
+
+/* How many doubles a bridge needs. */
+static size_t bridge_doubles(size_t count) {
+    size_t touch = (sizeof(pandis_touch) + sizeof(double) - 1) / sizeof(double);
+    return count * (5 * BRIDGE_SUMS + 3 * sizeof(bridge_frame) / sizeof(double) + touch) + touch;
+}
+
+static void bridge_begin(bridge *b, pandis_poses *poses, size_t count, double *room) {
+    memset(b, 0, sizeof *b), memset(room, 0, bridge_doubles(count) * sizeof *room);
+    b->poses = poses, b->count = count;
+    b->sums = room, b->gone = room + BRIDGE_SUMS * count, b->slots = b->gone + BRIDGE_SUMS * count;
+    b->frames = (bridge_frame *)(void *)(b->slots + 3 * BRIDGE_SUMS * count);
+    b->touches = (pandis_touch *)(void *)(b->frames + 3 * count);
+    b->reading = 1, b->waiting = 2;
+}
+
+/* Where an object lies: on its way, and as far beside it as the hand has moved it. */
+static void bridge_place(const bridge *b, size_t object, double *pose) {
+    const pandis_poses *poses = b->poses;
+    const double *from = pandis__way_of(poses, object), *to = from + BRIDGE_POSE, *gone = b->gone + BRIDGE_SUMS * object;
+    const bridge_frame *frame = b->frames + (size_t)poses->asking * b->count + object;
+    double share = poses->gone < poses->period ? poses->gone / poses->period : 1, turn[4], way[4], arm[3], more[3];
+    for (int k = 0; k < BRIDGE_POSE; k++) pose[k] = share < 1 ? from[k] + share * (to[k] - from[k]) : to[k];
+    pandis__unit_turn(pose);
+    pandis__spun(gone + 3, 1, turn);
+    pandis__turn_by(turn, pose, way), memcpy(pose, way, sizeof way);
+    for (int k = 0; k < 3; k++) arm[k] = pose[4 + k] - frame->middle[k];
+    pandis__cross(gone + 3, arm, more);
+    for (int k = 0; k < 3; k++) pose[4 + k] += gone[k] + more[k];
+}
+
+/* Move the objects on by a tick. */
+static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
+    pandis_poses *poses = b->poses;
+    double pose[BRIDGE_POSE];
+    if (pandis__peek(&poses->waiting) & PANDIS__NEW) { /* the new way begins where the objects are */
+        for (size_t i = 0; i < b->count; i++) {
+            double *gone = b->gone + BRIDGE_SUMS * i;
+            if (!(pandis__dot(gone, gone) + pandis__dot(gone + 3, gone + 3) > 0)) continue;
+            bridge_place(b, i, pose);
+            memcpy(pandis__way_of(poses, i) + BRIDGE_POSE, pose, sizeof pose);
+            memcpy(pandis__way_of(poses, i), pose, sizeof pose);
+            memset(gone, 0, BRIDGE_SUMS * sizeof *gone);
+        }
+    }
+    (void)pandis_poses_step(poses, scene, dt);
+    if (!(poses->gone < poses->period)) dt = 0; /* the simulation is late: its objects wait */
+    for (size_t i = 0; i < b->count; i++) {
+        const bridge_frame *frame = b->frames + (size_t)poses->asking * b->count + i;
+        double *gone = b->gone + BRIDGE_SUMS * i, given[BRIDGE_SUMS], turned[3], moved = 0;
+        for (int k = 0; k < BRIDGE_SUMS; k++) given[k] = b->sums[BRIDGE_SUMS * i + (size_t)k] - frame->known[k];
+        pandis__cross(frame->middle, given, turned);
+        for (int k = 0; k < 3; k++) given[3 + k] -= turned[k];
+        for (int k = 0; k < BRIDGE_SUMS; k++) {
+            for (int j = 0; j < BRIDGE_SUMS; j++) gone[k] += dt * frame->answer[BRIDGE_SUMS * k + j] * given[j];
+            moved += fabs(gone[k]);
+        }
+        if (!(moved > 0)) continue;
+        bridge_place(b, i, pose);
+        pandis__turned(pose, poses->objects[i].rotation);
+        memcpy(poses->objects[i].translation, pose + 4, sizeof poses->objects[i].translation);
+        (void)pandis_scene_moved(scene, i);
+    }
+}
+
+/* Move the objects on by a tick, and note how far that carries what is touched: what they give a hand in this way is
+ * theirs, and no fault of the contact. */
+static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
+    double force[3] = {0}, work = 0, size;
+    for (size_t i = 0; i < b->touched; i++) { /* where the proxy is on its object, in units of the scene */
+        pandis_touch *t = b->touches + i;
+        const pandis_object *o = b->poses->objects + t->object;
+        double arm[3];
+        for (int k = 0; k < 3; k++) arm[k] = t->proxy[k] - o->translation[k];
+        for (int k = 0; k < 3; k++)
+            t->normal[k] = o->rotation[k] * arm[0] + o->rotation[3 + k] * arm[1] + o->rotation[6 + k] * arm[2];
+    }
+    bridge_advance(b, scene, dt);
+    for (size_t i = 0; i < b->touched; i++) {
+        const pandis_touch *t = b->touches + i;
+        const pandis_object *o = b->poses->objects + t->object;
+        for (int k = 0; k < 3; k++) {
+            double now = o->translation[k] + pandis__dot(o->rotation + 3 * k, t->normal);
+            force[k] += t->force[k], work += t->force[k] * (now - t->proxy[k]);
+        }
+    }
+    size = pandis__dot(force, force);
+    for (int k = 0; k < 3; k++) b->carried[k] = size > 0 ? work / size * force[k] : 0;
+}
+
+/* Give the objects that are touched what the hand gets, the other way: a share of it, if the guard lets through less. */
+static void bridge_give(bridge *b, size_t touched, double share, double dt) {
+    b->touched = touched < b->count ? touched : b->count;
+    for (size_t i = 0; i < b->touched; i++) {
+        const pandis_touch *t = b->touches + i;
+        double *sums = b->sums + BRIDGE_SUMS * (size_t)t->object, force[3], moment[3];
+        for (int k = 0; k < 3; k++) force[k] = -share * dt * t->force[k];
+        pandis__cross(t->proxy, force, moment); /* the contact is at the proxy, and the hand behind it */
+        for (int k = 0; k < 3; k++) sums[k] += force[k], sums[3 + k] += moment[k];
+    }
+    memcpy(b->slots + BRIDGE_SUMS * b->count * (size_t)b->writing, b->sums, BRIDGE_SUMS * b->count * sizeof *b->sums);
+    b->writing = pandis__exchange(&b->waiting, b->writing | PANDIS__NEW) & 3;
+}
+
+/* The sums of all objects, as the loop has last handed them over. */
+static void bridge_read(bridge *b, double *sums) {
+    if (pandis__peek(&b->waiting) & PANDIS__NEW) b->reading = pandis__exchange(&b->waiting, b->reading) & 3;
+    memcpy(sums, b->slots + BRIDGE_SUMS * b->count * (size_t)b->reading, BRIDGE_SUMS * b->count * sizeof *sums);
+}
+
+#endif
