@@ -351,7 +351,8 @@ def simulator_table():
 def bridge_table():
     """Return the table of stiffnesses of objects that MuJoCo moves."""
     notes, rows = _figures("bridge")
-    table = ["| device | box | bridge (N/m) | held for 5 ms (N/m) | ratio |", "|---|---|--:|--:|--:|"]
+    table = ["| device | box | bridge (N/m) | held for 5 ms (N/m) | ratio |"]
+    table.append("|---|---|--:|--:|--:|")
     for row in rows:
         held, ratio = float(row["held_n_m"]), float(row["ratio"])
         cells = [row["device"], row["object"], f"{float(row['bridge_n_m']):,.0f}"]

@@ -131,6 +131,13 @@ class NativeField:
         return self._library.runtime_bytes(self._field)
 
     @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """The lowest and the highest corner (3,) of the box in which the surface lies, mesh units."""
+        low, high = np.empty(3), np.empty(3)
+        self._library.pandis_bounds(self._field, low.ctypes.data, high.ctypes.data)
+        return low, high
+
+    @property
     def address(self) -> int:
         """Where the opened field lies, for other C code."""
         return ctypes.addressof(self._field)

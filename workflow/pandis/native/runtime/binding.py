@@ -36,6 +36,7 @@ def declared(lib):
     lib.pandis_refit_open.argtypes = [pointer, pointer, pointer]
     lib.pandis_refit.argtypes = [pointer, pointer]
     lib.runtime_handover_bytes.restype = size
+    lib.pandis_bounds.argtypes = [pointer, pointer, pointer]
     lib.pandis_handover_room.restype, lib.pandis_handover_room.argtypes = size, [pointer]
     lib.pandis_handover_open.argtypes = [pointer, pointer, pointer]
     lib.pandis_handover_refit.argtypes = lib.pandis_handover_take.argtypes = [pointer, pointer]
