@@ -132,7 +132,7 @@ class NativeField:
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """The lowest and the highest corner (3,) of the box in which the surface lies, mesh units."""
+        """The lowest and highest corner (3,) of the box in which the surface lies, mesh units."""
         low, high = np.empty(3), np.empty(3)
         self._library.pandis_bounds(self._field, low.ctypes.data, high.ctypes.data)
         return low, high
