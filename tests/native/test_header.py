@@ -238,6 +238,19 @@ def points_file(fields, tmp_path_factory):
 
 def test_every_compiler_and_vector_width_gives_the_same_bits(files, points_file, tmp_path):
     """And nothing is allocated while queries are answered."""
+    same_bits(files, points_file, tmp_path)
+
+
+@pytest.mark.full
+def test_every_compiler_and_vector_width_gives_the_same_ten_million_bits(files, fields, tmp_path):
+    """Ten million answers of each, over all kinds of files."""
+    path = tmp_path / "points.bin"
+    points = points_for(fields["exact"][0], -(-10_000_000 // len(files)))
+    path.write_bytes(points.astype(np.float64).tobytes())
+    same_bits(files, path, tmp_path)
+
+
+def same_bits(files, points, tmp_path):
     wraps = [f"-Wl,--wrap={name}" for name in ("malloc", "calloc", "realloc", "free")]
     seen = {}
     for compiler, flags in itertools.product(COMPILERS, SETS):
@@ -250,7 +263,7 @@ def test_every_compiler_and_vector_width_gives_the_same_bits(files, points_file,
         assert done.returncode == 0, done.stderr
         try:
             text = subprocess.run(
-                [program, points_file, *files.values()], capture_output=True, text=True, check=True
+                [program, points, *files.values()], capture_output=True, text=True, check=True
             ).stdout
         except subprocess.CalledProcessError as error:
             if error.returncode == -4:

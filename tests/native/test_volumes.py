@@ -2,18 +2,21 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 
 import numpy as np
 import pytest
 
+from pandis.__main__ import main
 from pandis.errors import PandisError
 from pandis.native.runtime import NativeField
 from pandis.native.samples import sample
 from pandis.native.volumes import write_volume
 from pandis.native.volumes.leaves import leaves
 from pandis.native.volumes.vdb import vdb_bytes
+from support import ROOT
 
 #: Debian's Python, whose package python3-openvdb reads volumes.
 PYTHON = "/usr/bin/python3"
@@ -155,3 +158,18 @@ def test_what_makes_no_volume_is_said(name, asked, said, files, tmp_path):
     with pytest.raises(PandisError, match="is called"):
         write_volume(NativeField(files["exact"]), tmp_path / "field.txt")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_programs_of_the_page_run(files, tmp_path, monkeypatch):
+    """The command and the lines of Python, as they stand but for the field."""
+    page = (ROOT / "docs/volumes.md").read_text(encoding="utf-8")
+    page = page.replace("results/bunny/export/compact-auto.pandis", str(files["compact"]))
+    page = page.replace("0.005", "0.05")
+    monkeypatch.chdir(tmp_path)
+    (command,) = re.findall("```bash\npandis (.*?)\n```", page)
+    assert main(command.split()) == 0
+    first = (tmp_path / "bunny.vdb").read_bytes()
+    (text,) = re.findall("```python\n(.*?)```", page, re.S)
+    exec(text, {})
+    assert len((tmp_path / "bunny.vdb").read_bytes()) > len(first)
+    assert main(["volume", str(files["nearest"]), "other.vdb"]) == 1

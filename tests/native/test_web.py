@@ -85,11 +85,15 @@ def led(field, points):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_in_webassembly_the_answers_have_the_same_bits(files, name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [(name, 6000) for name in KINDS]
+    + [pytest.param(name, 100_000, marks=pytest.mark.full) for name in KINDS],
+)
+def test_in_webassembly_the_answers_have_the_same_bits(files, name, count, tmp_path):
     """Of queries in the box, around it and where there are none, and of a probe that is led."""
     field = NativeField(files[name])
-    points = np.concatenate([points_for(field, 6000), [[np.nan, 0, 0], [1e200, 0, 0]]])
+    points = np.concatenate([points_for(field, count), [[np.nan, 0, 0], [1e200, 0, 0]]])
     points[:100] = np.cumsum(np.random.default_rng(5).normal(0, 0.1, (100, 3)), axis=0)
     distance, normal, flag, felt = in_node(files[name], points, tmp_path)
     wanted = field.query(points)

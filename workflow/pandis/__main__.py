@@ -31,6 +31,16 @@ def main(arguments=None):
     sample.add_argument("file", metavar="FILE", help="the file to write: ….pandis")
     sample.add_argument("sizes", nargs="*", type=float, metavar="SIZE", help="see docs/format.md")
     sample.set_defaults(run=_sample)
+    volume = commands.add_parser("volume", help="write a field as a volume of OpenVDB or NanoVDB")
+    volume.add_argument("file", metavar="FILE", help="a .pandis file")
+    volume.add_argument("volume", metavar="VOLUME", help="the file to write: ….vdb or ….nvdb")
+    volume.add_argument("--voxel", type=float, help="its length (a two-hundredth of the object)")
+    volume.add_argument("--band", type=float, default=3.0, help="voxels on each side (3)")
+    volume.add_argument("--length", type=float, default=1.0, help="of a unit of the mesh (1)")
+    volume.set_defaults(run=_volume)
+    csharp = commands.add_parser("csharp", help="write what programs in C# need, Unity's too")
+    csharp.add_argument("folder", metavar="FOLDER", help="in Unity Assets/Plugins")
+    csharp.set_defaults(run=_csharp)
     view = commands.add_parser("view", help="touch fields of one object in a browser")
     view.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
     view.add_argument("--output", metavar="PAGE", help="write the page here, and open no browser")
@@ -61,28 +71,44 @@ def _info(asked):
     return status
 
 
-def _mjcf(asked):
-    """Write a scene as MJCF: 1 if that cannot be."""
-    from pandis.native.mujoco.mjcf import write_mjcf
-
+def _done(work, *arguments, **options):
+    """Do some work: 1 if that cannot be, after the reason has been told."""
     try:
-        write_mjcf(asked.scene, asked.model)
+        work(*arguments, **options)
     except (PandisError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     return 0
+
+
+def _mjcf(asked):
+    """Write a scene as MJCF."""
+    from pandis.native.mujoco.mjcf import write_mjcf
+
+    return _done(write_mjcf, asked.scene, asked.model)
 
 
 def _sample(asked):
-    """Write a closed form: 1 if that cannot be."""
+    """Write a closed form."""
     from pandis.native.samples import sample_bytes
 
-    try:
-        Path(asked.file).write_bytes(sample_bytes(asked.shape, *asked.sizes))
-    except (PandisError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return _done(lambda: Path(asked.file).write_bytes(sample_bytes(asked.shape, *asked.sizes)))
+
+
+def _volume(asked):
+    """Write a field as a volume."""
+    from pandis import load
+    from pandis.native.volumes import write_volume
+
+    options = {"voxel": asked.voxel, "band": asked.band, "length": asked.length}
+    return _done(lambda: write_volume(load(asked.file), asked.volume, **options))
+
+
+def _csharp(asked):
+    """Write the binding for C#, and say what it is."""
+    from pandis.native.csharp import write_csharp
+
+    return _done(lambda: print(*write_csharp(asked.folder), sep="\n"))
 
 
 def _view(asked):
@@ -90,10 +116,7 @@ def _view(asked):
     from pandis.native.web import write_page
 
     path = Path(asked.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
-    try:
-        write_page(path, asked.files, asked.size, asked.stiffness)
-    except (PandisError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+    if _done(write_page, path, asked.files, asked.size, asked.stiffness):
         return 1
     print(path)
     if not asked.output and not webbrowser.open(path.resolve().as_uri()):
