@@ -1,0 +1,154 @@
+"""Splines on arrays: parts/spline.h for many points at once."""
+
+import numpy as np
+
+#: As in parts/spline.h: the outermost faces belong to the last cells; how far above a crease an
+#: answer is taken (steps), and how much of the squared gradient must be missing.
+_EDGE, _LIFT, _SHORT = 1 - 1e-12, 0.7, 0.02
+
+
+def spline(contents):
+    """Return the function of a spline, and what it is made of."""
+    wholes, reals = contents.wholes, contents.reals
+    held = {"inside": reals[9], "outside": reals[10]}
+    for level, (name, letter, kind) in enumerate((("coarse", "B", "<i2"), ("fine", "F", "<i1"))):
+        size, bricks, low = wholes[level], wholes[2 + level], reals[level]
+        stored = np.frombuffer(contents.sections[f"{letter}COF"], kind)
+        values = (reals[3 + level] + reals[6 + level] * stored).astype(np.float32)
+        held |= _lattice(name, size, low)
+        held[f"{name}_values"] = np.append(values, np.float32(0)).astype(np.float64)
+        held[f"{name}_blocks"] = _blocks(contents.sections, letter, bricks)
+        held[f"{name}_across"] = 4 * bricks
+    size = wholes[8]
+    held |= _lattice("far", size, reals[2])
+    stored = np.frombuffer(contents.sections["RCOF"], "<i2")
+    held["far_values"] = (reals[5] + reals[8] * stored).astype(np.float32).astype(np.float64)
+    sides = np.frombuffer(contents.sections["SIDE"], np.uint8)
+    held["free"] = np.unpackbits(sides)[: held["coarse_across"] ** 3].astype(bool)
+    return _answer, held
+
+
+def _lattice(name, size, low):
+    return {f"{name}_size": size, f"{name}_low": low, f"{name}_rate": (size - 1) / (-2 * low)}
+
+
+def _blocks(sections, letter, bricks):
+    """Return where each block's coefficients begin (blocks³,); -1 where it is not kept."""
+    brick = np.frombuffer(sections[f"{letter}BRK"], "<u2").reshape((bricks,) * 3)
+    mask = np.frombuffer(sections[f"{letter}MSK"], "<u8")
+    kept = np.unpackbits(mask.astype("<u8").view(np.uint8), bitorder="little").reshape(-1, 4, 4, 4)
+    number = np.cumsum(kept.reshape(-1), dtype=np.int64).reshape(kept.shape) - 1
+    start = np.where(kept, 8 * number, -1)
+    none = np.full((1, 4, 4, 4), -1)
+    table = np.concatenate([start, none])[np.minimum(brick, len(start))]
+    return table.transpose(0, 3, 1, 4, 2, 5).reshape(-1)
+
+
+def _answer(xp, held, box, away, _):
+    p = xp.clip(box, -_EDGE, _EDGE)
+    value, gradient, kept = _both(xp, held, p)
+    value, gradient = _sharpened(xp, held, p, value, gradient)
+    far, slope = _beyond(xp, held, p)
+    inside = kept & (away == 0)
+    free = _free(xp, held, p) | (away > 0)
+    bound = xp.where(free, xp.clip(far, held["outside"], None), xp.clip(far, None, -held["inside"]))
+    return (
+        xp.where(inside, value, bound + away),
+        xp.where(inside[:, None], gradient, slope),
+    )
+
+
+def _both(xp, held, p):
+    value, gradient, kept = _level(xp, held, "coarse", p)
+    more, steeper, _ = _level(xp, held, "fine", p)
+    return value + more, gradient + steeper, kept
+
+
+def _sharpened(xp, held, p, value, gradient):
+    """Take answers from some way up where a crease is rounded, and carry them back down."""
+    missing = (1 - (gradient * gradient).sum(-1) - _SHORT) / (1 - _SHORT)
+    lift = xp.clip(-value, 0, _LIFT / held["coarse_rate"])
+    lift = lift * xp.where(missing > 0, missing * missing * (3 - 2 * missing), 0.0)
+    above, steeper, kept = _both(xp, held, p + lift[:, None] * gradient)
+    squared, length = (gradient * gradient).sum(-1), (steeper * steeper).sum(-1)
+    turns = (lift > 0) & kept & (squared > 0) & (length > 0)
+    normal = steeper / xp.sqrt(xp.where(turns, length, 1.0))[:, None]
+    slope = xp.sqrt(xp.where(turns, squared, 1.0))
+    carried = above - lift * (gradient * normal).sum(-1)
+    return (
+        xp.where(turns, carried, value),
+        xp.where(turns[:, None], slope[:, None] * normal, gradient),
+    )
+
+
+def _place(xp, held, name, p):
+    """Return first nodes (n, 3), weights and slopes (n, 3, 4) of points, and which lie within."""
+    rate, size = held[f"{name}_rate"], held[f"{name}_size"]
+    x = (p - held[f"{name}_low"]) * rate
+    cell = xp.floor(x)
+    within = ((cell >= 1) & (cell <= size - 3)).all(-1)
+    cell = xp.clip(cell, 1, size - 3)
+    t = x - cell
+    s = 1 - t
+    weights = xp.stack([
+        s * s * s / 6, (4 - 6 * t * t + 3 * t * t * t) / 6,
+        (4 - 6 * s * s + 3 * s * s * s) / 6, t * t * t / 6,
+    ], -1)  # fmt: skip
+    slopes = rate * xp.stack([-s * s / 2, t * (3 * t - 4) / 2, -s * (3 * s - 4) / 2, t * t / 2], -1)
+    return _whole(xp, cell) - 1, weights, slopes, within
+
+
+def _whole(xp, x):
+    return x.to(xp.int64) if xp.__name__ == "torch" else x.astype(int)
+
+
+def _sum(xp, c, weights, slopes):
+    """Return values (n,) and gradients (n, 3) of coefficients (n, 4, 4, 4)."""
+    x, y, z = weights[:, 0], weights[:, 1], weights[:, 2]
+    along_z = xp.einsum("nxyz,nz->nxy", c, z)
+    along_yz = xp.einsum("nxy,ny->nx", along_z, y)
+    gradient = xp.stack([
+        (along_yz * slopes[:, 0]).sum(-1),
+        (xp.einsum("nxy,ny->nx", along_z, slopes[:, 1]) * x).sum(-1),
+        xp.einsum("nxyz,nx,ny,nz->n", c, x, y, slopes[:, 2]),
+    ], -1)  # fmt: skip
+    return (along_yz * x).sum(-1), gradient
+
+
+def _level(xp, held, name, p):
+    """Return what a lattice with gaps adds, and where it has all 64 coefficients."""
+    first, weights, slopes, within = _place(xp, held, name, p)
+    values, blocks, across = held[f"{name}_values"], held[f"{name}_blocks"], held[f"{name}_across"]
+    parts = []
+    for i in range(4):
+        for j in range(4):
+            for k in range(4):
+                x, y, z = first[:, 0] + i, first[:, 1] + j, first[:, 2] + k
+                start = blocks[((x >> 1) * across + (y >> 1)) * across + (z >> 1)]
+                at = start + (((x & 1) << 2) | ((y & 1) << 1) | (z & 1))
+                parts.append(xp.where(start < 0, -1, at))
+    at = xp.stack(parts, -1)
+    c = values[at].reshape(-1, 4, 4, 4)  # the last one is a zero
+    value, gradient = _sum(xp, c, weights, slopes)
+    zero = xp.where(within, 1.0, 0.0)
+    return value * zero, gradient * zero[:, None], within & (at >= 0).all(-1)
+
+
+def _beyond(xp, held, p):
+    first, weights, slopes, within = _place(xp, held, "far", p)
+    size, parts = held["far_size"], []
+    for i in range(4):
+        for j in range(4):
+            row = ((first[:, 0] + i) * size + first[:, 1] + j) * size + first[:, 2]
+            parts += [held["far_values"][row + k] for k in range(4)]
+    value, gradient = _sum(xp, xp.stack(parts, -1).reshape(-1, 4, 4, 4), weights, slopes)
+    zero = xp.where(within, 1.0, 0.0)
+    return value * zero, gradient * zero[:, None]
+
+
+def _free(xp, held, p):
+    """Return which points lie in a block outside."""
+    at = (p - held["coarse_low"]) * held["coarse_rate"]
+    block = _whole(xp, xp.floor(xp.clip(at, 0, held["coarse_size"] - 2) / 2))
+    across = held["coarse_across"]
+    return held["free"][(block[:, 0] * across + block[:, 1]) * across + block[:, 2]]
