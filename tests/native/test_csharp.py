@@ -61,6 +61,18 @@ static class Program
         }
         try { new Field("missing.pandis"); }
         catch (PandisException error) { Console.WriteLine(error.Message); }
+        // a probe keeps its field; what is disposed of is refused, and nothing crashes
+        var other = new Field(names[0]);
+        var upright = new double[] { 1, 0, 0, 0, 1, 0, 0, 0, 1 };
+        var last = new Probe(other, upright, new double[3], 1, 1, 0);
+        other.Dispose();
+        Vector there;
+        last.Tick(new Vector(100, 0, 0), 1e-3, out there);
+        last.Dispose();
+        try { last.Tick(new Vector(), 1e-3, out there); return 1; }
+        catch (ObjectDisposedException) { }
+        try { other.Query(points, distances, normals, flags); return 1; }
+        catch (ObjectDisposedException) { }
         return 0;
     }
 }
@@ -94,8 +106,13 @@ static class Program
                 1000, 3.0);
             haptics.Start();
             while (haptics.Ticks < 400 && haptics.Failure == null) Thread.Sleep(1);
-            haptics.Move(upright, new double[] { 0, 0, -1 });
             double seen = haptics.Force.Length, kept = haptics.Surface.Z;
+            haptics.Move(upright, new double[] { 0, 0, -1 });
+            long then = haptics.Ticks;
+            while (haptics.Ticks < then + 50 && haptics.Failure == null) Thread.Sleep(1);
+            if (haptics.Force.Length > 0) throw new Exception("the object has not moved");
+            try { haptics.Move(new double[9], new double[3]); throw new Exception("no rotation"); }
+            catch (PandisException) { }
             haptics.Dispose();
             Console.WriteLine("{0} {1} {2} {3} {4} {5}", haptics.Ticks, largest, last, seen, kept,
                               haptics.Failure == null ? "whole" : haptics.Failure.Message);

@@ -13,6 +13,7 @@ from pandis.native import newton as cooking
 from pandis.native.newton import cook, hashed
 from pandis.native.newton.cells import CELLS, EMPTY, LINEAR
 from pandis.native.newton.reading import sample
+from pandis.native.runtime import NativeField
 from pandis.native.samples import sample as closed_form
 from pandis.native.samples import sample_bytes
 from support import ROOT
@@ -236,3 +237,9 @@ def test_the_program_of_the_page_runs(tmp_path, monkeypatch):
         with pytest.raises(RuntimeError, match="CUDA"):
             exec(text, there)
     assert len(list((tmp_path / "cache").glob("*.sdf.npz"))) == 1
+
+
+def test_a_grid_of_forces_is_refused(files, tmp_path):
+    _, mesh = mesh_of("torus", 0.1, 0.04)
+    with pytest.raises(PandisError, match="a grid of forces"):
+        cook(NativeField(files["nearest"]), mesh, tmp_path)

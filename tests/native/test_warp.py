@@ -16,8 +16,12 @@ wp = pytest.importorskip("warp", reason="no Warp here: pip install warp-lang")
 from pandis.native.warp import WarpField  # noqa: E402
 from pandis.native.warp.data import ROOM  # noqa: E402
 
-#: What Warp is given: two networks, of one output and of four.
-KINDS = "spline", "compact", "network", "gradient", "shallow"
+#: What Warp is given: networks of one output and of four; each of another width compiles anew.
+KINDS = (
+    *("spline", "compact", "gradient"),
+    pytest.param("network", marks=pytest.mark.full),
+    pytest.param("shallow", marks=pytest.mark.full),
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -82,7 +86,9 @@ def ball_and_object(path, mesh, scale=0.25):
     return model_of(path, mesh, scale=scale, world=ball)
 
 
-@pytest.mark.parametrize(("name", "mesh"), [("spline", None), ("compact", "file")])
+@pytest.mark.parametrize(
+    ("name", "mesh"), [pytest.param("spline", None, marks=pytest.mark.full), ("compact", "file")]
+)
 def test_mujoco_warp_gets_what_mujoco_gets(name, mesh, simulator, files, meshes, tmp_path):
     """At points of the geom's frame, whether MuJoCo has moved the mesh's origin or not."""
     from mujoco_warp._src import collision_sdf

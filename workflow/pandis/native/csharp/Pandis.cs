@@ -31,7 +31,7 @@ namespace Pandis
     /// <summary>A field of an object. Any number of threads may ask it.</summary>
     public sealed class Field : IDisposable
     {
-        internal IntPtr Handle;
+        internal readonly FieldHandle Handle;
 
         /// <summary>Open a file.</summary>
         /// <exception cref="PandisException">It cannot be read, is damaged, or of a later version.</exception>
@@ -39,7 +39,7 @@ namespace Pandis
         {
             IntPtr error;
             Handle = Native.pandis_field_open(Native.Utf8(path), out error);
-            if (Handle == IntPtr.Zero) throw new PandisException(path + ": " + Marshal.PtrToStringAnsi(error));
+            if (Handle.IsInvalid) throw new PandisException(path + ": " + Marshal.PtrToStringAnsi(error));
         }
 
         /// <summary>The box in which the surface lies, mesh units: six numbers, lowest corner first.</summary>
@@ -64,21 +64,14 @@ namespace Pandis
             Native.pandis_field_query(Handle, points, count, distances, normals, flags);
         }
 
-        public void Dispose()
-        {
-            Native.pandis_field_close(Handle);
-            Handle = IntPtr.Zero;
-            GC.SuppressFinalize(this);
-        }
-
-        ~Field() { Native.pandis_field_close(Handle); }
+        /// <summary>Let go of the file; probes that ask it keep it open as long as they are.</summary>
+        public void Dispose() { Handle.Dispose(); }
     }
 
     /// <summary>A probe that is kept out of an object. One thread at a time may use it.</summary>
     public sealed class Probe : IDisposable
     {
-        readonly Field field; // lives as long
-        IntPtr handle;
+        readonly ProbeHandle handle;
         readonly double[] place = new double[3], force = new double[3], proxy = new double[3];
 
         /// <param name="field">Of the object.</param>
@@ -90,12 +83,15 @@ namespace Pandis
         /// <exception cref="PandisException">The object lies nowhere, or is a grid of forces.</exception>
         public Probe(Field field, double[] rotation, double[] translation, double scale, double stiffness, double radius)
         {
-            if (rotation.Length != 9 || translation.Length != 3) throw new ArgumentException("a rotation of nine numbers, a translation of three");
+            CheckPlace(rotation, translation);
             IntPtr error;
-            this.field = field;
             handle = Native.pandis_probe_open(field.Handle, rotation, translation, scale, stiffness, radius, out error);
-            if (handle == IntPtr.Zero) throw new PandisException(Marshal.PtrToStringAnsi(error));
+            if (handle.IsInvalid) throw new PandisException(Marshal.PtrToStringAnsi(error));
+            handle.Keep(field.Handle);
         }
+
+        /// <summary>The flag of the last tick: 0 and 1 are answers, 2 is none, as of pandis.h.</summary>
+        public int Flag { get; private set; }
 
         /// <summary>Friction coefficients, up to which the probe sticks, and when it slides; not more.</summary>
         public void Friction(double sticking, double sliding)
@@ -104,10 +100,12 @@ namespace Pandis
         }
 
         /// <summary>Put the object elsewhere.</summary>
+        /// <exception cref="PandisException">The rotation is none, or a number is not finite: it stays where it is.</exception>
         public void Move(double[] rotation, double[] translation)
         {
-            if (rotation.Length != 9 || translation.Length != 3) throw new ArgumentException("a rotation of nine numbers, a translation of three");
-            Native.pandis_probe_move(handle, rotation, translation);
+            CheckPlace(rotation, translation);
+            if (Native.pandis_probe_move(handle, rotation, translation) == 0)
+                throw new PandisException("the object lies nowhere: its rotation is none, or a number is not finite");
         }
 
         /// <summary>A tick: the force on the hand, N, at a place of the probe. The first must be outside.</summary>
@@ -119,20 +117,18 @@ namespace Pandis
             place[0] = at.X;
             place[1] = at.Y;
             place[2] = at.Z;
-            Native.pandis_probe_tick(handle, place, seconds, force, proxy);
+            Flag = Native.pandis_probe_tick(handle, place, seconds, force, proxy);
             surface = new Vector(proxy[0], proxy[1], proxy[2]);
             return new Vector(force[0], force[1], force[2]);
         }
 
-        public void Dispose()
-        {
-            Native.pandis_probe_close(handle);
-            handle = IntPtr.Zero;
-            GC.KeepAlive(field);
-            GC.SuppressFinalize(this);
-        }
+        public void Dispose() { handle.Dispose(); }
 
-        ~Probe() { Native.pandis_probe_close(handle); }
+        static void CheckPlace(double[] rotation, double[] translation)
+        {
+            if (rotation.Length != 9 || translation.Length != 3)
+                throw new ArgumentException("a rotation of nine numbers, a translation of three");
+        }
     }
 
     /// <summary>
@@ -146,7 +142,7 @@ namespace Pandis
         readonly Action<Vector> write;
         readonly double period, largest;
         readonly Thread thread;
-        readonly object gate = new object();
+        readonly object gate = new object(), failing = new object();
         volatile bool stopping;
         Vector force, surface;
         long ticks, late;
@@ -181,7 +177,7 @@ namespace Pandis
         public long Late { get { return Interlocked.Read(ref late); } }
 
         /// <summary>What ended the thread before it was asked to stop; null if nothing did.</summary>
-        public Exception Failure { get { lock (gate) return failure; } }
+        public Exception Failure { get { lock (failing) return failure; } }
 
         public void Start() { thread.Start(); }
 
@@ -202,6 +198,7 @@ namespace Pandis
                     lock (gate)
                     {
                         given = probe.Tick(at, period, out kept);
+                        if (probe.Flag == 2) throw new PandisException("the field has no answer there");
                         double size = given.Length, share = size > largest ? largest / size : 1;
                         given = new Vector(share * given.X, share * given.Y, share * given.Z);
                         if (!given.IsFinite) throw new PandisException("the force is no number");
@@ -223,21 +220,61 @@ namespace Pandis
             }
             catch (Exception error)
             {
-                lock (gate) failure = error;
+                lock (failing) failure = error;
             }
             finally
             {
                 try { write(new Vector()); }
-                catch (Exception error) { lock (gate) failure = failure ?? error; }
+                catch (Exception error) { lock (failing) failure = failure ?? error; }
                 lock (gate) force = new Vector();
             }
         }
 
-        /// <summary>Stop, with a last force of zero.</summary>
+        /// <summary>Stop, with a last force of zero; also if the device has not come back for a second.</summary>
         public void Dispose()
         {
             stopping = true;
-            if (thread.IsAlive) thread.Join();
+            if (!thread.IsAlive || thread.Join(1000)) return;
+            lock (failing) failure = failure ?? new TimeoutException("the device has not come back");
+            write(new Vector());
+        }
+    }
+
+    /// <summary>A field of the library, open as long as anything uses it.</summary>
+    sealed class FieldHandle : SafeHandle
+    {
+        FieldHandle() : base(IntPtr.Zero, true) { }
+
+        public override bool IsInvalid { get { return handle == IntPtr.Zero; } }
+
+        protected override bool ReleaseHandle()
+        {
+            Native.pandis_field_close(handle);
+            return true;
+        }
+    }
+
+    /// <summary>A probe of the library, which keeps its field open.</summary>
+    sealed class ProbeHandle : SafeHandle
+    {
+        FieldHandle field;
+
+        ProbeHandle() : base(IntPtr.Zero, true) { }
+
+        public override bool IsInvalid { get { return handle == IntPtr.Zero; } }
+
+        internal void Keep(FieldHandle kept)
+        {
+            bool done = false;
+            kept.DangerousAddRef(ref done);
+            field = kept;
+        }
+
+        protected override bool ReleaseHandle()
+        {
+            Native.pandis_probe_close(handle);
+            if (field != null) field.DangerousRelease();
+            return true;
         }
     }
 
@@ -247,14 +284,14 @@ namespace Pandis
 
         internal static byte[] Utf8(string text) { return System.Text.Encoding.UTF8.GetBytes(text + "\0"); }
 
-        [DllImport(Library)] internal static extern IntPtr pandis_field_open(byte[] path, out IntPtr error);
+        [DllImport(Library)] internal static extern FieldHandle pandis_field_open(byte[] path, out IntPtr error);
         [DllImport(Library)] internal static extern void pandis_field_close(IntPtr field);
-        [DllImport(Library)] internal static extern void pandis_field_bounds(IntPtr field, double[] low, double[] high);
-        [DllImport(Library)] internal static extern void pandis_field_query(IntPtr field, double[] points, int count, [Out] double[] distances, [Out] double[] normals, [Out] byte[] flags);
-        [DllImport(Library)] internal static extern IntPtr pandis_probe_open(IntPtr field, double[] rotation, double[] translation, double scale, double stiffness, double radius, out IntPtr error);
+        [DllImport(Library)] internal static extern void pandis_field_bounds(FieldHandle field, [Out] double[] low, [Out] double[] high);
+        [DllImport(Library)] internal static extern void pandis_field_query(FieldHandle field, double[] points, int count, [Out] double[] distances, [Out] double[] normals, [Out] byte[] flags);
+        [DllImport(Library)] internal static extern ProbeHandle pandis_probe_open(FieldHandle field, double[] rotation, double[] translation, double scale, double stiffness, double radius, out IntPtr error);
         [DllImport(Library)] internal static extern void pandis_probe_close(IntPtr probe);
-        [DllImport(Library)] internal static extern void pandis_probe_friction(IntPtr probe, double sticking, double sliding);
-        [DllImport(Library)] internal static extern void pandis_probe_move(IntPtr probe, double[] rotation, double[] translation);
-        [DllImport(Library)] internal static extern int pandis_probe_tick(IntPtr probe, double[] position, double dt, [Out] double[] force, [Out] double[] proxy);
+        [DllImport(Library)] internal static extern void pandis_probe_friction(ProbeHandle probe, double sticking, double sliding);
+        [DllImport(Library)] internal static extern int pandis_probe_move(ProbeHandle probe, double[] rotation, double[] translation);
+        [DllImport(Library)] internal static extern int pandis_probe_tick(ProbeHandle probe, double[] position, double dt, [Out] double[] force, [Out] double[] proxy);
     }
 }

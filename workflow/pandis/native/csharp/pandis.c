@@ -67,10 +67,12 @@ SHARED void pandis_probe_friction(pandis_probe *probe, double sticking, double s
     probe->material.sticking = sticking, probe->material.sliding = sliding;
 }
 
-/* Put the object elsewhere: at the next tick the probe is where it was on it. */
-SHARED void pandis_probe_move(pandis_probe *probe, const double *rotation, const double *translation) {
+/* Put the object elsewhere: at the next tick the probe is where it was on it. 0 if that is no place: it stays where it is. */
+SHARED int pandis_probe_move(pandis_probe *probe, const double *rotation, const double *translation) {
+    if (!pandis__places(rotation, translation)) return 0;
     memcpy(probe->object.rotation, rotation, sizeof probe->object.rotation);
     memcpy(probe->object.translation, translation, sizeof probe->object.translation);
+    return 1;
 }
 
 /* A tick of dt seconds: the force on the hand (N) at a position (m), and where the proxy is. Returns the flag. */

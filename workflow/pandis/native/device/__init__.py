@@ -354,9 +354,9 @@ def run_simulated(device, start, rest, press, order, clock=False):
 
 
 def _by_the_clock(order):
-    """Refuse what would keep a device waiting."""
-    if order.between is not None:
-        raise ValueError("between ticks nothing is called of a device that runs by the clock")
+    """Refuse what would keep a device waiting, or its forces old."""
+    if order.between is not None or order.held != 1:
+        raise ValueError("between and held are for simulated time: use Bridge.order by the clock")
 
 
 def _run(order, function):

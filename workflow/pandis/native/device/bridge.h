@@ -14,6 +14,10 @@
 
 #include <string.h>
 
+/* What a hand gives an object that has waited so many periods for the simulation is not kept: all at once it would be a
+ * blow. */
+#define BRIDGE_WAITS 4
+
 /* Of an object: N s and N m s. And seven numbers of a pose: quaternion and translation. */
 enum { BRIDGE_SUMS = 6, BRIDGE_POSE = 7 };
 
@@ -32,6 +36,7 @@ typedef struct {
     double *sums, *slots;  /* of all objects: the loop's own, and three for handing over */
     double *gone;          /* of each object: how far the hand has moved it since the frame (m, rad) */
     size_t touched;        /* so many objects were, at the last tick */
+    double late;           /* for so long the objects have waited for the simulation, s */
     double carried[3];     /* by which what was touched has moved since, along the force: m */
     int32_t writing, reading;
     volatile int32_t waiting; /* the slot that is handed over, with PANDIS__NEW until it is taken */
@@ -67,30 +72,27 @@ static void bridge_place(const bridge *b, size_t object, double *pose) {
     for (int k = 0; k < 3; k++) pose[4 + k] += gone[k] + more[k];
 }
 
-/* Move the objects on by a tick. */
+/* Move the objects on by a tick. A new way begins where the hand has moved an object to. */
 static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
     pandis_poses *poses = b->poses;
-    double pose[BRIDGE_POSE];
-    if (pandis__peek(&poses->waiting) & PANDIS__NEW) { /* the new way begins where the objects are */
-        for (size_t i = 0; i < b->count; i++) {
-            double *gone = b->gone + BRIDGE_SUMS * i;
-            if (!(pandis__dot(gone, gone) + pandis__dot(gone + 3, gone + 3) > 0)) continue;
-            bridge_place(b, i, pose);
-            memcpy(pandis__way_of(poses, i) + BRIDGE_POSE, pose, sizeof pose);
-            memcpy(pandis__way_of(poses, i), pose, sizeof pose);
-            memset(gone, 0, BRIDGE_SUMS * sizeof *gone);
-        }
-    }
-    (void)pandis_poses_step(poses, scene, dt);
-    if (!(poses->gone < poses->period)) dt = 0; /* the simulation is late: its objects wait */
+    double pose[BRIDGE_POSE], step = poses->gone < poses->period ? dt : 0; /* if the simulation is late, objects wait */
+    int is_new = pandis_poses_step(poses, scene, dt);
+    if (is_new) step = dt;
+    b->late = step > 0 ? 0 : b->late + dt;
     for (size_t i = 0; i < b->count; i++) {
         const bridge_frame *frame = b->frames + (size_t)poses->asking * b->count + i;
         double *gone = b->gone + BRIDGE_SUMS * i, given[BRIDGE_SUMS], turned[3], moved = 0;
+        for (int k = 0; k < BRIDGE_SUMS; k++) moved += fabs(gone[k]);
+        if (is_new && moved > 0) {
+            double now = poses->gone;
+            poses->gone = 0, bridge_place(b, i, pose), poses->gone = now;
+            memcpy(pandis__way_of(poses, i), pose, sizeof pose), memset(gone, 0, BRIDGE_SUMS * sizeof *gone);
+        }
         for (int k = 0; k < BRIDGE_SUMS; k++) given[k] = b->sums[BRIDGE_SUMS * i + (size_t)k] - frame->known[k];
         pandis__cross(frame->middle, given, turned);
         for (int k = 0; k < 3; k++) given[3 + k] -= turned[k];
         for (int k = 0; k < BRIDGE_SUMS; k++) {
-            for (int j = 0; j < BRIDGE_SUMS; j++) gone[k] += dt * frame->answer[BRIDGE_SUMS * k + j] * given[j];
+            for (int j = 0; j < BRIDGE_SUMS; j++) gone[k] += step * frame->answer[BRIDGE_SUMS * k + j] * given[j];
             moved += fabs(gone[k]);
         }
         if (!(moved > 0)) continue;
@@ -129,7 +131,7 @@ static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
 /* Give the objects that are touched what the hand gets, the other way: a share of it, if the guard lets through less. */
 static void bridge_give(bridge *b, size_t touched, double share, double dt) {
     b->touched = touched < b->count ? touched : b->count;
-    for (size_t i = 0; i < b->touched; i++) {
+    for (size_t i = 0; i < b->touched && b->late <= BRIDGE_WAITS * b->poses->period; i++) {
         const pandis_touch *t = b->touches + i;
         double *sums = b->sums + BRIDGE_SUMS * (size_t)t->object, force[3], moment[3];
         for (int k = 0; k < 3; k++) force[k] = -share * dt * t->force[k];

@@ -102,10 +102,11 @@ static void client_ask(const double *position, double *force, double *proxy) {
     double place[3];
     int flag;
     bridge *b = client.order.bridge;
+    double dt = client.order.period * client.order.held; /* until the next force */
     for (int k = 0; k < 3; k++) place[k] = position[k] - client.middle[k];
-    if (b) bridge_move(b, scene, client.order.period);
-    if (b) flag = pandis_scene_touch(scene, place, client.order.period, force, b->touches, b->count), touch = *b->touches;
-    else if (scene->contacts) flag = pandis_scene_touch(scene, place, client.order.period, force, &touch, 1);
+    if (b) bridge_move(b, scene, dt);
+    if (b) flag = pandis_scene_touch(scene, place, dt, force, b->touches, b->count), touch = *b->touches;
+    else if (scene->contacts) flag = pandis_scene_touch(scene, place, dt, force, &touch, 1);
     else flag = pandis_scene_force(scene, place, force);
     if (flag == PANDIS_INVALID) guard_end(&client.guard, CAUSE_NUMBER);
     for (int k = 0; scene->contacts && scene->touched && k < 3; k++) proxy[k] = touch.proxy[k] + client.middle[k];
@@ -136,7 +137,8 @@ static int client_tick(void *data) {
     memcpy(proxy, state.position, sizeof proxy);
     int asks = !g->cause && tick < order->ticks;
     if (asks && order->between && tick % order->every == 0 && order->between()) guard_end(g, CAUSE_INTERRUPTED), asks = 0;
-    if (asks && tick % order->held == 0) client_ask(state.position, client.asked, proxy);
+    int due = asks && tick % order->held == 0;
+    if (due) client_ask(state.position, client.asked, proxy);
     if (asks) memcpy(force, client.asked, sizeof force);
     double taken = client_now() - begin;
     client.overruns = client_real() && taken > order->deadline ? client.overruns + 1 : 0;
@@ -145,7 +147,7 @@ static int client_tick(void *data) {
     /* nobody is armed any more after the last tick, in which no field is asked */
     double asked[3], size = pandis__dot(force, force);
     memcpy(asked, force, sizeof asked);
-    if (order->bridge) memcpy(g->carried, order->bridge->carried, sizeof g->carried);
+    for (int k = 0; k < 3; k++) g->carried[k] = order->bridge && due ? order->bridge->carried[k] : 0;
     guard_pass(g, &state, since, order->armed && (tick < order->ticks || g->armed), force);
     if (order->bridge && asks) {
         double share = size > 0 ? pandis__dot(asked, force) / size : 0; /* the guard may have cut it */

@@ -41,6 +41,7 @@ class ArrayField:
     def answer(self, points: Any) -> tuple[Any, Any]:
         """Return distances (n,) and normals (n, 3) at points (n, 3), as the library answers them.
 
+        There are no flags: beyond the box, and beyond a spline's band, a distance is an estimate.
         The normal of a network with one output is its gradient, which takes a second pass.
         """
         xp = self._xp
@@ -55,7 +56,9 @@ class ArrayField:
         away = xp.where(beyond > 0, xp.sqrt(xp.where(beyond > 0, beyond, 1.0)), 0.0)
         distance, direction = self._answer(xp, held, box, away, _grad(xp))
         length = xp.sqrt((direction * direction).sum(-1, keepdims=True))
-        return distance / self.frame.scale, direction / xp.where(length > 0, length, 1.0)
+        up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as pandis.h, where there is none
+        normal = xp.where(length > 0, direction / xp.where(length > 0, length, 1.0), up)
+        return distance / self.frame.scale, normal
 
     def _for(self, points):
         """Return what the field is made of, where the points are."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pandis.native.differentiable.splines import _lattice, _place, _sum
+from pandis.native.differentiable.splines import _lattice, _place, _sum, off_edge
 
 
 def network(contents):
@@ -65,8 +65,7 @@ def _as(xp, values, kind):
 
 def _under(xp, held, box):
     """Return what the coarse spline adds that the network corrects."""
-    edge = 1 - 1e-12
-    first, weights, slopes, _ = _place(xp, held, "under", xp.clip(box, -edge, edge))
+    first, weights, slopes, _ = _place(xp, held, "under", off_edge(xp, box))
     size, parts = held["under_size"], []
     for i in range(4):
         for j in range(4):

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-#: As in parts/spline.h: the outermost faces belong to the last cells; how far above a crease an
-#: answer is taken (steps), and how much of the squared gradient must be missing.
-_EDGE, _LIFT, _SHORT = 1 - 1e-12, 0.7, 0.02
+#: As in parts/spline.h: how far above a crease an answer is taken (steps), and how much of the
+#: squared gradient must be missing.
+_LIFT, _SHORT = 0.7, 0.02
 
 
 def spline(contents):
@@ -45,7 +45,7 @@ def _blocks(sections, letter, bricks):
 
 
 def _answer(xp, held, box, away, _):
-    p = xp.clip(box, -_EDGE, _EDGE)
+    p = off_edge(xp, box)
     value, gradient, kept = _both(xp, held, p)
     value, gradient = _sharpened(xp, held, p, value, gradient)
     far, slope = _beyond(xp, held, p)
@@ -56,6 +56,12 @@ def _answer(xp, held, box, away, _):
         xp.where(inside, value, bound + away),
         xp.where(inside[:, None], gradient, slope),
     )
+
+
+def off_edge(xp, box):
+    """Return points a little off the faces of the box, which belong to its last cells."""
+    edge = 1 - max(1e-12, 4 * float(xp.finfo(box.dtype).eps))
+    return xp.clip(box, -edge, edge)
 
 
 def _both(xp, held, p):
@@ -99,6 +105,7 @@ def _place(xp, held, name, p):
 
 
 def _whole(xp, x):
+    x = xp.nan_to_num(x)  # a point that is none has an answer that is none, and an index
     return x.to(xp.int64) if xp.__name__ == "torch" else x.astype(int)
 
 

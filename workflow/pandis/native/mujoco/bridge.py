@@ -22,8 +22,8 @@ from pandis.native.scene.poses import Poses
 
 #: Of an object: impulse and angular impulse.
 _SUMS = 6
-#: By which force and torque (N, N m) it is tried how an object answers a push.
-_PROBE = np.repeat([1.0, 0.05], 3)
+#: By which share of its weight (m/s²) it is tried how an object answers: what stands stays so.
+_PROBE = 0.1 * 9.81
 
 
 class Bridge:
@@ -51,13 +51,16 @@ class Bridge:
 
     Examples
     --------
-    One thread runs the device, and another one, or the program itself, the simulation::
+    One thread runs the device, and the program itself the simulation, by the clock::
 
         bridge = Bridge(model, data, stiffness=400)
         thread = threading.Thread(target=lambda: run_device(library, name, bridge.order(...)))
         thread.start()
+        due = time.perf_counter()
         while thread.is_alive():
             bridge.step()
+            due += model.opt.timestep
+            time.sleep(max(0, due - time.perf_counter()))
     """
 
     def __init__(
@@ -100,7 +103,7 @@ class Bridge:
         self._bridge = ctypes.create_string_buffer(self._library.bridge_bytes())
         self._library.bridge_open(self._bridge, self.poses.address, count, self._room.ctypes.data)
         self._before = np.zeros((count, _SUMS))
-        self._given = np.zeros_like(data.xfrc_applied)
+        self._now = np.zeros_like(data.xfrc_applied)
         self._hand_over()
 
     @property
@@ -109,7 +112,7 @@ class Bridge:
         return ctypes.addressof(self._bridge)
 
     def order(self, ticks: int, limits: Limits, **options: Any) -> Order:
-        """Return what `pandis.native.device` runs on a device.
+        """Return what `pandis.native.device` runs on a device, once: contacts begin anew with it.
 
         Parameters
         ----------
@@ -119,6 +122,7 @@ class Bridge:
         **options
             More of `pandis.native.device.Order`.
         """
+        self.scene.restart()
         return Order(self.scene, ticks, limits, bridge=self, **options)
 
     def in_step(self, ticks: int, limits: Limits, period: Number = 1e-3, **options: Any) -> Order:
@@ -143,13 +147,16 @@ class Bridge:
     def step(self) -> None:
         """Give the bodies what the hand did, move the simulation on, hand over where objects lie.
 
-        The forces are those of the time since the last step; those in ``data.xfrc_applied`` that
-        are not of this bridge stay.
+        The forces are those of the time since the last step. They stand in ``data.xfrc_applied``
+        during the step alone, on top of those of others. What a hand does while the simulation is
+        more than four steps late is not kept.
         """
-        self.data.xfrc_applied[:] += self._reactions() - self._given
-        self._given[:] = self._now
+        others = self.data.xfrc_applied.copy()
+        self._now = self._reactions()
+        self.data.xfrc_applied[:] = others + self._now
         # a step ends with its second half: after the first one places and velocities are new
         self._mujoco.mj_step2(self.model, self.data)
+        self.data.xfrc_applied[:] = others
         self._mujoco.mj_step1(self.model, self.data)
         self._hand_over()
 
@@ -160,9 +167,9 @@ class Bridge:
         new = (sums - self._before) / self.model.opt.timestep
         self._before = sums
         torque = new[:, 3:] - np.cross(self._middles(), new[:, :3])
-        self._now = np.zeros_like(self._given)
-        np.add.at(self._now, self._bodies, np.concatenate([new[:, :3], torque], axis=1))
-        return self._now
+        now = np.zeros_like(self.data.xfrc_applied)
+        np.add.at(now, self._bodies, np.concatenate([new[:, :3], torque], axis=1))
+        return now
 
     def _middles(self):
         return self.data.xipos[self._bodies] - self._centre
@@ -189,10 +196,15 @@ class Bridge:
             body = int(self._bodies[i])
             mujoco.mj_jacBodyCom(model, data, turn[0], turn[1], body)
             jacobian = turn.reshape(_SUMS, model.nv)
+            force = _PROBE * max(model.body_mass[body], 1e-9)
+            arm = np.sqrt(model.body_inertia[body].max() / max(model.body_mass[body], 1e-9))
+            pushes = np.repeat([force, force * max(arm, 1e-6)], 3)
+            pushes = np.where(self._now[body] < 0, -pushes, pushes)  # as the hand pushes
             for k in range(_SUMS):
-                data.xfrc_applied[body, k] += _PROBE[k]
-                found[i, :, k] = jacobian @ (accelerations() - still) / _PROBE[k]
+                data.xfrc_applied[body, k] += pushes[k]
+                found[i, :, k] = jacobian @ (accelerations() - still) / pushes[k]
                 data.xfrc_applied[:] = forces
+        accelerations()  # those of the trials are nobody's
         data.qacc_warmstart[:] = warm
         return found
 

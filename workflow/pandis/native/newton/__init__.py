@@ -94,6 +94,8 @@ def cook(
     def distance(points):
         return field.query(points / metres).distance * metres
 
+    if not field.has_distance:
+        raise PandisError(f"{field.path}: it is a grid of forces, which knows no distance outside")
     _check_place(distance, vertices)
     grid = Grid.around(vertices, margin, max_resolution, target_voxel_size)
     band = max(abs(float(side)) for side in narrow_band_range)

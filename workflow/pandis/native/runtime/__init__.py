@@ -131,6 +131,12 @@ class NativeField:
         return self._library.runtime_bytes(self._field)
 
     @property
+    def has_distance(self) -> bool:
+        """Whether it knows a distance outside: all do but grids of forces, which have no slope."""
+        somewhere = self.frame.to_mesh([[0.31, -0.27, 0.19]])  # in the middle a slope may vanish
+        return self.kind != GRID or bool(self.query_slopes(somewhere)[1][0] > 0)
+
+    @property
     def bounds(self) -> tuple[Floats, Floats]:
         """The lowest and highest corner (3,) of the box in which the surface lies, mesh units."""
         low, high = np.empty(3), np.empty(3)

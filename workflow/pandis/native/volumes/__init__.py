@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.native.runtime import GRID, RULES, NativeField, Number
-from pandis.native.runtime.files import read_contents
+from pandis.native.runtime import NativeField, Number
 from pandis.native.volumes.leaves import SIDE, leaves
 from pandis.native.volumes.vdb import vdb_bytes
 
@@ -41,7 +40,7 @@ def write_volume(
     length : float
         Lengths of the volume per unit of the field's mesh.
     name : str
-        Of the grid.
+        Of the grid in a ``.vdb``; a ``.nvdb`` has Warp's own.
 
     Raises
     ------
@@ -52,7 +51,7 @@ def write_volume(
     path = Path(path)
     if path.suffix not in (".vdb", ".nvdb"):
         raise PandisError(f"{path}: a volume is called ….vdb (OpenVDB) or ….nvdb (NanoVDB)")
-    if field.kind == GRID and not _has_distance(field):
+    if not field.has_distance:
         raise PandisError(f"{field.path}: it is a grid of forces, which knows no distance outside")
     if voxel is None:
         low, high = field.bounds
@@ -65,10 +64,6 @@ def write_volume(
         path.write_bytes(vdb_bytes(held, name))
     else:
         _write_nvdb(held, path)
-
-
-def _has_distance(field):
-    return RULES[read_contents(field.path).wholes[0]] not in ("nearest", "trilinear")
 
 
 def _write_nvdb(held, path):

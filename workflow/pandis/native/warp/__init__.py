@@ -59,7 +59,8 @@ class WarpField:
     ... def push(data: Field, points: wp.array(dtype=wp.vec3d), out: wp.array(dtype=wp.vec3d)):
     ...     i = wp.tid()
     ...     a = answer(data, points[i])
-    ...     out[i] = -400.0 * wp.min(a.distance, 0.0) * a.normal
+    ...     depth = wp.min(a.distance, wp.float64(0.0))
+    ...     out[i] = wp.float64(-400.0) * depth * a.normal
     """
 
     def __init__(self, path: str | PathLike[str], device: Any = None) -> None:

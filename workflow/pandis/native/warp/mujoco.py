@@ -91,19 +91,22 @@ def put_model(model: Any, **options: Any) -> "mujoco_warp.Model":
     ArtifactError
         A file cannot be read, or is damaged.
     """
-    found = {each.number: each for each in instances(model)}
-    fields = {number: WarpField(each.file) for number, each in found.items()}
+    found = {each.geom: each for each in instances(model)}
+    files = {each.file: WarpField(each.file) for each in found.values()}
+    fields = {geom: files[each.file] for geom, each in found.items()}
     for field in fields.values():
         _install(field.answer)
-    put = mujoco_warp.put_model(_without_texts(model, found), **options)
-    geoms = [i for i in model.geom_plugin if i >= 0]
+    put = mujoco_warp.put_model(
+        _without_texts(model, {each.number for each in found.values()}), **options
+    )
+    geoms = np.nonzero(model.geom_plugin >= 0)[0].tolist()
     rows, kept = put.plugin_attr.numpy().copy(), []
-    for row, instance in zip(rows, geoms, strict=True):
-        if instance in fields:
-            field = fields[instance]
+    for row, geom in zip(rows, geoms, strict=True):
+        if geom in fields:
+            field = fields[geom]
             held = wp.array([field.data], dtype=Field, device=put.plugin_attr.device)
             kept += [field, held]
-            row[:] = _numbers(found[instance], field.answer, held.ptr)
+            row[:] = _numbers(found[geom], field.answer, held.ptr)
     put.plugin_attr = wp.array(rows, dtype=vec_pluginattr, device=put.plugin_attr.device)
     put.pandis_fields = kept  # their memory is asked as long as the model is
     return put
