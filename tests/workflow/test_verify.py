@@ -52,6 +52,7 @@ def flip(path):
     path.write_bytes(data)
 
 
+@pytest.mark.full
 def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
     scene, numbers = write_scene(workspace, 1.0)
     write_obj(workspace / "other.obj", *box_mesh())
