@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pandis.native.differentiable.splines import _lattice, _place, _sum, off_edge
+from pandis.native.differentiable.splines import dense_sum, lattice, off_edge
 
 
 def network(contents):
@@ -34,7 +34,7 @@ def network(contents):
             held[f"weights_{layer}"] = hidden[rows, :width].astype(np.float32)
         held[f"bias_{layer}"] = biases[layer * stride : layer * stride + width].copy()
     if cells:
-        held |= _lattice("under", cells + 3, -1 - 2 / cells)
+        held |= lattice("under", cells + 3, -1 - 2 / cells)
         held["under_values"] = floats("BASE").astype(np.float64)
     return _answer, held
 
@@ -54,21 +54,10 @@ def _answer(xp, held, box, away, grad):
     else:
         value, direction = grad(lambda points: outputs(points)[:, 0], box)
     if held["cells"]:
-        more, slope = _under(xp, held, box)
+        more, slope, _ = dense_sum(xp, held, "under", off_edge(xp, box))
         value, direction = value + more, direction + slope
     return value + away, direction
 
 
 def _as(xp, values, kind):
     return values.to(kind) if xp.__name__ == "torch" else values.astype(kind)
-
-
-def _under(xp, held, box):
-    """Return what the coarse spline adds that the network corrects."""
-    first, weights, slopes, _ = _place(xp, held, "under", off_edge(xp, box))
-    size, parts = held["under_size"], []
-    for i in range(4):
-        for j in range(4):
-            row = ((first[:, 0] + i) * size + first[:, 1] + j) * size + first[:, 2]
-            parts += [held["under_values"][row + k] for k in range(4)]
-    return _sum(xp, xp.stack(parts, -1).reshape(-1, 4, 4, 4), weights, slopes)

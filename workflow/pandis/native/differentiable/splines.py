@@ -15,12 +15,12 @@ def spline(contents):
         size, bricks, low = wholes[level], wholes[2 + level], reals[level]
         stored = np.frombuffer(contents.sections[f"{letter}COF"], kind)
         values = (reals[3 + level] + reals[6 + level] * stored).astype(np.float32)
-        held |= _lattice(name, size, low)
+        held |= lattice(name, size, low)
         held[f"{name}_values"] = np.append(values, np.float32(0)).astype(np.float64)
         held[f"{name}_blocks"] = _blocks(contents.sections, letter, bricks)
         held[f"{name}_across"] = 4 * bricks
     size = wholes[8]
-    held |= _lattice("far", size, reals[2])
+    held |= lattice("far", size, reals[2])
     stored = np.frombuffer(contents.sections["RCOF"], "<i2")
     held["far_values"] = (reals[5] + reals[8] * stored).astype(np.float32).astype(np.float64)
     sides = np.frombuffer(contents.sections["SIDE"], np.uint8)
@@ -28,7 +28,8 @@ def spline(contents):
     return _answer, held
 
 
-def _lattice(name, size, low):
+def lattice(name, size, low):
+    """Return the numbers of a lattice of so many nodes, the first at `low`, by its name."""
     return {f"{name}_size": size, f"{name}_low": low, f"{name}_rate": (size - 1) / (-2 * low)}
 
 
@@ -141,14 +142,20 @@ def _level(xp, held, name, p):
     return value * zero, gradient * zero[:, None], within & (at >= 0).all(-1)
 
 
-def _beyond(xp, held, p):
-    first, weights, slopes, within = _place(xp, held, "far", p)
-    size, parts = held["far_size"], []
+def dense_sum(xp, held, name, p):
+    """Return values (n,) and gradients (n, 3) of a lattice without gaps, and which lie within."""
+    first, weights, slopes, within = _place(xp, held, name, p)
+    size, parts = held[f"{name}_size"], []
     for i in range(4):
         for j in range(4):
             row = ((first[:, 0] + i) * size + first[:, 1] + j) * size + first[:, 2]
-            parts += [held["far_values"][row + k] for k in range(4)]
-    value, gradient = _sum(xp, xp.stack(parts, -1).reshape(-1, 4, 4, 4), weights, slopes)
+            parts += [held[f"{name}_values"][row + k] for k in range(4)]
+    coefficients = xp.stack(parts, -1).reshape(-1, 4, 4, 4)
+    return *_sum(xp, coefficients, weights, slopes), within
+
+
+def _beyond(xp, held, p):
+    value, gradient, within = dense_sum(xp, held, "far", p)
     zero = xp.where(within, 1.0, 0.0)
     return value * zero, gradient * zero[:, None]
 
