@@ -2129,6 +2129,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
     int stride = n->stride, own = n->outputs == 1;
     ptrdiff_t all = (ptrdiff_t)count * stride;
     float *h = room, *z = room + all, *slopes = z + all;
+    room[0] = 0; /* what follows writes it too, which gcc for Windows does not see */
     for (int p = 0; p < count; p++) {
         outside[p] = pandis__clamp(u[p], inside[p]);
         for (int k = 0; k < 3; k++) h[p * (ptrdiff_t)stride + k] = (float)inside[p][k];
@@ -4379,7 +4380,7 @@ static int pandis__open_regions(pandis_field *f) {
     const unsigned char *text = pandis__find(f, "RNAM", &bytes);
     const uint8_t *regions = (const uint8_t *)pandis__section(f, "REGN", count, 1);
     if (!regions || !text || !bytes || text[bytes - 1]) return 0;
-    for (uint64_t i = 0; i < bytes; i++) names += !text[i];
+    for (uint64_t i = 0; i < bytes; i += strlen((const char *)text + i) + 1) names++;
     for (uint64_t i = 0; i < count; i++)
         if (regions[i] >= names) return 0;
     f->regions = regions;

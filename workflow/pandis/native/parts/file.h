@@ -131,7 +131,7 @@ static int pandis__open_regions(pandis_field *f) {
     const unsigned char *text = pandis__find(f, "RNAM", &bytes);
     const uint8_t *regions = (const uint8_t *)pandis__section(f, "REGN", count, 1);
     if (!regions || !text || !bytes || text[bytes - 1]) return 0;
-    for (uint64_t i = 0; i < bytes; i++) names += !text[i];
+    for (uint64_t i = 0; i < bytes; i += strlen((const char *)text + i) + 1) names++;
     for (uint64_t i = 0; i < count; i++)
         if (regions[i] >= names) return 0;
     f->regions = regions;

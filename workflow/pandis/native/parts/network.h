@@ -153,6 +153,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
     int stride = n->stride, own = n->outputs == 1;
     ptrdiff_t all = (ptrdiff_t)count * stride;
     float *h = room, *z = room + all, *slopes = z + all;
+    room[0] = 0; /* what follows writes it too, which gcc for Windows does not see */
     for (int p = 0; p < count; p++) {
         outside[p] = pandis__clamp(u[p], inside[p]);
         for (int k = 0; k < 3; k++) h[p * (ptrdiff_t)stride + k] = (float)inside[p][k];
