@@ -68,9 +68,79 @@ rule export_vti:
         "../scripts/export_vti.py"
 
 
+rule export_mesh:
+    input:
+        mesh="<results>/{mesh}/mesh.zarr.zip",
+    output:
+        "<results>/{mesh}/export/mesh.obj",
+    log:
+        "<results>/logs/{mesh}/export-mesh.log",
+    benchmark:
+        "<results>/benchmarks/{mesh}/export-mesh.jsonl"
+    conda:
+        "../workflow/envs/exports.yaml"
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    params:
+        options=plan.options("export_mesh"),
+        code=plan.code("export_mesh"),
+    message:
+        "{wildcards.mesh}: write the repaired mesh for other programs"
+    script:
+        "../scripts/export_mesh.py"
+
+
+rule export_mjcf:
+    input:
+        exports=plan.measuring,
+        drawn="<results>/{mesh}/export/mesh.obj",
+    output:
+        "<results>/{mesh}/export/mujoco.xml",
+    log:
+        "<results>/logs/{mesh}/export-mjcf.log",
+    benchmark:
+        "<results>/benchmarks/{mesh}/export-mjcf.jsonl"
+    conda:
+        "../workflow/envs/exports.yaml"
+    resources:
+        mem_mb=3000,
+        runtime=15,
+    params:
+        options=plan.options("export_mjcf"),
+        code=plan.code("export_mjcf"),
+    message:
+        "{wildcards.mesh}: write a model for MuJoCo and compare it with the library"
+    script:
+        "../scripts/export_mjcf.py"
+
+
+rule export_newton:
+    input:
+        mesh="<results>/{mesh}/mesh.zarr.zip",
+    output:
+        "<results>/{mesh}/export/newton.npz",
+    log:
+        "<results>/logs/{mesh}/export-newton.log",
+    benchmark:
+        "<results>/benchmarks/{mesh}/export-newton.jsonl"
+    conda:
+        "../workflow/envs/exports.yaml"
+    resources:
+        mem_mb=3000,
+        runtime=15,
+    params:
+        options=plan.options("export_newton"),
+        code=plan.code("export_newton"),
+    message:
+        "{wildcards.mesh}: write distances for Newton's cache and compare them with the library"
+    script:
+        "../scripts/export_newton.py"
+
+
 rule export_page:
     input:
-        exports=plan.touchable,
+        exports=plan.measuring,
     output:
         "<results>/{mesh}/export/touch.html",
     log:
@@ -89,6 +159,29 @@ rule export_page:
         "{wildcards.mesh}: write a page to touch its fields on"
     script:
         "../scripts/export_page.py"
+
+
+rule export_vdb:
+    input:
+        exports=plan.measuring,
+    output:
+        "<results>/{mesh}/export/fields.vdb",
+    log:
+        "<results>/logs/{mesh}/export-vdb.log",
+    benchmark:
+        "<results>/benchmarks/{mesh}/export-vdb.jsonl"
+    conda:
+        "../workflow/envs/exports.yaml"
+    resources:
+        mem_mb=3000,
+        runtime=15,
+    params:
+        options=plan.options("export_vdb"),
+        code=plan.code("export_vdb"),
+    message:
+        "{wildcards.mesh}: write its fields as volumes and compare them with the library"
+    script:
+        "../scripts/export_vdb.py"
 
 
 rule export_native:

@@ -12,4 +12,4 @@ with stage(snakemake, ExportPageTask) as job:
     if stiffness < job.options.stiffness:
         job.log(f"the page begins with {stiffness:g} N/m, the most that it takes")
     text = page(job.mesh, fields, job.options.size, stiffness)
-    job.write_file(seal(text, job.provenance()).encode())
+    job.write_file(seal(text.encode(), job.provenance(), ".html"))

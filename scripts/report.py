@@ -8,11 +8,12 @@ from pandis.run.stage import stage
 from pandis.run.tasks import SummaryTask
 
 with stage(snakemake, SummaryTask) as job:
+    folder = Path(job.output[0]).parent
     meshes = {
-        mesh: ([path for path in job.input if Path(path).parent.name == mesh], fields)
+        mesh: ([path for path in job.input if folder / mesh in Path(path).parents], fields)
         for mesh, fields in job.options.fields.items()
     }
     sections = mesh_sections(meshes, job.threads, job.progress, job.note_digest)
-    job.write_file(seal(build(sections), job.provenance()).encode())
+    job.write_file(seal(build(sections).encode(), job.provenance(), ".html"))
     # what an earlier run had to leave out is in now
     Path(job.output[0]).with_name("refused.json").unlink(missing_ok=True)

@@ -40,7 +40,7 @@ from pandis.native import mujoco as plugin
 
 sys.path.insert(0, str(ROOT / "tests"))
 
-from sdf import asker
+from pandis.native.mujoco.asking import asker
 
 STEPS, EVERY, POINTS, TIMED, CONTROL = 300, 10, 400, 400, 20
 NATIVE = {f"native-{depth}": depth for depth in (6, 7, 8)}

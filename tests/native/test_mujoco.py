@@ -67,7 +67,7 @@ def model_of(*asked, **named):
 
 def answers(model, points):
     """Return what MuJoCo has of the first geom's distance (n,) and gradient (n, 3)."""
-    from sdf import asker  # it imports MuJoCo
+    from pandis.native.mujoco.asking import asker  # it imports MuJoCo
 
     return asker(model)(points)
 

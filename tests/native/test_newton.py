@@ -12,6 +12,7 @@ from pandis.geometry.shapes import SHAPES
 from pandis.native import newton as cooking
 from pandis.native.newton import cook, hashed
 from pandis.native.newton.cells import CELLS, EMPTY, LINEAR
+from pandis.native.newton.kept import keep
 from pandis.native.newton.reading import sample
 from pandis.native.runtime import NativeField
 from pandis.native.samples import sample as closed_form
@@ -223,20 +224,25 @@ def test_the_program_of_the_page_runs(tmp_path, monkeypatch):
     newton = pytest.importorskip("newton", reason="no Newton here: pip install newton==1.8.0")
     wp = pytest.importorskip("warp", reason="no Warp here: pip install warp-lang")
     page = (ROOT / "docs/simulators.md").read_text(encoding="utf-8")
-    (text,) = re.findall("```python\n(import newton.*?)```", page, re.S)
+    text, kept = re.findall("```python\n(import newton.*?)```", page, re.S)
     _, mesh = mesh_of("torus", 1.0, 0.4)
     path = tmp_path / "field.pandis"
     path.write_bytes(sample_bytes("torus", 1.0, 0.4))
     text = text.replace("results/bunny/export/compact-auto.pandis", str(path))
     monkeypatch.chdir(tmp_path)
     there = {"vertices": 0.1 * mesh.vertices, "indices": mesh.indices}
-    if wp.is_cuda_available():
-        exec(text, there)
-        assert isinstance(there["mesh"].sdf, newton.SDF)
-    else:
-        with pytest.raises(RuntimeError, match="CUDA"):
-            exec(text, there)
-    assert len(list((tmp_path / "cache").glob("*.sdf.npz"))) == 1
+    options = {"max_resolution": 40, "sign_method": "winding"}
+    whole = keep(NativeField(path), mesh.vertices, mesh.indices.reshape(-1, 3), 0.1, options, {})
+    (tmp_path / "newton.npz").write_bytes(whole.packed())
+    kept = kept.replace("results/bunny/export/newton.npz", "newton.npz")
+    for number, program in enumerate((text, kept)):
+        if wp.is_cuda_available():
+            exec(program, there)
+            assert isinstance(there["mesh"].sdf, newton.SDF)
+        else:
+            with pytest.raises(RuntimeError, match="CUDA"):
+                exec(program, there)
+        assert len(list((tmp_path / "cache").glob("*.sdf.npz"))) == number + 1
 
 
 def test_a_grid_of_forces_is_refused(files, tmp_path):

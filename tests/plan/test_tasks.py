@@ -23,7 +23,7 @@ MESHES = {
         "source": "analytic:sphere",
         "fields": FIELDS,
         "bake": {"vti": True},
-        "export": {"page": True},
+        "export": {"also": ["mjcf", "newton", "page", "vdb"]},
     },
     "b": {"source": "analytic:torus", "fields": "auto", "budget": {"force_error": 1e-3}},
 }

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from pandis.native.newton.kept import read as read_kept
 from pandis.report.page import build, mesh_section
 from pandis.report.seal import read_seal
 from pandis.run.artifact import read_artifact
@@ -259,26 +260,38 @@ def test_report_shows_the_mesh_and_turns_it(finished, tmp_path):
     assert seen["zoomed"] == pytest.approx(1.15**2 * seen["drawn"], rel=0.02)
 
 
-def test_a_page_to_touch_a_mesh_is_one_job_more(rerun):
-    """Of the fields that have a proxy; verify sees what is done to it."""
+def test_files_for_other_programs_are_one_job_each(rerun):
+    """Of the fields that know distances; verify sees what is done to any of them."""
     path = rerun / "config/fast.yaml"
-    edit(path, "meshes:\n", "export: {page: true}\nmeshes:\n")
-    assert plan(rerun) == {("export_page", "sphere"), ("export_page", "torus")}
+    also = "export: {also: [mjcf, newton, page, vdb]}"
+    edit(path, '{source: "analytic:sphere"}', f'{{source: "analytic:sphere", {also}}}')
+    files = {"export_mesh": "mesh.obj", "export_mjcf": "mujoco.xml", "export_newton": "newton.npz",
+             "export_page": "touch.html", "export_vdb": "fields.vdb"}  # fmt: skip
+    assert plan(rerun) == {(stage, "sphere") for stage in files}
     done = snakemake(rerun, "-j2", "all", *FAST)
     assert done.returncode == 0, done.stdout
-    page = rerun / "results/torus/export/touch.html"
-    files = [f"results/torus/export/{name}.pandis" for name in ("exact", "pandis-exact")]
-    assert sorted(read_seal(page)["inputs"]) == files
-    held = page.read_text(encoding="utf-8")
-    assert "torus: touch it" in held
+    folder = rerun / "results/sphere/export"
+    fields = [f"results/sphere/export/{name}.pandis" for name in ("exact", "pandis-exact")]
+    drawn, mesh = "results/sphere/export/mesh.obj", "results/sphere/mesh.zarr.zip"
+    inputs = {"mesh.obj": [mesh], "mujoco.xml": [*fields, drawn], "touch.html": fields,
+              "fields.vdb": fields}  # fmt: skip
+    for name, wanted in inputs.items():
+        assert sorted(read_seal(folder / name)["inputs"]) == sorted(wanted)
+    assert list(read_kept(folder / "newton.npz").provenance["inputs"]) == [mesh]
+    held = (folder / "touch.html").read_text(encoding="utf-8")
+    assert "sphere: touch it" in held
     assert '"name": "exact"' in held
     assert '"name": "trilinear-24"' not in held
     assert plan(rerun) == set()
     assert snakemake(rerun, "-j2", "verify", *FAST).returncode == 0
-    page.write_text(held.replace("torus: touch it", "sphere: touch it"), encoding="utf-8")
+    for name in files.values():
+        data = bytearray((folder / name).read_bytes())
+        data[len(data) // 2] ^= 1
+        (folder / name).write_bytes(data)
     done = snakemake(rerun, "-j2", "verify", *FAST)
     assert done.returncode != 0
-    assert "touch.html" in done.stdout
+    for name in files.values():
+        assert f"export/{name}" in done.stdout
 
 
 def test_snakemakes_own_report_builds(rerun):

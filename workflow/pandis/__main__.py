@@ -98,7 +98,7 @@ def _sample(asked):
 def _volume(asked):
     """Write a field as a volume."""
     from pandis import load
-    from pandis.native.volumes import write_volume
+    from pandis.native.volumes.writing import write_volume
 
     options = {"voxel": asked.voxel, "band": asked.band, "length": asked.length}
     return _done(lambda: write_volume(load(asked.file), asked.volume, **options))

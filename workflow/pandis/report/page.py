@@ -19,8 +19,9 @@ from pandis.report.builds import build_seconds
 from pandis.report.picks import picks, usable
 from pandis.report.section import Section
 from pandis.report.tables import COLUMNS, CONTACT, FEW, control_rows, summary_rows
+from pandis.report.touch import shared, touch, touchable
 from pandis.report.view import view
-from pandis.run.artifact import read_artifact
+from pandis.run.artifact import file_digest, read_artifact
 from pandis.run.budget import Limits, told, told_figures
 from pandis.run.catalogue import GRID_FIELDS, parse_field
 from pandis.run.records.choice import ChoiceRecord
@@ -43,7 +44,8 @@ def mesh_sections(meshes, threads, progress, note):
     Parameters
     ----------
     meshes : dict of str to tuple
-        The paths of a mesh's artifacts, and the names of its fields.
+        The paths of a mesh's artifacts and of its files for ``pandis.h``, and the names of its
+        fields.
     threads : int
     progress : callable
         Makes a `pandis.run.stage.Progress`.
@@ -67,12 +69,15 @@ def mesh_sections(meshes, threads, progress, note):
 
 def _read_and_draw(work):
     name, paths, field_names = work
-    artifacts = [read_artifact(path) for path in paths]
+    stored = [path for path in paths if str(path).endswith(".zarr.zip")]
+    files = touchable(path for path in paths if path not in stored)
+    artifacts = [read_artifact(path) for path in stored]
     digests = {str(artifact.path): artifact.digest for artifact in artifacts}
-    return mesh_section(name, artifacts, field_names), digests
+    digests |= {str(path): file_digest(path) for path in files}
+    return mesh_section(name, artifacts, field_names, files), digests
 
 
-def mesh_section(name, artifacts, field_names):
+def mesh_section(name, artifacts, field_names, files=()):
     """Prepare one mesh for the template.
 
     Parameters
@@ -82,6 +87,8 @@ def mesh_section(name, artifacts, field_names):
         Mesh, trajectory, evaluation, stress, timing, hardware, the artifact of every field, and the
         samples where there are networks.
     field_names : list of str
+    files : list of path-like
+        Files for ``pandis.h`` that can be touched on the page.
 
     Returns
     -------
@@ -144,6 +151,7 @@ def mesh_section(name, artifacts, field_names):
         view=view(
             evaluation.arrays, evaluated.newtons, [s.name for s in specs], _first(rows, networks)
         ),
+        touch=touch(files, stressed.size, stressed.stiffness, f"view:{name}"),
         picture=figures.picture(vertices, faces, trajectory.arrays["points"]),
         heat=_heat_map(mesh, vertices, repaired),
         holding=figures.holding(vertices, faces, **artifacts["stress"].arrays),
@@ -283,7 +291,8 @@ def build(sections, refused=None):
         (resources.files("pandis.report") / f"{name}.js").read_text(encoding="utf-8")
         for name in ("page", "view")
     ]
-    scripts = [script("solid"), *own]
+    touches, loop = shared(sections)
+    scripts = [script("solid"), *own, *([script("touch")] if touches else [])]
     environment.filters["number"] = _number
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(
@@ -297,6 +306,9 @@ def build(sections, refused=None):
         baselines=BASELINES,
         questions=QUESTIONS,
         proxy_questions=PROXY_QUESTIONS,
+        touches=touches,
+        loop=loop,
+        touch_style=(resources.files("pandis.native.web") / "style.css").read_text("utf-8"),
         scripts=scripts,
         tables=paper.tables(sections),
         versions={k: v for section in sections for k, v in section.versions.items()},

@@ -55,7 +55,7 @@ def write_partial(plan):
     # the note first: where it is, the others are no results
     write_atomically(partial_note(plan), (json.dumps(refused, indent=2) + "\n").encode())
     write_atomically(plan.summary, to_csv(summarise(*columns), refused).encode())
-    write_atomically(plan.report, seal(build(sections, refused), why).encode())
+    write_atomically(plan.report, seal(build(sections, refused).encode(), why, ".html"))
     return refused
 
 

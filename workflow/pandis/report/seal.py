@@ -1,4 +1,4 @@
-"""The seal at the end of the report: its provenance, and a checksum of the page before it."""
+"""The seal at the end of a file: its provenance, and a checksum of what stands before it."""
 
 import hashlib
 import json
@@ -6,32 +6,50 @@ from pathlib import Path
 
 from pandis.errors import ArtifactError
 
-_MARK = "\n<!-- pandis: "
+#: How a comment at the end of a file begins and ends. Programs that read volumes go to places that
+#: the file's head names, and never come to its end.
+_HTML, _LINE = (b"\n<!-- pandis: ", b" -->\n"), (b"\n# pandis: ", b"\n")
+_MARKS = {".html": _HTML, ".xml": _HTML, ".obj": _LINE, ".vdb": _LINE}
+#: The endings of files that are sealed so.
+SEALED = frozenset(_MARKS)
+#: Of a checksum, with the space after it.
+_DIGITS = 65
 
 
-def seal(page, provenance):
-    """Return a page with its provenance and checksum as a comment at the end."""
-    digest = hashlib.sha256(page.encode()).hexdigest()
-    # "--" would end an HTML comment
-    text = json.dumps({"provenance": provenance, "sha256": digest}, sort_keys=True)
-    comment = text.replace("--", "-\\u002d")
-    return f"{page}{_MARK}{comment} -->\n"
+def seal(data, provenance, ending):
+    """Return the bytes of a file with provenance and checksum as a comment at the end.
+
+    Parameters
+    ----------
+    data : bytes
+    provenance : dict
+    ending : {".html", ".xml", ".obj", ".vdb"}
+        Of the file's name.
+    """
+    start, end = _MARKS[ending]
+    # "--" would end a comment of HTML
+    text = json.dumps(provenance, sort_keys=True).replace("--", "-\\u002d").encode()
+    return data + start + _digest(data, text) + text + end
 
 
 def read_seal(path):
-    """Return the provenance of a sealed page.
+    """Return the provenance of a sealed file.
 
     Raises
     ------
     ArtifactError
-        The page is damaged or was never sealed.
+        The file is damaged or was never sealed.
     """
-    page, mark, rest = Path(path).read_bytes().partition(_MARK.encode())
-    try:
-        seal = json.loads(rest.removesuffix(b" -->\n"))
-        whole = mark and seal["sha256"] == hashlib.sha256(page).hexdigest()
-    except (ValueError, KeyError, TypeError):
-        whole = False
-    if not whole:
+    path = Path(path)
+    start, end = _MARKS[path.suffix]
+    data, mark, rest = path.read_bytes().rpartition(start)
+    text = rest.removesuffix(end)
+    digest, text = text[:_DIGITS], text[_DIGITS:]
+    if not mark or not rest.endswith(end) or digest != _digest(data, text):
         raise ArtifactError(f"{path}: truncated or damaged")
-    return seal["provenance"]
+    return json.loads(text)
+
+
+def _digest(data, text):
+    """Return the checksum of a file and its provenance, and the space after it."""
+    return hashlib.sha256(data + text).hexdigest().encode() + b" "

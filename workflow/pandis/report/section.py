@@ -40,6 +40,8 @@ class Section:
         What a field failed, alone and through a proxy; how a network was trained.
     followed : str
         Why the path is less deep than was asked; empty if it is not.
+    touch : str or None
+        The part on which its fields are touched.
     choice : dict or None
         What `fields: auto` has come to, in words.
     """
@@ -73,6 +75,7 @@ class Section:
     followed: str
     choice: dict | None
     view: str
+    touch: str | None
     picture: Picture
     heat: Picture | None
     holding: Picture

@@ -213,10 +213,12 @@ class NativeOptions(Options):
 class ExportOptions(NativeOptions):
     """The files for user programs."""
 
-    page: bool = Field(
-        False,
-        description="also write `results/{mesh}/export/touch.html`, a page on which all fields "
-        "that have a proxy are touched in a browser, in bytes a third more than their files",
+    also: list[Literal["mjcf", "newton", "page", "vdb"]] = Field(
+        default_factory=list,
+        description="files for other programs, in `results/{mesh}/export/`: `mjcf`, a model for "
+        "MuJoCo (`mujoco.xml`, with `mesh.obj`); `newton`, distances for Newton's cache "
+        "(`newton.npz`); `page`, a page on which fields are touched in a browser (`touch.html`); "
+        "`vdb`, volumes for OpenVDB (`fields.vdb`)",
     )
 
 

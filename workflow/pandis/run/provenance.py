@@ -25,7 +25,9 @@ from pandis.native.sources import digest as source_digest
 _DATA, _SOURCES = {".html", ".css", ".js"}, {".c", ".cpp"}
 
 #: Packages that are installed under another name than they are imported by.
-DISTRIBUTIONS = {"igl": "libigl", "yaml": "PyYAML", "skimage": "scikit-image"}
+DISTRIBUTIONS = {
+    "igl": "libigl", "mujoco": "mujoco-core", "yaml": "PyYAML", "skimage": "scikit-image",
+}  # fmt: skip
 #: What does nothing to a result: ourselves, who are digested, and what only names shapes.
 _NOTHING = {"pandis", "snakemake", "jaxtyping", ""}
 #: What a stage's code says of Python itself: its versions differ in what they compute, not the

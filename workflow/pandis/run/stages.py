@@ -8,10 +8,10 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pandis.run.catalogue import AUTO, COMPACT, GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.run import outputs
+from pandis.run.catalogue import AUTO, COMPACT, GRID_FIELDS, PLANE_FIELDS
 from pandis.run.config import MeshEntry
 from pandis.run.recipes import budgeted
-from pandis.run.sourcing import url_extension
 from pandis.run.tasks import (
     BakeAutoTask,
     BakeCompactAutoTask,
@@ -20,9 +20,13 @@ from pandis.run.tasks import (
     BakeTask,
     ChooseTask,
     EvaluateTask,
+    ExportMeshTask,
+    ExportMjcfTask,
     ExportNativeTask,
+    ExportNewtonTask,
     ExportPageTask,
     ExportTask,
+    ExportVdbTask,
     FetchTask,
     HandOptions,
     MeshTask,
@@ -39,20 +43,6 @@ from pandis.run.tasks import (
 CHOSEN_RECIPE = "pandis-exact"
 #: The scale that errors are told at where nothing depends on the device's: no option goes stale.
 NOMINAL = {"size": 0.10, "stiffness": 400.0}
-
-
-def field_specs(entry):
-    """Return the FieldSpec of every field of a mesh's options."""
-    return [parse_field(name, entry.train) for name in entry.fields]
-
-
-def field_holders(entry):
-    """Return one FieldSpec for each artifact that holds a field, except the mesh itself.
-
-    The field that a contact point's runs through is among them.
-    """
-    specs = [spec.through or spec for spec in field_specs(entry)]
-    return [s for s in {s.artifact: s for s in specs}.values() if s.artifact != "mesh"]
 
 
 def stage_seed(root, *names):
@@ -109,103 +99,6 @@ class Stage:
     options: Callable
     target: str | None = None
     in_scenes: bool = False
-
-
-# --- what a stage makes ---------------------------------------------------------
-
-
-def _file(name):
-    """Return the function that yields one file that every mesh has."""
-    return lambda entry: [(name, {})]
-
-
-def _source(entry):
-    extension = url_extension(entry.source)
-    return [(f"source.{extension}", {"extension": extension})] if extension else []
-
-
-def _networks(entry):
-    return [spec for spec in field_holders(entry) if spec.kind == "network"]
-
-
-def _samples(entry):
-    return [("samples.zarr.zip", {})] if _networks(entry) else []
-
-
-def _models(entry):
-    return [(f"{s.artifact}.zarr.zip", {"recipe": s.name}) for s in _networks(entry)]
-
-
-def _programs(entry):
-    networks = [spec for spec in field_specs(entry) if spec.kind == "network"]
-    return [
-        (f"export/{spec.name}.{ending}", {"recipe": spec.name})
-        for spec in networks
-        for ending in ("onnx", "pt2")
-    ]
-
-
-def _holders(wanted, wildcards=lambda spec: {}):
-    """Return the function that yields the artifacts that hold the wanted fields."""
-    return lambda entry: [
-        (f"{spec.artifact}.zarr.zip", wildcards(spec))
-        for spec in field_holders(entry)
-        if wanted(spec)
-    ]
-
-
-def _is_sized(spec):
-    return spec.kind in GRID_FIELDS and spec.size != AUTO
-
-
-def _is_dense(spec):
-    return _is_sized(spec) and GRID_FIELDS[spec.kind] != "spline"
-
-
-def _is_spline(spec):
-    return _is_sized(spec) and GRID_FIELDS[spec.kind] == "spline"
-
-
-def _is_searched(spec):
-    return spec.kind in GRID_FIELDS and spec.size == AUTO
-
-
-def _is_compact(spec):
-    return spec.kind == COMPACT and spec.size != AUTO
-
-
-def _grids(entry):
-    return [spec for spec in field_specs(entry) if spec.kind in GRID_FIELDS]
-
-
-def _graphs(entry):
-    grids = [spec for spec in _grids(entry) if "onnx" in spec.exports]
-    return [(f"export/{spec.name}.onnx", {"field": spec.name}) for spec in grids]
-
-
-def _images(entry):
-    grids = _grids(entry) if entry.bake.vti else []
-    return [(f"export/{spec.name}.vti", {"field": spec.name}) for spec in grids]
-
-
-def _native(entry):
-    native = [spec for spec in field_specs(entry) if spec.native]
-    return [(f"export/{spec.name}.pandis", {"name": spec.name}) for spec in native]
-
-
-def touchable(entry):
-    """Return the fields of a mesh's options that may have a proxy; of `auto` its file says."""
-    forces = ("force", "force-box")
-    native = [spec for spec in field_specs(entry) if spec.native]
-    return [spec for spec in native if GRID_FIELDS.get(spec.kind) not in forces]
-
-
-def _page(entry):
-    return [("export/touch.html", {})] if entry.export.page and touchable(entry) else []
-
-
-def _hardware(entry):
-    return [("hardware.zarr.zip", {}), ("hardware.json", {})]
 
 
 # --- what a stage is asked ------------------------------------------------------
@@ -287,12 +180,28 @@ def _export(wildcard):
 
 
 def _export_native(job):
-    given = {key: value for key, value in job.entry.export if key != "page"}
+    given = {key: value for key, value in job.entry.export if key != "also"}
     return ExportNativeTask(**given, field=job.wildcards["name"])
 
 
 def _export_page(job):
-    return ExportPageTask(**job.scale, fields=[spec.name for spec in touchable(job.entry)])
+    return ExportPageTask(**job.scale, fields=_names(outputs.measuring(job.entry)))
+
+
+def _export_mjcf(job):
+    return ExportMjcfTask(size=job.entry.device.size, fields=_names(outputs.measuring(job.entry)))
+
+
+def _export_newton(job):
+    return ExportNewtonTask(size=job.entry.device.size)
+
+
+def _export_vdb(job):
+    return ExportVdbTask(fields=_names(outputs.measuring(job.entry)))
+
+
+def _names(specs):
+    return [spec.name for spec in specs]
 
 
 def _trajectory(job):
@@ -318,7 +227,7 @@ def _stress(job):
 
 
 def _timing(job):
-    in_python = [spec.name for spec in field_specs(job.entry) if not spec.exports]
+    in_python = [spec.name for spec in outputs.field_specs(job.entry) if not spec.exports]
     return TimingTask(**dict(job.entry.timing), in_python=in_python)
 
 
@@ -330,7 +239,7 @@ def _validate(job):
         press=stress.press,
         delay=stress.delay,
     )
-    native = [spec.name for spec in field_specs(entry) if spec.native]
+    native = [spec.name for spec in outputs.field_specs(entry) if spec.native]
     return ValidateTask(
         **dict(entry.hardware),
         **job.scale,
@@ -343,40 +252,52 @@ def _validate(job):
 
 #: All stages of a mesh in building order. What a scene needs comes in the same order.
 STAGES = {
-    "fetch": Stage(_source, _fetch, in_scenes=True),
-    "mesh": Stage(_file("mesh.zarr.zip"), _mesh, "meshes", in_scenes=True),
-    "sample": Stage(_samples, _sample, "samples", in_scenes=True),
-    "train": Stage(_models, _train, "models", in_scenes=True),
-    "export_network": Stage(_programs, _export("recipe"), "exports"),
-    "choose": Stage(_holders(lambda s: s.kind == AUTO), _choose, "models", in_scenes=True),
+    "fetch": Stage(outputs.source, _fetch, in_scenes=True),
+    "mesh": Stage(outputs.one_file("mesh.zarr.zip"), _mesh, "meshes", in_scenes=True),
+    "sample": Stage(outputs.samples, _sample, "samples", in_scenes=True),
+    "train": Stage(outputs.models, _train, "models", in_scenes=True),
+    "export_network": Stage(outputs.programs, _export("recipe"), "exports"),
+    "choose": Stage(outputs.holders(lambda s: s.kind == AUTO), _choose, "models", in_scenes=True),
     "support_planes": Stage(
-        _holders(lambda s: s.kind in PLANE_FIELDS), _support_planes, "grids", in_scenes=True
+        outputs.holders(lambda s: s.kind in PLANE_FIELDS), _support_planes, "grids", in_scenes=True
     ),
     "bake_auto": Stage(
-        _holders(_is_searched, lambda s: {"kind": s.kind}), _bake_auto, "grids", in_scenes=True
+        outputs.holders(outputs.is_searched, lambda s: {"kind": s.kind}), _bake_auto, "grids",
+        in_scenes=True,
     ),
     "bake_compact": Stage(
-        _holders(_is_compact, lambda s: {"bits": str(s.size)}), _bake_compact, "grids",
-        in_scenes=True,
+        outputs.holders(outputs.is_compact, lambda s: {"bits": str(s.size)}), _bake_compact,
+        "grids", in_scenes=True,
     ),
     "bake_compact_auto": Stage(
-        _holders(lambda s: s.kind == COMPACT and s.size == AUTO), _bake_compact_auto, "grids",
-        in_scenes=True,
+        outputs.holders(lambda s: s.kind == COMPACT and s.size == AUTO), _bake_compact_auto,
+        "grids", in_scenes=True,
     ),
     "bake_spline": Stage(
-        _holders(_is_spline, lambda s: {"size": str(s.size)}), _bake_spline, "grids", in_scenes=True
+        outputs.holders(outputs.is_spline, lambda s: {"size": str(s.size)}), _bake_spline, "grids",
+        in_scenes=True,
     ),
     "bake": Stage(
-        _holders(_is_dense, lambda s: {"content": GRID_FIELDS[s.kind], "size": str(s.size)}),
+        outputs.holders(
+            outputs.is_dense, lambda s: {"content": GRID_FIELDS[s.kind], "size": str(s.size)}
+        ),
         _bake, "grids", in_scenes=True,
     ),
-    "export_grid": Stage(_graphs, _export("field"), "exports"),
-    "export_vti": Stage(_images, _export("field"), "exports"),
-    "export_native": Stage(_native, _export_native, "exports", in_scenes=True),
-    "export_page": Stage(_page, _export_page, "exports"),
-    "trajectory": Stage(_file("trajectory.zarr.zip"), _trajectory, "evaluations"),
-    "evaluate": Stage(_file("evaluation.zarr.zip"), _evaluate, "evaluations"),
-    "stress": Stage(_file("stress.zarr.zip"), _stress, "evaluations"),
-    "timing": Stage(_file("timing.zarr.zip"), _timing, "evaluations"),
-    "validate": Stage(_hardware, _validate, "hardware"),
+    "export_grid": Stage(outputs.graphs, _export("field"), "exports"),
+    "export_vti": Stage(outputs.images, _export("field"), "exports"),
+    "export_native": Stage(outputs.native, _export_native, "exports", in_scenes=True),
+    "export_mesh": Stage(
+        outputs.also("mjcf", "export/mesh.obj"), lambda job: ExportMeshTask(), "exports"
+    ),
+    "export_mjcf": Stage(outputs.also("mjcf", "export/mujoco.xml"), _export_mjcf, "exports"),
+    "export_newton": Stage(
+        outputs.also("newton", "export/newton.npz", lambda entry: True), _export_newton, "exports"
+    ),
+    "export_page": Stage(outputs.also("page", "export/touch.html"), _export_page, "exports"),
+    "export_vdb": Stage(outputs.also("vdb", "export/fields.vdb"), _export_vdb, "exports"),
+    "trajectory": Stage(outputs.one_file("trajectory.zarr.zip"), _trajectory, "evaluations"),
+    "evaluate": Stage(outputs.one_file("evaluation.zarr.zip"), _evaluate, "evaluations"),
+    "stress": Stage(outputs.one_file("stress.zarr.zip"), _stress, "evaluations"),
+    "timing": Stage(outputs.one_file("timing.zarr.zip"), _timing, "evaluations"),
+    "validate": Stage(outputs.hardware, _validate, "hardware"),
 }  # fmt: skip

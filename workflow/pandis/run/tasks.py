@@ -130,8 +130,31 @@ class ExportNativeTask(NativeOptions):
     field: str
 
 
+class ExportMeshTask(Options):
+    """Write the repaired mesh for other programs: nothing is asked."""
+
+
+class ExportMjcfTask(Options):
+    """Write a model for MuJoCo with the exported fields of a mesh; its longest side, m."""
+
+    size: float
+    fields: list[str]
+
+
+class ExportNewtonTask(Options):
+    """Write a mesh's distances for Newton's cache; its longest side, m."""
+
+    size: float
+
+
 class ExportPageTask(DeviceOptions):
     """Put the exported fields of a mesh on a page; at first with the device's scale."""
+
+    fields: list[str]
+
+
+class ExportVdbTask(Options):
+    """Write the exported fields of a mesh as volumes."""
 
     fields: list[str]
 

@@ -11,10 +11,11 @@ from pathlib import Path
 from pandis.errors import PandisError
 from pandis.export.session import read_export, read_program_metadata
 from pandis.export.vti import read_note
+from pandis.native.newton.kept import read as read_kept
 from pandis.native.runtime.files import read_provenance
-from pandis.report.seal import read_seal
+from pandis.report.seal import SEALED, read_seal
 from pandis.report.tables import summarise, to_csv
-from pandis.run.artifact import file_digest, read_artifact
+from pandis.run.artifact import check_seal, file_digest, read_artifact
 from pandis.run.plan import DEFAULT_CONFIG
 from pandis.run.provenance import unused_modules
 from pandis.run.sourcing import source_digest, source_files, source_path, url_extension
@@ -188,7 +189,10 @@ class Checker:
             return read_note(path)["provenance"]
         if path.suffix == ".pandis":
             return read_provenance(path)
-        if path.suffix == ".html":
+        if path.suffix == ".npz":
+            check_seal(path)
+            return read_kept(path).provenance
+        if path.suffix in SEALED:
             return read_seal(path)
         return None
 

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pandis.errors import ArtifactError, PandisError
+from pandis.geometry.obj import obj_text
 from pandis.native.mujoco import NAME
 from pandis.native.runtime import MESH, NativeField
 from pandis.native.runtime.files import read_contents
@@ -40,21 +41,41 @@ def write_mjcf(scene, path, meshes=None):
     """
     path = Path(path)
     placed, frictions = (dict(scene), {}) if isinstance(scene, dict) else _read(Path(scene))
-    meshes = {name: Path(file).resolve() for name, file in (meshes or {}).items()}
+    meshes = {name: Path(file) for name, file in (meshes or {}).items()}
     if unknown := sorted(set(meshes) - set(placed)):
         raise PandisError(f"meshes: no object is called {', '.join(unknown)}: {', '.join(placed)}")
-    root = ElementTree.Element("mujoco", model=path.stem)
+    written = {}
+    for name, each in placed.items():
+        if name not in meshes and (file := _mesh_file(each.field, path, written)):
+            meshes[name] = file
+    path.write_text(mjcf_text(path.stem, placed, meshes, frictions), encoding="utf-8")
+
+
+def mjcf_text(model, placed, meshes, frictions):
+    """Return what `write_mjcf` writes.
+
+    Parameters
+    ----------
+    model : str
+        What it is called.
+    placed : dict of str to pandis.native.scene.Placed
+    meshes : dict of str to path-like
+        The file of each object that has one.
+    frictions : dict of str to float
+        By object; of others MuJoCo has its own.
+    """
+    root = ElementTree.Element("mujoco", model=model)
     plugin = _under(root, "extension/plugin", plugin=NAME)
     assets, world = _under(root, "asset"), _under(root, "worldbody")
-    made, written = {}, {}
+    made = {}
     for name, each in placed.items():
-        shape = each.field.path.resolve(), each.scale, meshes.get(name)
+        file = meshes.get(name)
+        shape = each.field.path.resolve(), each.scale, file
         if shape not in made:
             made[shape] = name
             instance = _under(plugin, "instance", name=name)
             _under(instance, "config", key="file", value=str(shape[0]))
             _under(instance, "config", key="scale", value=repr(float(each.scale)))
-            file = shape[2] or _mesh_file(each.field, path, written)
             if file:
                 scale = _numbers([each.scale] * 3)
                 _under(assets, "mesh", name=name, file=str(file.resolve()), scale=scale)
@@ -68,7 +89,7 @@ def write_mjcf(scene, path, meshes=None):
             geom.set("friction", _numbers([frictions[name], _TURNING, _ROLLING]))
         _under(geom, "plugin", instance=made[shape])
     ElementTree.indent(root)
-    path.write_text(ElementTree.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
 def _read(path):
@@ -112,10 +133,7 @@ def _mesh_file(field, path, written):
         corners = np.frombuffer(contents.sections["VERT"], "<f8").reshape(-1, 3)
         faces = np.frombuffer(contents.sections["FACE"], "<i4").reshape(-1, 3)
         file = path.with_name(f"{path.stem}-{len(written)}.obj")
-        rows = ["v {!r} {!r} {!r}".format(*row)
-                for row in contents.field.frame.to_mesh(corners).tolist()]  # fmt: skip
-        rows += ["f {} {} {}".format(*row) for row in (faces + 1).tolist()]
-        file.write_text("\n".join(rows) + "\n", encoding="ascii")
+        file.write_text(obj_text(contents.field.frame.to_mesh(corners), faces), encoding="ascii")
         written[beside] = file
     return written[beside]
 

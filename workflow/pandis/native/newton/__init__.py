@@ -27,10 +27,38 @@ _MOST = 1023
 _APART = 0.02
 
 
-def cook(
+def cook(field: NativeField, mesh: Any, folder: str | PathLike[str], **asked: Any) -> Path:
+    """Write the file that ``mesh.build_sdf(cache_dir=folder, ...)`` of Newton reads.
+
+    Parameters
+    ----------
+    field, mesh, asked
+        As for `cooked`.
+    folder : path-like
+        Made if it is not there.
+
+    Raises
+    ------
+    PandisError
+        As `cooked` does.
+    """
+    name, held = cooked(field, mesh, **asked)
+    return put(folder, name, held)
+
+
+def put(folder: str | PathLike[str], name: str, held: dict[str, Any]) -> Path:
+    """Write what `cooked` has returned into a folder of Newton's cache, in one step."""
+    path = Path(folder) / f"{name}.sdf.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f"{path.name}.part.npz")  # NumPy adds the ending where it is missing
+    np.savez(beside, **held)
+    replace(beside, path)
+    return path
+
+
+def cooked(
     field: NativeField,
     mesh: Any,
-    folder: str | PathLike[str],
     *,
     length: Number = 1.0,
     max_resolution: int | None = None,
@@ -42,8 +70,8 @@ def cook(
     scale: tuple[Number, Number, Number] | None = None,
     fitted: bool = True,
     progress: Any = lambda done, total: None,
-) -> Path:
-    """Write the file that ``mesh.build_sdf(cache_dir=folder, ...)`` of Newton reads.
+) -> tuple[str, dict[str, Any]]:
+    """Return the name of a file of Newton's cache, and what is in it.
 
     Parameters
     ----------
@@ -51,8 +79,6 @@ def cook(
         Best one with exact distances: an exact or a compact mesh.
     mesh : newton.Mesh
         Or what has its attributes ``vertices``, ``indices``, ``is_solid`` and ``is_watertight``.
-    folder : path-like
-        Made if it is not there.
     length : float
         Metres of a unit of the field's mesh.
     max_resolution, target_voxel_size, narrow_band_range, margin, texture_format, sign_method, scale
@@ -62,6 +88,11 @@ def cook(
         of taking the distances there.
     progress : callable
         ``progress(done, total)``, in points.
+
+    Returns
+    -------
+    name : str
+    held : dict of str to ndarray
 
     Raises
     ------
@@ -100,7 +131,7 @@ def cook(
     grid = Grid.around(vertices, margin, max_resolution, target_voxel_size)
     band = max(abs(float(side)) for side in narrow_band_range)
     held = arrays(*build(distance, grid, band, fitted, progress), grid, texture_format)
-    name = hashed(mesh, vertices, {
+    return hashed(mesh, vertices, {
         "narrow_band_range": [float(side) for side in narrow_band_range],
         "target_voxel_size": None if target_voxel_size is None else float(target_voxel_size),
         "max_resolution": max_resolution,
@@ -109,13 +140,7 @@ def cook(
         "sign_method_resolved": _sign_method(mesh, sign_method),
         "winding_threshold_sign": 1,
         "scale": None if scale is None else [float(side) for side in scale],
-    })  # fmt: skip
-    path = Path(folder) / f"{name}.sdf.npz"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{path.name}.part.npz")  # NumPy adds the ending where it is missing
-    np.savez(beside, **held)
-    replace(beside, path)
-    return path
+    }), held  # fmt: skip
 
 
 def arrays(coarse, blocks, values, flat, grid, texture_format):

@@ -8,6 +8,8 @@ from pandis.errors import PandisError
 
 #: Voxels along a block.
 SIDE = 8
+#: Voxels along the longest side of the object, if nothing else is said.
+ALONG = 200
 #: Points of a call, and the most blocks that are looked at.
 _CHUNK, _MOST = 1 << 18, 1 << 27
 

@@ -1,4 +1,4 @@
-"""The ``.vdb`` file of a grid of floats: OpenVDB's version 224, packed by masks alone.
+"""The ``.vdb`` file of grids of floats: OpenVDB's version 224, packed by masks alone.
 
 A tree of three levels: nodes of 32³ children, of 16³ children, and leaves of 8³ voxels. What no
 leaf holds is the background, with its sign: outside or inside.
@@ -12,46 +12,53 @@ import numpy as np
 
 from pandis.native.volumes.leaves import SIDE
 
-_MAGIC, _VERSION, _LIBRARY = 0x56444220, 224, (10, 0)
+MAGIC, VERSION, _LIBRARY = 0x56444220, 224, (10, 0)
 #: Children along a node of the two inner levels, and voxels along it.
-_INNER, _OUTER = (16, 16 * SIDE), (32, 32 * 16 * SIDE)
+INNER, OUTER = (16, 16 * SIDE), (32, 32 * 16 * SIDE)
 #: Of a grid: that only active values are stored. Of a node: that a mask says which inactive value
 #: is the background outside, and which the one inside.
-_BY_MASK, _BY_SIGN = 2, 3
+_BY_MASK, BY_SIGN = 2, 3
 
 
-def vdb_bytes(leaves, name="distance"):
-    """Return what the ``.vdb`` file of `Leaves` holds.
+def vdb_bytes(volumes):
+    """Return what the ``.vdb`` file of some volumes holds.
 
     Parameters
     ----------
-    leaves : pandis.native.volumes.leaves.Leaves
-    name : str
-        Of the grid.
+    volumes : dict of str to pandis.native.volumes.leaves.Leaves
+        By the name of each grid.
     """
+    grids = {name: _grid(name, leaves) for name, leaves in volumes.items()}
+    digest = hashlib.sha256(b"".join(part for parts in grids.values() for part in parts)).digest()
+    data = struct.pack("<qIIIb", MAGIC, VERSION, *_LIBRARY, 1)
+    data += str(uuid.UUID(bytes=digest[:16])).encode() + _entries({})
+    data += struct.pack("<i", len(grids))
+    for name, (topology, buffers) in grids.items():
+        data += _text(name) + _text("Tree_float_5_4_3") + _text("")
+        start = len(data) + 24
+        places = start, start + len(topology), start + len(topology) + len(buffers)
+        data += struct.pack("<3q", *places) + topology + buffers
+    return data
+
+
+def _grid(name, leaves):
+    """Return a grid: what it is and its tree, and what the leaves hold."""
     order = _order(leaves.origins)
     origins, values = leaves.origins[order], leaves.values[order]
     active = leaves.active[order]
-    topology, masks = _topology(origins, active, leaves), []
+    masks = []
     for mask, block in zip(active, values, strict=True):
         selected = _bits(block > 0)
-        masks.append(_bits(mask) + bytes([_BY_SIGN]) + selected + block[mask].tobytes())
+        masks.append(_bits(mask) + bytes([BY_SIGN]) + selected + block[mask].tobytes())
     about = {"class": "level set", "name": name, "creator": "pandis"}
-    grid = struct.pack("<I", _BY_MASK) + _entries(about) + _transform(leaves.voxel) + topology
-    buffers = b"".join(masks)
-    digest = uuid.UUID(bytes=hashlib.sha256(grid + buffers).digest()[:16])
-    head = struct.pack("<qIIIb", _MAGIC, _VERSION, *_LIBRARY, 1) + str(digest).encode()
-    head += _entries({}) + struct.pack("<i", 1)
-    head += _text(name) + _text("Tree_float_5_4_3") + _text("")
-    start = len(head) + 24
-    places = start, start + len(grid), start + len(grid) + len(buffers)
-    return head + struct.pack("<3q", *places) + grid + buffers
+    head = struct.pack("<I", _BY_MASK) + _entries(about) + _transform(leaves.voxel)
+    return head + _topology(origins, active, leaves), b"".join(masks)
 
 
 def _order(origins):
     """Return the order in which the tree has its leaves: by nodes, and in each by x, y and z."""
     keys = []
-    for _, side in (_OUTER, _INNER):
+    for _, side in (OUTER, INNER):
         keys += [np.floor_divide(origins, side)[:, k] for k in range(3)]
     keys += [origins[:, k] for k in range(3)]
     return np.lexsort(keys[::-1])
@@ -59,17 +66,17 @@ def _order(origins):
 
 def _topology(origins, active, leaves):
     """Return the tree without its voxels: what is a child, and what stands where there is none."""
-    outer = np.unique(np.floor_divide(origins, _OUTER[1]), axis=0)
+    outer = np.unique(np.floor_divide(origins, OUTER[1]), axis=0)
     parts = [struct.pack("<I", 1), struct.pack("<f", leaves.background)]
     parts.append(struct.pack("<II", 0, len(outer)))
-    for place in outer * _OUTER[1]:
-        here = (np.floor_divide(origins, _OUTER[1]) * _OUTER[1] == place).all(axis=1)
+    for place in outer * OUTER[1]:
+        here = (np.floor_divide(origins, OUTER[1]) * OUTER[1] == place).all(axis=1)
         parts.append(struct.pack("<3i", *place))
-        inner = np.unique(np.floor_divide(origins[here], _INNER[1]) * _INNER[1], axis=0)
-        parts.append(_node(place, inner, _OUTER[0], _INNER[1], leaves))
+        inner = np.unique(np.floor_divide(origins[here], INNER[1]) * INNER[1], axis=0)
+        parts.append(_node(place, inner, OUTER[0], INNER[1], leaves))
         for below in inner:
-            own = (np.floor_divide(origins, _INNER[1]) * _INNER[1] == below).all(axis=1)
-            parts.append(_node(below, origins[own], _INNER[0], SIDE, leaves))
+            own = (np.floor_divide(origins, INNER[1]) * INNER[1] == below).all(axis=1)
+            parts.append(_node(below, origins[own], INNER[0], SIDE, leaves))
             parts += [_bits(mask) for mask in active[own]]
     return b"".join(parts)
 
@@ -85,7 +92,7 @@ def _node(place, children, count, side, leaves):
     low, high = leaves.origins.min(axis=0), leaves.origins.max(axis=0) + SIDE
     within = ((middles > low) & (middles < high)).all(axis=1)
     outside[tuple(tiles[within].T)] = ~leaves.inside(middles[within])
-    return _bits(child) + bytes(child.size // 8) + bytes([_BY_SIGN]) + _bits(outside)
+    return _bits(child) + bytes(child.size // 8) + bytes([BY_SIGN]) + _bits(outside)
 
 
 def _bits(mask):

@@ -103,18 +103,38 @@ def section(fields, size, stiffness):
     """Return the part of a page in which fields of one object are touched, as HTML."""
     corners, faces = surface_of(fields[0])
     small = len(corners) < 1 << 16
-    data = {
+    drawn = {
         "vertices": _text(np.rint(np.clip(corners, -1, 1) * _STEPS), "<i2"),
         "faces": _text(faces, "<u2" if small else "<u4"),
         "small": small,
+    }
+    return touched(fields, size, stiffness, drawn | loop())
+
+
+def loop():
+    """Return what all objects of a page share: ``pandis.h`` as a module, and what runs it."""
+    return {"wasm": _text(np.fromfile(MODULE, np.uint8), "u1"), "loop": script("loop")}
+
+
+def touched(fields, size, stiffness, more):
+    """Return what `section` does, for an object that is drawn from other data.
+
+    Parameters
+    ----------
+    fields : list of pandis.native.runtime.NativeField
+    size, stiffness : float
+        m, N/m.
+    more : dict
+        What ``touch.js`` reads beside the fields: the solid and the loop, or ``view``, the name of
+        the figure on the page that holds the solid, while the page holds the loop.
+    """
+    data = more | {
         "size": size,
         "longest": UNIT_SIDE,
         "fields": [
             {"name": field.path.stem, "bytes": _text(np.fromfile(field.path, np.uint8), "u1")}
             for field in fields
         ],
-        "wasm": _text(np.fromfile(MODULE, np.uint8), "u1"),
-        "loop": script("loop"),
     }
     return (HERE / "section.html").read_text(encoding="utf-8").format(
         data=json.dumps(data).replace("<", "\\u003c"),

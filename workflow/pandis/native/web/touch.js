@@ -181,5 +181,16 @@ class Touch extends Solid {
   }
 }
 
-for (const page of document.querySelectorAll("section.touch"))
-  page.touch = new Touch(page, JSON.parse(page.querySelector("script").textContent));
+// On a page of many objects an object's solid is that of its view, all share the loop, and each begins when it is shown.
+function begin(page) {
+  const read = (from) => JSON.parse(from.querySelector("script[type='application/json']").textContent);
+  let held = read(page);
+  if (held.view) held = { ...read(document.getElementById("pandis:loop")), ...read(document.getElementById(held.view)), ...held };
+  page.touch = new Touch(page, held);
+}
+
+for (const page of document.querySelectorAll("section.touch")) {
+  const folded = page.closest("details");
+  if (folded) folded.addEventListener("toggle", () => begin(page), { once: true });
+  else begin(page);
+}

@@ -2,10 +2,9 @@
 
 import ctypes
 
-import mujoco
 import numpy as np
 
-from pandis.native import mujoco as plugin
+from pandis.native.mujoco import package
 
 
 class Sdf(ctypes.Structure):
@@ -18,19 +17,22 @@ class Sdf(ctypes.Structure):
     )  # fmt: skip
 
 
-def asker(model):
-    """Return what answers distances (n,) and gradients (n, 3) of a model's first geom.
+def asker(model, geom=0):
+    """Return what answers distances (n,) and gradients (n, 3) of a model's geom.
 
     At points (n, 3) of its own frame. A geom without a plugin has MuJoCo's own field of its mesh.
     """
-    core = ctypes.CDLL(str(next(plugin.package().glob("libmujoco*"))))
+    import mujoco
+
+    core = ctypes.CDLL(str(next(package().glob("libmujoco*"))))
     core.mjc_getSDF.restype, core.mjc_distance.restype = ctypes.c_void_p, ctypes.c_double
     data, made = mujoco.MjData(model), ctypes.c_void_p()
+    number = max(int(model.geom_plugin[geom]), 0)
     if model.nplugin:
-        made = ctypes.c_void_p(core.mjc_getSDF(ctypes.c_void_p(model._address), 0))
+        made = ctypes.c_void_p(core.mjc_getSDF(ctypes.c_void_p(model._address), geom))
     pose, kind = np.append(np.zeros(3), np.eye(3)), ctypes.c_int(mujoco.mjtGeom.mjGEOM_SDF)
     at = pose.ctypes.data, pose[3:].ctypes.data, ctypes.addressof(kind)
-    asked = Sdf(ctypes.pointer(made), ctypes.pointer(ctypes.c_int(0)), 0, *at)
+    asked = Sdf(ctypes.pointer(made), ctypes.pointer(ctypes.c_int(number)), 0, *at)
     asked.kept = made, pose, kind  # as long as they are pointed at
 
     def answers(points):

@@ -1,0 +1,12 @@
+"""Write a model for MuJoCo. Reads export/*.pandis and mesh.obj, writes export/mujoco.xml."""
+
+from pandis.export.mjcf import export_mjcf
+from pandis.report.seal import seal
+from pandis.run.stage import stage
+from pandis.run.tasks import ExportMjcfTask
+
+with stage(snakemake, ExportMjcfTask) as job:
+    files = [job.note_file(path) for path in job.input.exports]
+    drawn = job.note_file(job.input.drawn)
+    text = export_mjcf(job.mesh, files, drawn, job.options.size, job.log)
+    job.write_file(seal(text.encode(), job.provenance(), ".xml"))

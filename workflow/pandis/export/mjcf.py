@@ -1,0 +1,116 @@
+"""A model for MuJoCo: every field of a mesh is a geom, and MuJoCo is asked what it has of it."""
+
+import os
+import tempfile
+from importlib.util import find_spec
+
+import numpy as np
+
+from pandis.errors import PandisError
+from pandis.native.mujoco.mjcf import mjcf_text
+from pandis.native.runtime import NativeField
+from pandis.native.scene import Placed
+
+#: Objects lie in a row, a half of their size apart.
+_PITCH = 1.5
+#: Points of the comparison, for each field, and how far outside of the box they go.
+_POINTS, _REACH = 2000, 1.3
+#: By how much answers may differ, as shares of the size: MuJoCo keeps the place of a mesh in
+#: rounded numbers of its own.
+_CLOSE = 1e-9
+
+
+def export_mjcf(model, paths, drawn, size, log):
+    """Return a model as text: one body for each field, in a row along x.
+
+    Parameters
+    ----------
+    model : str
+        What it is called.
+    paths : list of path-like
+        Files for ``pandis.h``.
+    drawn : path-like
+        The mesh of them all, as ``.obj``.
+    size : float
+        Longest side of an object, m.
+    log : callable
+
+    Raises
+    ------
+    PandisError
+        None of the fields has distances, or MuJoCo has others than the library.
+    """
+    fields = measuring([NativeField(path) for path in paths], log)
+    placed = {
+        field.path.stem: Placed.at(field, size, 0.0, (_PITCH * size * number, 0.0, 0.0))
+        for number, field in enumerate(fields)
+    }
+    text = mjcf_text(model, placed, dict.fromkeys(placed, drawn), {})
+    if find_spec("mujoco"):
+        off = _differences(text, placed, size)
+        log(f"MuJoCo has the library's distances and gradients: {off:.1g} of the size apart")
+    else:
+        log('there is no MuJoCo here to compare the model with: pip install "mujoco==4.0.1"')
+    return text
+
+
+def measuring(fields, log):
+    """Return those of some fields that know distances, and say which do not.
+
+    Raises
+    ------
+    PandisError
+        None does.
+    """
+    good = [field for field in fields if field.has_distance]
+    for field in fields:
+        if not field.has_distance:
+            log(f"{field.path.stem}: left out: a grid of forces knows no distance outside")
+    if not good:
+        raise PandisError(
+            "all fields are grids of forces, which know no distance outside: name another one in "
+            "fields, or take this format out of export.also"
+        )
+    return good
+
+
+def _differences(text, placed, size):
+    """Return the largest difference of what MuJoCo has of a model, and refuse a large one."""
+    here = os.getcwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)  # where MuJoCo writes what it warns of
+        try:
+            return max(_off(name, *asked, size) for name, *asked in _asked(text, placed))
+        finally:
+            os.chdir(here)
+
+
+def _asked(text, placed):
+    """Yield the name of each field, where it is placed, its geom, and what asks MuJoCo for it."""
+    import mujoco
+
+    from pandis.native.mujoco import register
+    from pandis.native.mujoco.asking import asker
+    from pandis.native.mujoco.instances import instances
+
+    register()
+    model = mujoco.MjModel.from_xml_string(text)
+    for geom, (name, each) in zip(instances(model), placed.items(), strict=True):
+        yield name, each, geom, asker(model, geom.geom)
+
+
+def _off(name, each, geom, ask, size):
+    """Return the largest difference of a field's distances, as a share of the size."""
+    rng = np.random.default_rng(0)
+    points = each.field.frame.to_mesh(rng.uniform(-_REACH, _REACH, (_POINTS, 3)))
+    wanted = each.field.query(points)
+    distance, gradient = ask((each.scale * points - geom.origin) @ geom.turn)
+    # a last bit of a point may change which of two faces is nearest: not of nearly all
+    turned = np.abs(gradient @ geom.turn.T - wanted.normal).max(axis=1)
+    off = float(np.abs(distance - each.scale * wanted.distance).max() / size)
+    if not off <= _CLOSE or np.percentile(turned, 99) > 1e-4:
+        raise PandisError(
+            f"{name}: MuJoCo has other distances than the library, by {off:.3g} of the size: "
+            "this is a defect of the export: please report it"
+        )
+    return off
