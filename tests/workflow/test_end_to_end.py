@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from browser import Browser
 from pandis.native.newton.kept import read as read_kept
 from pandis.report.page import build, mesh_section
 from pandis.report.seal import read_seal
@@ -146,7 +147,8 @@ def test_the_line_of_c_in_the_report_holds_for_small_units(finished):
     """Three centimetres in metres: over a thousand newtons per mesh unit, without a comma."""
     home = finished / "results/torus"
     paths = [Path(path) for path in fast_plan(finished).report_artifacts("torus")]
-    artifacts = [read_artifact(finished / path) for path in paths]
+    stored = [path for path in paths if path.name.endswith(".zarr.zip")]
+    artifacts = [read_artifact(finished / path) for path in stored]
     mesh = next(one for one in artifacts if one.path.name == "mesh.zarr.zip")
     section = mesh_section("torus", artifacts, ["exact", "trilinear-24", "pandis-exact"])
     assert section.picks[0]["file"] == f"{home}/export/exact.pandis"
@@ -258,6 +260,32 @@ def test_report_shows_the_mesh_and_turns_it(finished, tmp_path):
     radius = 0.46 * 640 * 0.9
     assert seen["drawn"] == pytest.approx(np.pi * radius**2, rel=0.02)  # it is a sphere
     assert seen["zoomed"] == pytest.approx(1.15**2 * seen["drawn"], rel=0.02)
+
+
+def test_an_object_is_touched_on_the_report(finished, tmp_path):
+    """The link opens its part, whose loop begins then; a pointer that presses feels a force."""
+    page = "document.getElementById('touch:torus').firstElementChild"
+    with Browser(tmp_path) as browser:
+        browser.open(finished / "results/report.html")
+        assert browser.value("document.querySelectorAll('section.touch').length") == 2
+        assert browser.value(f"{page}.dataset.ticks") is None
+        browser.value("document.querySelector('a[href=\"#touch:torus\"]').click()")
+        browser.until(f"{page}.dataset.ticks > 50")
+        names = browser.value(f"[...{page}.querySelectorAll('option')].map((o) => o.value)")
+        assert names == ["exact", "pandis-exact"]
+        browser.value(f"{page}.querySelector('canvas').scrollIntoView()")
+        left, top, width, height = browser.value(
+            f"(({{x, y, width, height}}) => [x, y, width, height])"
+            f"({page}.querySelector('canvas').getBoundingClientRect())"
+        )
+        at = left + 0.62 * width, top + 0.5 * height
+        browser.pointer("mouseMoved", *at)
+        browser.until(f"{page}.dataset.newtons == 0")
+        browser.pointer("mousePressed", *at, button="left", buttons=1, clickCount=1)
+        browser.until(f"{page}.dataset.newtons > 0.2")
+        others = "[...document.querySelectorAll('section.touch')].filter((s) => s.dataset.ticks)"
+        assert browser.value(f"{others}.length") == 1
+        assert browser.said == []
 
 
 def test_files_for_other_programs_are_one_job_each(rerun):

@@ -49,6 +49,8 @@ class Touch extends Solid {
         this.point(event);
       });
     canvas.addEventListener("wheel", (event) => {
+      // a page of many objects scrolls until an object is clicked
+      if (this.page.closest("details") && document.activeElement !== canvas) return;
       event.preventDefault();
       this.enlarge(Math.exp(-event.deltaY / 600));
     }, { passive: false });
