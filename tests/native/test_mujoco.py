@@ -84,6 +84,19 @@ def test_distances_and_gradients_are_those_of_the_library(files, name):
     assert (distances < 0).sum() > 10
 
 
+def test_what_is_kept_of_a_spline_changes_no_bit(files):
+    """Points around a few places, again and again, so that cells are found kept, and put out."""
+    field, rng = NativeField(files["spline"]), np.random.default_rng(6)
+    places = rng.uniform(-1.1, 1.1, (40, 1, 3)) + rng.normal(0, 0.02, (40, 30, 3))
+    points = field.frame.to_mesh(np.tile(places.reshape(-1, 3), (3, 1)))
+    rng.shuffle(points[len(points) // 2 :])
+    distances, gradients = answers(model_of(files["spline"]), 0.25 * points)
+    wanted = field.query(points)
+    assert np.array_equal(distances, 0.25 * wanted.distance)
+    assert np.array_equal(gradients, wanted.normal)
+    assert (wanted.flag == 0).sum() > 300
+
+
 def obj_of(mesh, path):
     """Write a mesh, turned as MuJoCo's own frame is not, as a file."""
     trimesh.Trimesh(mesh.arrays["vertices"], mesh.arrays["faces"], process=False).export(path)

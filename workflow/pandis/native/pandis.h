@@ -171,6 +171,16 @@ typedef struct {
     const uint8_t *side;         /* of each block of the coarse lattice's cells: whether it is outside */
 } pandis__spline;
 
+/* What was collected around points of a spline, for those that come after: the coefficients from a node on, and what
+ * pandis__collect has told, plus one (0: nothing is known). Of the coarse and the fine lattice, each as many cells as lie
+ * in a cube of eight. */
+typedef struct {
+    struct {
+        int first[3], known;
+        float c[64];
+    } cell[2][512];
+} pandis__cells;
+
 #define PANDIS__WIDTH 8
 
 typedef struct {
@@ -2318,16 +2328,26 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
     return found;
 }
 
-/* Add one level's value and gradient; tells what pandis__collect does. */
-PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
+/* Add one level's value and gradient; tells what pandis__collect does. With `cells`, of this very spline, nothing is
+ * collected twice for points near each other. */
+PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
+                                     double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
-    int first[3], kept;
+    int first[3], known = 0;
     double w[3][4], dw[3][4];
-    float c[64];
+    float room[64], *c = room;
     if (!pandis__place(l->size, l->low, l->per_step, p, first, w, dw)) return 0;
-    kept = pandis__collect(s, level, first, c);
-    if (kept) pandis__tensor(c, w, dw, value, gradient);
-    return kept;
+    int at = (first[0] & 7) << 6 | (first[1] & 7) << 3 | (first[2] & 7);
+    if (cells) {
+        c = cells->cell[level][at].c;
+        if (!memcmp(cells->cell[level][at].first, first, sizeof first)) known = cells->cell[level][at].known;
+    }
+    if (!known) {
+        known = pandis__collect(s, level, first, c) + 1;
+        if (cells) memcpy(cells->cell[level][at].first, first, sizeof first), cells->cell[level][at].known = known;
+    }
+    if (known > 1) pandis__tensor(c, w, dw, value, gradient);
+    return known - 1;
 }
 
 /* Where two walls are about equally near a spline rounds the crease between them, which shows in a
@@ -2336,26 +2356,27 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
 #define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
 #define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
 
-PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, double *value, double *gradient) {
+PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pandis__cells *cells, double *value,
+                                    double *gradient) {
     double missing = (1 - pandis__dot(gradient, gradient) - PANDIS__SHORT) / (1 - PANDIS__SHORT);
     if (!(missing > 0 && *value < 0)) return;
     double lift = PANDIS__LIFT / s->layout[0].per_step, q[3], found = 0, normal[3] = {0};
     lift = (lift < -*value ? lift : -*value) * missing * missing * (3 - 2 * missing);
     for (int k = 0; k < 3; k++) q[k] = p[k] + lift * gradient[k];
-    if (!pandis__add_level(s, 0, q, &found, normal)) return;
-    pandis__add_level(s, 1, q, &found, normal);
+    if (!pandis__add_level(s, 0, q, cells, &found, normal)) return;
+    pandis__add_level(s, 1, q, cells, &found, normal);
     double slope = sqrt(pandis__dot(gradient, gradient));
     if (!(slope > PANDIS__TINY) || !pandis__normalise(normal)) return;
     *value = found - lift * pandis__dot(gradient, normal);
     for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* as long as it was */
 }
 
-PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, double *distance,
-                                               double *normal, int *flag) {
+PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, pandis__cells *cells,
+                                               double *distance, double *normal, int *flag) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
     for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
     *flag = PANDIS_OK;
-    if (outside > 0 || !pandis__add_level(s, 0, p, &value, gradient)) {
+    if (outside > 0 || !pandis__add_level(s, 0, p, cells, &value, gradient)) {
         int first[3];
         double w[3][4], dw[3][4];
         float c[64];
@@ -2381,16 +2402,17 @@ PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const do
             value = value < -s->inside ? value : -s->inside;
         *flag = PANDIS_BOUND;
     } else {
-        pandis__add_level(s, 1, p, &value, gradient);
-        pandis__sharpen(s, p, &value, gradient);
+        pandis__add_level(s, 1, p, cells, &value, gradient);
+        pandis__sharpen(s, p, cells, &value, gradient);
     }
     *distance = value;
     memcpy(normal, gradient, sizeof gradient);
 }
 
 PANDIS__COMPILE(pandis__answer_spline,
-                (const pandis__spline *s, const double *u, double *distance, double *normal, int *flag),
-                (s, u, distance, normal, flag))
+                (const pandis__spline *s, const double *u, pandis__cells *cells, double *distance, double *normal,
+                 int *flag),
+                (s, u, cells, distance, normal, flag))
 
 /* ---------------------------------------------------------------- closed forms */
 
@@ -2477,14 +2499,15 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
     answer->flag = flag, answer->face = answer->region = -1;
 }
 
-static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis_answer *answer) {
+static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis__cells *cells,
+                        pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
     int flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
         switch (field->kind) {
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
-            case PANDIS_SPLINE: pandis__answer_spline(&field->as.spline, u[0], &d, n[0], &flag); break;
+            case PANDIS_SPLINE: pandis__answer_spline(&field->as.spline, u[0], cells, &d, n[0], &flag); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_SHAPE:
@@ -2503,17 +2526,18 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
-    pandis__ask(field, point, &begin, answer);
+    pandis__ask(field, point, &begin, NULL, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
     pandis__start begin = PANDIS__WITHIN(reach >= 0 ? reach * field->scale : (double)INFINITY);
-    pandis__ask(field, point, &begin, answer);
+    pandis__ask(field, point, &begin, NULL, answer);
 }
 
-PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
-                                  pandis_answer *answer) {
+/* pandis_query_from, and for splines `cells` of this very field (NULL: none), all zero before the first. */
+static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
+                                pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
@@ -2522,9 +2546,14 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
         double guess = sqrt(pandis__dot(way, way));
         if (guess >= 0) begin.guess = guess;
     }
-    pandis__ask(field, point, &begin, answer);
+    pandis__ask(field, point, &begin, cells, answer);
     hint->room[0] = field->kind == PANDIS_MESH;
     memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
+}
+
+PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
+                                  pandis_answer *answer) {
+    pandis__query_after(field, point, hint, NULL, answer);
 }
 
 PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance) {
@@ -2744,7 +2773,7 @@ PANDIS_API int pandis_derivatives(const pandis_field *field, const double point[
     pandis_answer answer;
     double u[3] = {0, 0, 0}, own[3] = {0, 0, 0}, bend[9] = {0};
     int kind = field->kind, by_formula = 1;
-    pandis__ask(field, point, &begin, &answer);
+    pandis__ask(field, point, &begin, NULL, &answer);
     if (kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR) answer.flag = PANDIS_INVALID;
     if (answer.flag == PANDIS_INVALID) {
         for (int i = 0; i < 3; i++) gradient[i] = (double)NAN;

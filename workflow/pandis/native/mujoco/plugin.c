@@ -2,7 +2,8 @@
  *
  * While a model is compiled MuJoCo asks with nothing but numbers, and in a simulation with its data and an instance. So
  * files are opened once per process and stay open, and a number names each. What a thread has asked last is kept by
- * thread: MuJoCo wants distance and gradient of one point one after the other, and of points that lie next to each other. */
+ * thread: MuJoCo wants distance and gradient of one point one after the other, and of points that lie next to each other.
+ * Of splines the cells that were asked are kept, too: a step asks thousands of points, most of them in a few hundred. */
 #define PANDIS_API static inline
 #define PANDIS_IMPLEMENTATION
 #include "../pandis.h"
@@ -114,7 +115,29 @@ static __thread struct {
     int whole; /* the normal is there, too */
     pandis_answer answer;
     pandis_hint hint;
+    pandis__cells *cells; /* of a spline; NULL where there was no memory for them, too */
 } kept[KEPT];
+
+/* What a thread has kept of splines goes when the thread ends. */
+static pthread_key_t ending;
+static pthread_once_t ending_made = PTHREAD_ONCE_INIT;
+
+static void forget(void *unused) {
+    (void)unused;
+    for (int i = 0; i < KEPT; i++) free(kept[i].cells), memset(&kept[i], 0, sizeof kept[i]);
+}
+
+static void make_ending(void) { (void)pthread_key_create(&ending, forget); }
+
+/* Keep answers of another file from now on. */
+static void begin(int at, const opened *file) {
+    free(kept[at].cells);
+    memset(&kept[at], 0, sizeof kept[at]);
+    kept[at].file = file;
+    if (file->field.kind != PANDIS_SPLINE) return;
+    pthread_once(&ending_made, make_ending);
+    if (!pthread_setspecific(ending, kept)) kept[at].cells = calloc(1, sizeof *kept[at].cells);
+}
 
 /* Answer a point of a file, in its units, if need be with the normal. */
 static const pandis_answer *ask(const opened *file, const double point[3], int whole) {
@@ -122,11 +145,11 @@ static const pandis_answer *ask(const opened *file, const double point[3], int w
     int at = file->number % KEPT;
     int again = kept[at].file == file && !memcmp(kept[at].point, point, sizeof kept[at].point);
     if (again && (kept[at].whole || !whole)) return &kept[at].answer;
-    if (kept[at].file != file) memset(&kept[at], 0, sizeof kept[at]), kept[at].file = file;
+    if (kept[at].file != file) begin(at, file);
     memcpy(kept[at].point, point, sizeof kept[at].point);
     kept[at].whole = whole || field->kind != PANDIS_NETWORK; /* all others answer both in the same time */
     if (kept[at].whole) {
-        pandis_query_from(field, point, &kept[at].hint, &kept[at].answer);
+        pandis__query_after(field, point, &kept[at].hint, kept[at].cells, &kept[at].answer);
     } else {
         kept[at].answer.flag = pandis_distance(field, point, &kept[at].answer.distance);
     }

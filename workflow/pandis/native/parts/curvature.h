@@ -162,7 +162,7 @@ PANDIS_API int pandis_derivatives(const pandis_field *field, const double point[
     pandis_answer answer;
     double u[3] = {0, 0, 0}, own[3] = {0, 0, 0}, bend[9] = {0};
     int kind = field->kind, by_formula = 1;
-    pandis__ask(field, point, &begin, &answer);
+    pandis__ask(field, point, &begin, NULL, &answer);
     if (kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR) answer.flag = PANDIS_INVALID;
     if (answer.flag == PANDIS_INVALID) {
         for (int i = 0; i < 3; i++) gradient[i] = (double)NAN;

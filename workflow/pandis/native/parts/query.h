@@ -46,14 +46,15 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
     answer->flag = flag, answer->face = answer->region = -1;
 }
 
-static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis_answer *answer) {
+static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis__cells *cells,
+                        pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
     int flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
         switch (field->kind) {
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
             case PANDIS_GRID: flag = pandis__answer_grid(&field->as.grid, u[0], &d, n[0]); break;
-            case PANDIS_SPLINE: pandis__answer_spline(&field->as.spline, u[0], &d, n[0], &flag); break;
+            case PANDIS_SPLINE: pandis__answer_spline(&field->as.spline, u[0], cells, &d, n[0], &flag); break;
             case PANDIS_MESH: flag = pandis__answer_mesh(&field->as.mesh, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_COMPACT: flag = pandis__answer_compact(&field->as.compact, u[0], begin, &d, n[0], &clear); break;
             case PANDIS_SHAPE:
@@ -72,17 +73,18 @@ static void pandis__ask(const pandis_field *field, const double *point, pandis__
 
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
-    pandis__ask(field, point, &begin, answer);
+    pandis__ask(field, point, &begin, NULL, answer);
 }
 
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer) {
     pandis__start begin = PANDIS__WITHIN(reach >= 0 ? reach * field->scale : (double)INFINITY);
-    pandis__ask(field, point, &begin, answer);
+    pandis__ask(field, point, &begin, NULL, answer);
 }
 
-PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
-                                  pandis_answer *answer) {
+/* pandis_query_from, and for splines `cells` of this very field (NULL: none), all zero before the first. */
+static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
+                                pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
     double u[3], way[3];
     memcpy(begin.closest, hint->room + 1, sizeof begin.closest);
@@ -91,9 +93,14 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
         double guess = sqrt(pandis__dot(way, way));
         if (guess >= 0) begin.guess = guess;
     }
-    pandis__ask(field, point, &begin, answer);
+    pandis__ask(field, point, &begin, cells, answer);
     hint->room[0] = field->kind == PANDIS_MESH;
     memcpy(hint->room + 1, begin.closest, sizeof begin.closest);
+}
+
+PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
+                                  pandis_answer *answer) {
+    pandis__query_after(field, point, hint, NULL, answer);
 }
 
 PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance) {

@@ -56,16 +56,26 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
     return found;
 }
 
-/* Add one level's value and gradient; tells what pandis__collect does. */
-PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, double *value, double *gradient) {
+/* Add one level's value and gradient; tells what pandis__collect does. With `cells`, of this very spline, nothing is
+ * collected twice for points near each other. */
+PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
+                                     double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
-    int first[3], kept;
+    int first[3], known = 0;
     double w[3][4], dw[3][4];
-    float c[64];
+    float room[64], *c = room;
     if (!pandis__place(l->size, l->low, l->per_step, p, first, w, dw)) return 0;
-    kept = pandis__collect(s, level, first, c);
-    if (kept) pandis__tensor(c, w, dw, value, gradient);
-    return kept;
+    int at = (first[0] & 7) << 6 | (first[1] & 7) << 3 | (first[2] & 7);
+    if (cells) {
+        c = cells->cell[level][at].c;
+        if (!memcmp(cells->cell[level][at].first, first, sizeof first)) known = cells->cell[level][at].known;
+    }
+    if (!known) {
+        known = pandis__collect(s, level, first, c) + 1;
+        if (cells) memcpy(cells->cell[level][at].first, first, sizeof first), cells->cell[level][at].known = known;
+    }
+    if (known > 1) pandis__tensor(c, w, dw, value, gradient);
+    return known - 1;
 }
 
 /* Where two walls are about equally near a spline rounds the crease between them, which shows in a
@@ -74,26 +84,27 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
 #define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
 #define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
 
-PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, double *value, double *gradient) {
+PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pandis__cells *cells, double *value,
+                                    double *gradient) {
     double missing = (1 - pandis__dot(gradient, gradient) - PANDIS__SHORT) / (1 - PANDIS__SHORT);
     if (!(missing > 0 && *value < 0)) return;
     double lift = PANDIS__LIFT / s->layout[0].per_step, q[3], found = 0, normal[3] = {0};
     lift = (lift < -*value ? lift : -*value) * missing * missing * (3 - 2 * missing);
     for (int k = 0; k < 3; k++) q[k] = p[k] + lift * gradient[k];
-    if (!pandis__add_level(s, 0, q, &found, normal)) return;
-    pandis__add_level(s, 1, q, &found, normal);
+    if (!pandis__add_level(s, 0, q, cells, &found, normal)) return;
+    pandis__add_level(s, 1, q, cells, &found, normal);
     double slope = sqrt(pandis__dot(gradient, gradient));
     if (!(slope > PANDIS__TINY) || !pandis__normalise(normal)) return;
     *value = found - lift * pandis__dot(gradient, normal);
     for (int k = 0; k < 3; k++) gradient[k] = slope * normal[k]; /* as long as it was */
 }
 
-PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, double *distance,
-                                               double *normal, int *flag) {
+PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, pandis__cells *cells,
+                                               double *distance, double *normal, int *flag) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
     for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
     *flag = PANDIS_OK;
-    if (outside > 0 || !pandis__add_level(s, 0, p, &value, gradient)) {
+    if (outside > 0 || !pandis__add_level(s, 0, p, cells, &value, gradient)) {
         int first[3];
         double w[3][4], dw[3][4];
         float c[64];
@@ -119,14 +130,15 @@ PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const do
             value = value < -s->inside ? value : -s->inside;
         *flag = PANDIS_BOUND;
     } else {
-        pandis__add_level(s, 1, p, &value, gradient);
-        pandis__sharpen(s, p, &value, gradient);
+        pandis__add_level(s, 1, p, cells, &value, gradient);
+        pandis__sharpen(s, p, cells, &value, gradient);
     }
     *distance = value;
     memcpy(normal, gradient, sizeof gradient);
 }
 
 PANDIS__COMPILE(pandis__answer_spline,
-                (const pandis__spline *s, const double *u, double *distance, double *normal, int *flag),
-                (s, u, distance, normal, flag))
+                (const pandis__spline *s, const double *u, pandis__cells *cells, double *distance, double *normal,
+                 int *flag),
+                (s, u, cells, distance, normal, flag))
 

@@ -83,6 +83,16 @@ typedef struct {
     const uint8_t *side;         /* of each block of the coarse lattice's cells: whether it is outside */
 } pandis__spline;
 
+/* What was collected around points of a spline, for those that come after: the coefficients from a node on, and what
+ * pandis__collect has told, plus one (0: nothing is known). Of the coarse and the fine lattice, each as many cells as lie
+ * in a cube of eight. */
+typedef struct {
+    struct {
+        int first[3], known;
+        float c[64];
+    } cell[2][512];
+} pandis__cells;
+
 #define PANDIS__WIDTH 8
 
 typedef struct {
