@@ -8,10 +8,11 @@ whatever its field is. `error`: of penalty forces from MuJoCo's own distances an
 the paper (0 to 0.01 below the surface of the unit frame), and where a device presses (10 cm,
 400 N/m). `step_us`: median of a step in contact; all fields take turns in one process, the same
 states for each. Then STARTS random starts of 300 steps each (1,000 by default; FEW, 100 by default,
-for depths 7 and 8 and for the exact mesh), judged by the exact distance of points of what moves: `overlap`: how deep the deepest lies where anything overlaps, mm;
-`tunnelled`: starts in which one lies too deep, as many do without contacts; `rise`: how far the
-energy rises above its lowest before, in weight times a metre; `over_start`: starts whose energy
-exceeds that of their start. Fields are kept in the folder PANDIS_FIELDS, if it is set.
+for depths 7 and 8 and for the exact mesh), judged by the exact distance of points of what moves:
+`overlap`: how deep the deepest lies where anything overlaps, mm; `tunnelled`: starts in which one
+lies too deep, as many do without contacts; `rise`: how far the energy rises above its lowest
+before, in weight times a metre; `over_start`: starts whose energy exceeds that of their start.
+Fields are kept in the folder PANDIS_FIELDS, if it is set.
 """
 
 import os
