@@ -93,7 +93,7 @@ rule export_mesh:
 
 rule export_mjcf:
     input:
-        exports=plan.measuring,
+        exports=plan.distance_files,
         drawn="<results>/{mesh}/export/mesh.obj",
     output:
         "<results>/{mesh}/export/mujoco.xml",
@@ -140,7 +140,7 @@ rule export_newton:
 
 rule export_page:
     input:
-        exports=plan.measuring,
+        exports=plan.distance_files,
     output:
         "<results>/{mesh}/export/touch.html",
     log:
@@ -163,7 +163,7 @@ rule export_page:
 
 rule export_vdb:
     input:
-        exports=plan.measuring,
+        exports=plan.distance_files,
     output:
         "<results>/{mesh}/export/fields.vdb",
     log:

@@ -7,6 +7,7 @@ from pandis.errors import ArtifactError, PandisError
 from pandis.export import mjcf, newton, volumes
 from pandis.export.drawn import export_mesh
 from pandis.geometry.body import Body
+from pandis.native import mujoco as mujoco_plugin
 from pandis.native.newton import kept
 from pandis.native.runtime import NativeField
 from pandis.native.volumes.reading import read_vdb
@@ -94,7 +95,19 @@ def turned(held):
     held["subgrid_data"] = np.ascontiguousarray(held["subgrid_data"].transpose(2, 1, 0))
 
 
-@pytest.mark.parametrize("fault", [one_block, everywhere_zero, turned])
+def shifted(held):
+    """Move everything by one voxel."""
+    for name in ("min_extents", "max_extents"):
+        held[name] = held[name] + held["cell_size"] * (1, 0, 0)
+
+
+def smaller(held):
+    """Make all distances near the surface a tenth too small."""
+    for name in ("subgrids_min_sdf_value", "subgrids_sdf_value_range"):
+        held[name] = np.float32(0.9 * held[name])
+
+
+@pytest.mark.parametrize("fault", [one_block, everywhere_zero, turned, shifted, smaller])
 def test_distances_that_newton_would_have_wrong_are_refused(fault, cooked):
     with pytest.raises(PandisError, match="from the exact distance"):
         cooked(fault)
@@ -126,6 +139,27 @@ def test_a_volume_has_a_grid_for_each_field(files):
         )
     with pytest.raises(PandisError, match="name another one"):
         volumes.export_volumes([files["nearest"]], log)
+
+
+def test_a_volume_whose_deep_inside_is_outside_is_refused(files, monkeypatch):
+    """Where it holds no voxels, and only a side is said."""
+    monkeypatch.setattr(volumes, "ALONG", 400)
+    leaves = volumes.leaves
+
+    def without_inside(*asked):
+        return leaves(*asked)._replace(inside=lambda voxels: np.zeros(len(voxels), bool))
+
+    monkeypatch.setattr(volumes, "leaves", without_inside)
+    with pytest.raises(PandisError, match="other sides than the field"):
+        volumes.export_volumes([files["exact"]], lambda text: None)
+
+
+def test_what_is_too_thin_for_voxels_is_left_out(files, monkeypatch):
+    monkeypatch.setattr(volumes, "ALONG", 0.1)
+    lines, log = said()
+    with pytest.raises(PandisError, match="take vdb out of export.also"):
+        volumes.export_volumes([files["exact"], files["spline"]], log)
+    assert sum("left out" in line for line in lines) == 2
 
 
 @pytest.mark.parametrize("fault", ["value", "leaf"])
@@ -179,10 +213,12 @@ def test_a_model_has_a_body_for_each_field(files, body, tmp_path, monkeypatch):
 
 
 def test_a_model_without_mujoco_is_written_and_that_is_said(files, body, tmp_path, monkeypatch):
-    monkeypatch.setattr(mjcf, "find_spec", lambda name: None)
+    monkeypatch.setattr(mujoco_plugin, "find_spec", lambda name: None)
+    mujoco_plugin.register.cache_clear()
     text, lines = model(files, body, tmp_path)
     assert text.count("<body") == 3
-    assert "no MuJoCo here to compare the model with" in lines[-1]
+    assert text.count("<mesh") == 1
+    assert "not compared with MuJoCo: there is no MuJoCo here" in lines[-1]
 
 
 def test_a_model_of_another_size_than_the_library_has_is_refused(

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from test_header import resealed, section
 
 from pandis.__main__ import main
 from pandis.errors import PandisError
@@ -24,6 +25,7 @@ from pandis.geometry.frame import Frame
 from pandis.native import mujoco as plugin
 from pandis.native.compiler import find_compiler
 from pandis.native.mujoco import mjcf
+from pandis.native.mujoco.asking import asker
 from pandis.native.runtime import NativeField
 from pandis.native.scene import Placed
 from support import ROOT, artifact
@@ -67,8 +69,6 @@ def model_of(*asked, **named):
 
 def answers(model, points):
     """Return what MuJoCo has of the first geom's distance (n,) and gradient (n, 3)."""
-    from pandis.native.mujoco.asking import asker  # it imports MuJoCo
-
     return asker(model)(points)
 
 
@@ -95,6 +95,21 @@ def test_what_is_kept_of_a_spline_changes_no_bit(files):
     assert np.array_equal(distances, 0.25 * wanted.distance)
     assert np.array_equal(gradients, wanted.normal)
     assert (wanted.flag == 0).sum() > 300
+
+
+def test_files_that_share_a_place_in_a_thread_keep_their_own_cells(files, tmp_path):
+    """More files than a thread keeps, asked in turns at the same points."""
+    data, models = files["spline"].read_bytes(), []
+    at = section(data, b"BCOF")
+    coarse = np.frombuffer(data, "<i2", 2000, at) // 2
+    for number in range(9):  # each with other coefficients
+        path = tmp_path / f"{number}.pandis"
+        path.write_bytes(resealed(data, at, "<2000h", *(coarse + 100 * number)))
+        models.append((NativeField(path), asker(model_of(path))))
+    points = models[0][0].frame.to_mesh(np.random.default_rng(7).uniform(-1, 1, (60, 3)))
+    for field, ask in models * 2:
+        distances, _ = ask(0.25 * points)
+        assert np.array_equal(distances, 0.25 * field.query(points).distance)
 
 
 def obj_of(mesh, path):

@@ -285,6 +285,13 @@ def test_an_object_is_touched_on_the_report(finished, tmp_path):
         browser.until(f"{page}.dataset.newtons > 0.2")
         others = "[...document.querySelectorAll('section.touch')].filter((s) => s.dataset.ticks)"
         assert browser.value(f"{others}.length") == 1
+        browser.value(f"{page}.closest('details').open = false")
+        browser.until(f"(({page}.seen = {page}.dataset.ticks), true)")
+        still = f"{page}.dataset.ticks === {page}.seen || !({page}.seen = {page}.dataset.ticks)"
+        for _ in range(20):  # the loop stands still once nothing is seen of it
+            browser.until(still)
+        browser.value(f"{page}.closest('details').open = true")
+        browser.until(f"{page}.dataset.ticks > Number({page}.seen) + 50")
         assert browser.said == []
 
 

@@ -2,11 +2,14 @@
 
 import os
 import tempfile
-from importlib.util import find_spec
 
 import numpy as np
 
 from pandis.errors import PandisError
+from pandis.export.distances import with_distances
+from pandis.native.mujoco import register
+from pandis.native.mujoco.asking import asker
+from pandis.native.mujoco.instances import instances
 from pandis.native.mujoco.mjcf import mjcf_text
 from pandis.native.runtime import NativeField
 from pandis.native.scene import Placed
@@ -40,38 +43,20 @@ def export_mjcf(model, paths, drawn, size, log):
     PandisError
         None of the fields has distances, or MuJoCo has others than the library.
     """
-    fields = measuring([NativeField(path) for path in paths], log)
+    fields = with_distances([NativeField(path) for path in paths], log)
     placed = {
         field.path.stem: Placed.at(field, size, 0.0, (_PITCH * size * number, 0.0, 0.0))
         for number, field in enumerate(fields)
     }
     text = mjcf_text(model, placed, dict.fromkeys(placed, drawn), {})
-    if find_spec("mujoco"):
+    try:
+        register()
+    except PandisError as error:
+        log(f"the model is not compared with MuJoCo: {error}")
+    else:
         off = _differences(text, placed, size)
         log(f"MuJoCo has the library's distances and gradients: {off:.1g} of the size apart")
-    else:
-        log('there is no MuJoCo here to compare the model with: pip install "mujoco==4.0.1"')
     return text
-
-
-def measuring(fields, log):
-    """Return those of some fields that know distances, and say which do not.
-
-    Raises
-    ------
-    PandisError
-        None does.
-    """
-    good = [field for field in fields if field.has_distance]
-    for field in fields:
-        if not field.has_distance:
-            log(f"{field.path.stem}: left out: a grid of forces knows no distance outside")
-    if not good:
-        raise PandisError(
-            "all fields are grids of forces, which know no distance outside: name another one in "
-            "fields, or take this format out of export.also"
-        )
-    return good
 
 
 def _differences(text, placed, size):
@@ -89,12 +74,10 @@ def _asked(text, placed):
     """Yield the name of each field, where it is placed, its geom, and what asks MuJoCo for it."""
     import mujoco
 
-    from pandis.native.mujoco import register
-    from pandis.native.mujoco.asking import asker
-    from pandis.native.mujoco.instances import instances
-
-    register()
-    model = mujoco.MjModel.from_xml_string(text)
+    try:
+        model = mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        raise PandisError(f"MuJoCo does not take the model: {error}") from error
     for geom, (name, each) in zip(instances(model), placed.items(), strict=True):
         yield name, each, geom, asker(model, geom.geom)
 
@@ -108,7 +91,7 @@ def _off(name, each, geom, ask, size):
     # a last bit of a point may change which of two faces is nearest: not of nearly all
     turned = np.abs(gradient @ geom.turn.T - wanted.normal).max(axis=1)
     off = float(np.abs(distance - each.scale * wanted.distance).max() / size)
-    if not off <= _CLOSE or np.percentile(turned, 99) > 1e-4:
+    if not (off <= _CLOSE and np.percentile(turned, 99) <= 1e-4):  # NaN fails too
         raise PandisError(
             f"{name}: MuJoCo has other distances than the library, by {off:.3g} of the size: "
             "this is a defect of the export: please report it"

@@ -16,6 +16,8 @@ from pandis.run.artifact import seal_zip
 _RESOLUTION, _MARGIN, _BAND = 128, 0.05, 0.1
 #: Points of the comparison, and how far from the surface the mean is taken, as a share of the size.
 _POINTS, _NEAR = 100_000, 0.01
+#: The most that distances may be off in the mean, in the band, in diagonals of a cell.
+_MEAN = 0.05
 
 
 def export_newton(body, size, provenance, log, progress):
@@ -64,8 +66,10 @@ def _compare(held, field, length, size, log):
     off, exact = np.abs(sample(held, points)[0] - exact), np.abs(exact)
     # between nodes a distance changes no more than the way does; in the band nodes are fine
     cell = float(np.linalg.norm(held["cell_size"]))
-    bound = np.where(exact < _BAND * size, cell, CELLS * cell)
-    if not (off <= bound).all():
+    band = exact < _BAND * size
+    bound = np.where(band, cell, CELLS * cell)
+    # edges and creases are off by a part of a cell, and they are few
+    if not ((off <= bound).all() and off[band].mean() <= _MEAN * cell):
         raise PandisError(
             f"what Newton interpolates is {float(off.max()):.3g} m from the exact distance: this "
             "is a defect of the export: please report it"

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.export.mjcf import measuring
+from pandis.export.distances import with_distances
 from pandis.native.runtime import NativeField
 from pandis.native.volumes.leaves import ALONG, leaves
 from pandis.native.volumes.reading import read_vdb
@@ -29,15 +29,26 @@ def export_volumes(paths, log):
     PandisError
         None of the fields has distances, or the file holds others than they have.
     """
-    fields = measuring([NativeField(path) for path in paths], log)
+    fields = with_distances([NativeField(path) for path in paths], log)
     low, high = fields[0].bounds
-    voxel = float((high - low).max()) / ALONG
-    data = vdb_bytes({field.path.stem: leaves(field, voxel, _BAND) for field in fields})
+    voxel, held = float((high - low).max()) / ALONG, {}
+    for field in fields:
+        try:
+            held[field.path.stem] = leaves(field, voxel, _BAND)
+        except PandisError as error:
+            log(f"{field.path.stem}: left out: {error}")
+    if not held:
+        raise PandisError(
+            f"no field has anything inside at voxels of {voxel:.3g}: take vdb out of export.also, "
+            "and write smaller voxels with `pandis volume --voxel`"
+        )
+    data = vdb_bytes(held)
     read = read_vdb(data)
     for field in fields:
-        grid = read.pop(field.path.stem)
-        _compare(field, grid)
-        log(f"{field.path.stem}: {int(grid.active.sum()):,} voxels of {voxel:.3g}, as it answers")
+        if grid := read.get(field.path.stem):
+            _compare(field, grid)
+            count = int(grid.active.sum())
+            log(f"{field.path.stem}: {count:,} voxels of {voxel:.3g}, as it answers")
     return data
 
 
@@ -54,15 +65,23 @@ def _compare(field, grid):
             f"{field.path.stem}: the volume holds other distances than the field: this is a defect "
             "of the export: please report it"
         )
-    _check_sides(field, grid)
+    low, high = grid.origins.min(axis=0), grid.origins.max(axis=0) + side
+    within = ((grid.tiles > low) & (grid.tiles < high)).all(axis=1)
+    inside = field.query(grid.tiles[within] * grid.voxel).distance < 0
+    if (grid.outside[within] == inside).any() or not grid.outside[~within].all():
+        raise PandisError(
+            f"{field.path.stem}: the volume has other sides than the field where it holds no "
+            "voxels: this is a defect of the export: please report it"
+        )
+    _check_leaves(field, grid)
 
 
-def _check_sides(field, grid):
-    """Refuse a surface between voxels that no leaf holds."""
+def _check_leaves(field, grid):
+    """Refuse a surface that no leaf holds."""
     rng = np.random.default_rng(0)
     low, high = field.bounds
     voxels = np.rint(rng.uniform(low, high, (_CHUNK, 3)) / grid.voxel).astype(int)
-    near = np.abs(field.query(voxels * grid.voxel).distance) < grid.background * (1 - 1e-6)
+    near = np.abs(field.query(voxels * grid.voxel).distance) < grid.voxel
     held = {tuple(origin) for origin in grid.origins.tolist()}
     side = grid.active.shape[1]
     blocks = np.unique(np.floor_divide(voxels[near], side) * side, axis=0)

@@ -12,16 +12,13 @@ _EACH, _ALL = 1_000_000, 6_000_000
 
 
 def touchable(paths):
-    """Return the files that go onto the page: those with a proxy, the smallest first, while they
-    are few bytes.
-    """
+    """Return the files that go onto the page: of those with a proxy the smallest, 1 MB of them."""
     kept, left = [], _EACH
     for path in sorted(map(Path, paths), key=lambda path: (path.stat().st_size, path.name)):
-        left -= path.stat().st_size
-        if left < 0:
-            break
-        if not no_proxy(NativeField(path)):
+        size = path.stat().st_size
+        if size <= left and not no_proxy(NativeField(path)):
             kept.append(path)
+            left -= size
     return kept
 
 
@@ -47,7 +44,7 @@ def shared(sections):
     """Return the parts of a page's meshes by name, as many as it takes, and what they share."""
     parts, left = {}, _ALL
     for section in sections:
-        left -= len(section.touch or "")
-        if section.touch and left >= 0:
+        if section.touch and len(section.touch) <= left:
             parts[section.name] = section.touch
+            left -= len(section.touch)
     return parts, json.dumps(loop()).replace("<", "\\u003c") if parts else ""

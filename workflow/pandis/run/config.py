@@ -26,6 +26,7 @@ from pandis.run.options import (
     TimingOptions,
     TrajectoryOptions,
 )
+from pandis.run.outputs import distance_fields
 from pandis.run.recipes import RECIPES, ExactRecipe, PaperRecipe
 from pandis.run.values import Angle, Options, Place, Positive
 
@@ -132,6 +133,20 @@ class MeshEntry(StageOptions):
     def _url_needs_digest(self):
         if self.source.startswith(("http://", "https://")) and self.sha256 is None:
             raise ValueError("source: a URL needs the sha256 of the file beside it")
+        return self
+
+    @model_validator(mode="after")
+    def _formats_need_distances(self):
+        asked = [kind for kind in self.export.also if kind != "newton"]
+        try:
+            fields = distance_fields(self) if asked else [None]
+        except ValueError:
+            return self  # a field's name has a fault, which is told by itself
+        if not fields:
+            raise ValueError(
+                f"export.also: {', '.join(asked)}: all fields are grids of forces, which know no "
+                "distance outside: add another one to fields"
+            )
         return self
 
 

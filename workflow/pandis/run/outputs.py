@@ -19,12 +19,12 @@ def field_holders(entry):
 
 
 def one_file(name):
-    """Return the function that yields one file that every mesh has."""
+    """Return the function that returns one file that every mesh has."""
     return lambda entry: [(name, {})]
 
 
 def source(entry):
-    """Yield the file that a mesh is downloaded to."""
+    """Return the file that a mesh is downloaded to."""
     extension = url_extension(entry.source)
     return [(f"source.{extension}", {"extension": extension})] if extension else []
 
@@ -35,17 +35,17 @@ def networks(entry):
 
 
 def samples(entry):
-    """Yield the samples, where a network learns from them."""
+    """Return the samples, where a network learns from them."""
     return [("samples.zarr.zip", {})] if networks(entry) else []
 
 
 def models(entry):
-    """Yield the trained networks."""
+    """Return the trained networks."""
     return [(f"{s.artifact}.zarr.zip", {"recipe": s.name}) for s in networks(entry)]
 
 
 def programs(entry):
-    """Yield the graphs and programs of networks."""
+    """Return the graphs and programs of networks."""
     asked = [spec for spec in field_specs(entry) if spec.kind == "network"]
     return [
         (f"export/{spec.name}.{ending}", {"recipe": spec.name})
@@ -55,7 +55,7 @@ def programs(entry):
 
 
 def holders(wanted, wildcards=lambda spec: {}):
-    """Return the function that yields the artifacts that hold the wanted fields."""
+    """Return the function that returns the artifacts that hold the wanted fields."""
     return lambda entry: [
         (f"{spec.artifact}.zarr.zip", wildcards(spec))
         for spec in field_holders(entry)
@@ -94,35 +94,35 @@ def grids(entry):
 
 
 def graphs(entry):
-    """Yield the graphs of grids."""
+    """Return the graphs of grids."""
     drawn = [spec for spec in grids(entry) if "onnx" in spec.exports]
     return [(f"export/{spec.name}.onnx", {"field": spec.name}) for spec in drawn]
 
 
 def images(entry):
-    """Yield the images of grids."""
+    """Return the images of grids."""
     shown = grids(entry) if entry.bake.vti else []
     return [(f"export/{spec.name}.vti", {"field": spec.name}) for spec in shown]
 
 
 def native(entry):
-    """Yield the files for ``pandis.h``."""
+    """Return the files for ``pandis.h``."""
     files = [spec for spec in field_specs(entry) if spec.native]
     return [(f"export/{spec.name}.pandis", {"name": spec.name}) for spec in files]
 
 
-def measuring(entry):
+def distance_fields(entry):
     """Return the fields of a mesh that have a file and may know distances; of `auto` it says."""
     forces = ("force", "force-box")
     files = [spec for spec in field_specs(entry) if spec.native]
     return [spec for spec in files if GRID_FIELDS.get(spec.kind) not in forces]
 
 
-def also(format, name, needs=measuring):
-    """Return the function that yields one file of a mesh if one of its formats is asked for."""
-    return lambda entry: [(name, {})] if format in entry.export.also and needs(entry) else []
+def also(kind, name):
+    """Return the function that returns a file for another program if its kind is asked for."""
+    return lambda entry: [(name, {})] if kind in entry.export.also else []
 
 
 def hardware(entry):
-    """Yield what the validation writes."""
+    """Return what the validation writes."""
     return [("hardware.zarr.zip", {}), ("hardware.json", {})]

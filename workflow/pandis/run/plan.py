@@ -16,7 +16,7 @@ from pandis.errors import PandisError
 from pandis.run.catalogue import parse_field
 from pandis.run.config import plain
 from pandis.run.ending import forget_partial_report
-from pandis.run.outputs import field_holders, field_specs, measuring
+from pandis.run.outputs import distance_fields, field_holders, field_specs
 from pandis.run.placing import load_scenes, needed, scene_task
 from pandis.run.provenance import CodeDigests, unused_modules
 from pandis.run.reading import check_yaml, load_config, results_folder
@@ -251,10 +251,11 @@ class Plan:
         specs = [spec for spec in self.specs(wildcards.mesh) if spec.native]
         return [f"{self.folder}/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
 
-    def measuring(self, wildcards):
+    def distance_files(self, wildcards):
         """Return the files for ``pandis.h`` of a mesh that may know distances."""
         folder = f"{self.folder}/{wildcards.mesh}/export"
-        return [f"{folder}/{spec.name}.pandis" for spec in measuring(self.entries[wildcards.mesh])]
+        specs = distance_fields(self.entries[wildcards.mesh])
+        return [f"{folder}/{spec.name}.pandis" for spec in specs]
 
     def scene_fields(self, wildcards):
         """Return the files for ``pandis.h`` of the objects of a scene, each once."""
@@ -291,7 +292,7 @@ class Plan:
             if any(spec.kind == "network" for spec in self.held(mesh)):
                 stems.append("samples")
             paths += [f"{self.folder}/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
-            names = (spec.name for spec in measuring(self.entries[mesh]))
+            names = (spec.name for spec in distance_fields(self.entries[mesh]))
             paths += [f"{self.folder}/{mesh}/export/{name}.pandis" for name in names]
         return paths
 

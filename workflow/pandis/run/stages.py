@@ -185,11 +185,11 @@ def _export_native(job):
 
 
 def _export_page(job):
-    return ExportPageTask(**job.scale, fields=_names(outputs.measuring(job.entry)))
+    return ExportPageTask(**job.scale, fields=_measuring(job))
 
 
 def _export_mjcf(job):
-    return ExportMjcfTask(size=job.entry.device.size, fields=_names(outputs.measuring(job.entry)))
+    return ExportMjcfTask(size=job.entry.device.size, fields=_measuring(job))
 
 
 def _export_newton(job):
@@ -197,11 +197,11 @@ def _export_newton(job):
 
 
 def _export_vdb(job):
-    return ExportVdbTask(fields=_names(outputs.measuring(job.entry)))
+    return ExportVdbTask(fields=_measuring(job))
 
 
-def _names(specs):
-    return [spec.name for spec in specs]
+def _measuring(job):
+    return [spec.name for spec in outputs.distance_fields(job.entry)]
 
 
 def _trajectory(job):
@@ -290,9 +290,7 @@ STAGES = {
         outputs.also("mjcf", "export/mesh.obj"), lambda job: ExportMeshTask(), "exports"
     ),
     "export_mjcf": Stage(outputs.also("mjcf", "export/mujoco.xml"), _export_mjcf, "exports"),
-    "export_newton": Stage(
-        outputs.also("newton", "export/newton.npz", lambda entry: True), _export_newton, "exports"
-    ),
+    "export_newton": Stage(outputs.also("newton", "export/newton.npz"), _export_newton, "exports"),
     "export_page": Stage(outputs.also("page", "export/touch.html"), _export_page, "exports"),
     "export_vdb": Stage(outputs.also("vdb", "export/fields.vdb"), _export_vdb, "exports"),
     "trajectory": Stage(outputs.one_file("trajectory.zarr.zip"), _trajectory, "evaluations"),

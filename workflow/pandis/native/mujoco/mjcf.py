@@ -67,7 +67,7 @@ def mjcf_text(model, placed, meshes, frictions):
     root = ElementTree.Element("mujoco", model=model)
     plugin = _under(root, "extension/plugin", plugin=NAME)
     assets, world = _under(root, "asset"), _under(root, "worldbody")
-    made = {}
+    made, drawn = {}, {}
     for name, each in placed.items():
         file = meshes.get(name)
         shape = each.field.path.resolve(), each.scale, file
@@ -76,15 +76,17 @@ def mjcf_text(model, placed, meshes, frictions):
             instance = _under(plugin, "instance", name=name)
             _under(instance, "config", key="file", value=str(shape[0]))
             _under(instance, "config", key="scale", value=repr(float(each.scale)))
-            if file:
+            if file is None:
+                _under(_under(assets, "mesh", name=name), "plugin", instance=name)
+            elif (file, each.scale) not in drawn:
                 scale = _numbers([each.scale] * 3)
                 _under(assets, "mesh", name=name, file=str(file.resolve()), scale=scale)
-            else:
-                _under(_under(assets, "mesh", name=name), "plugin", instance=name)
+            drawn.setdefault((file or shape, each.scale), name)
         axes = np.asarray(each.rotation, float)[:, :2].T.ravel()
         pose = {"pos": _numbers(each.translation), "xyaxes": _numbers(axes)}
         body = _under(world, "body", name=name, **pose)
-        geom = _under(body, "geom", name=name, type="sdf", mesh=made[shape])
+        shown = drawn[file or shape, each.scale]
+        geom = _under(body, "geom", name=name, type="sdf", mesh=shown)
         if name in frictions:
             geom.set("friction", _numbers([frictions[name], _TURNING, _ROLLING]))
         _under(geom, "plugin", instance=made[shape])

@@ -115,11 +115,12 @@ static __thread struct {
     int whole; /* the normal is there, too */
     pandis_answer answer;
     pandis_hint hint;
-    pandis__cells *cells; /* of a spline; NULL where there was no memory for them, too */
+    pandis__cells *cells; /* of splines; NULL: none was asked yet, or there was no memory */
 } kept[KEPT];
 
 /* What a thread has kept of splines goes when the thread ends. */
 static pthread_key_t ending;
+static int ending_is;
 static pthread_once_t ending_made = PTHREAD_ONCE_INIT;
 
 static void forget(void *unused) {
@@ -127,16 +128,17 @@ static void forget(void *unused) {
     for (int i = 0; i < KEPT; i++) free(kept[i].cells), memset(&kept[i], 0, sizeof kept[i]);
 }
 
-static void make_ending(void) { (void)pthread_key_create(&ending, forget); }
+static void make_ending(void) { ending_is = !pthread_key_create(&ending, forget); }
 
 /* Keep answers of another file from now on. */
 static void begin(int at, const opened *file) {
-    free(kept[at].cells);
+    pandis__cells *cells = kept[at].cells;
     memset(&kept[at], 0, sizeof kept[at]);
-    kept[at].file = file;
+    kept[at].file = file, kept[at].cells = cells;
     if (file->field.kind != PANDIS_SPLINE) return;
     pthread_once(&ending_made, make_ending);
-    if (!pthread_setspecific(ending, kept)) kept[at].cells = calloc(1, sizeof *kept[at].cells);
+    if (!cells && ending_is && !pthread_setspecific(ending, kept)) kept[at].cells = calloc(1, sizeof *cells);
+    if (kept[at].cells) kept[at].cells->round++; /* what is kept of another file counts no more */
 }
 
 /* Answer a point of a file, in its units, if need be with the normal. */

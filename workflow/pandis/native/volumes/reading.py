@@ -21,12 +21,18 @@ class Grid(NamedTuple):
         Where no value is stored, the background with its sign.
     active : ndarray, shape (n, 8, 8, 8), bool
         Where one is.
+    tiles : ndarray, shape (m, 3)
+        The middles of what no leaf holds, in voxels.
+    outside : ndarray, shape (m,), bool
+        Whether they are outside.
     voxel, background : float
     """
 
     origins: np.ndarray
     values: np.ndarray
     active: np.ndarray
+    tiles: np.ndarray
+    outside: np.ndarray
     voxel: float
     background: float
 
@@ -94,11 +100,11 @@ def _grid(reader):
     reader.text()
     voxel = reader.take("15d")[0]
     _, background, _, outer = reader.take("IfII")
-    origins, masks = [], []
+    origins, masks, tiles = [], [], []
     for _ in range(outer):
         place = np.array(reader.take("3i"))
-        for below in _children(reader, place, OUTER[0], INNER[1]):
-            leaves = _children(reader, below, INNER[0], SIDE)
+        for below in _children(reader, place, OUTER[0], INNER[1], tiles):
+            leaves = _children(reader, below, INNER[0], SIDE, tiles)
             origins.append(leaves)
             masks += [reader.bits(SIDE) for _ in leaves]
     if buffers != reader.at:
@@ -117,12 +123,15 @@ def _grid(reader):
         raise ValueError("its grids end elsewhere")
     shape = (-1, SIDE, SIDE, SIDE)
     read = np.concatenate(origins), values.reshape(shape), active.reshape(shape)
-    return name, Grid(*read, voxel, background)
+    middles, outside = (np.concatenate(parts) for parts in zip(*tiles, strict=True))
+    return name, Grid(*read, middles, outside, voxel, background)
 
 
-def _children(reader, place, side, length):
-    """Return the places of a node's children, of so many voxels along a side."""
+def _children(reader, place, side, length, tiles):
+    """Return the places of a node's children, of so many voxels along a side; keep its tiles."""
     child, _ = reader.bits(side), reader.bits(side)
     reader.sides()
-    reader.bits(side)
+    outside = reader.bits(side)
+    where = np.argwhere(~child.reshape(side, side, side))
+    tiles.append((place + length * where + (length - 1) / 2, outside[~child]))
     return place + length * np.argwhere(child.reshape(side, side, side))

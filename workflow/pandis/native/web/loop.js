@@ -9,7 +9,7 @@ const TARGET = 0, SIZE = 3, STIFFNESS = 4, FRICTION = 5, RADIUS = 6, PROBE = 8, 
 
 let pandis, numbers, running = false, last = 0, told = 0, forces = [];
 const times = new Float32Array(KEPT); // ms per tick, of each batch
-let timed = 0, spent = 0, ticks = 0;
+let timed = 0, spent = 0, ticks = 0, shown = true, posted = false;
 const channel = new MessageChannel();
 
 function array() {
@@ -60,7 +60,7 @@ function tell() {
 }
 
 function step() {
-  if (!running) return;
+  if (!running || !shown) return;
   const now = performance.now();
   let due = Math.floor((now - last) / TICK);
   if (due > 4 * MOST) last = now - MOST * TICK, due = MOST; // the page was asleep
@@ -78,10 +78,20 @@ function step() {
     told = now;
     tell();
   }
+  next();
+}
+
+// Go on as long as there is something to do and to see: at most one message is on its way.
+function next() {
+  if (!running || !shown || posted) return;
+  posted = true;
   channel.port2.postMessage(0);
 }
 
-channel.port1.onmessage = step;
+channel.port1.onmessage = () => {
+  posted = false;
+  step();
+};
 onmessage = async ({ data }) => {
   if (data.wasm) {
     const own = { env: { sin: Math.sin, cos: Math.cos, atan2: Math.atan2 } };
@@ -93,7 +103,11 @@ onmessage = async ({ data }) => {
     timed = spent = ticks = 0;
     last = performance.now();
     postMessage({ opened: data.name, error });
-    if (running) channel.port2.postMessage(0);
+    next();
+  } else if (data.shown !== undefined) {
+    shown = data.shown;
+    last = performance.now();
+    next();
   } else if (pandis && numbers) {
     if (data.target) numbers.set(data.target, TARGET);
     set(data);

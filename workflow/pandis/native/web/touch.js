@@ -193,6 +193,18 @@ function begin(page) {
 
 for (const page of document.querySelectorAll("section.touch")) {
   const folded = page.closest("details");
-  if (folded) folded.addEventListener("toggle", () => begin(page), { once: true });
-  else begin(page);
+  if (!folded) begin(page);
+  else
+    folded.addEventListener("toggle", () => {
+      if (folded.open && !page.touch) begin(page);
+      else if (page.touch) page.touch.worker.postMessage({ shown: folded.open });
+    });
 }
+
+// A link to a part that is folded opens it.
+function unfold() {
+  const folded = document.getElementById(decodeURIComponent(location.hash.slice(1)))?.closest("details");
+  if (folded) folded.open = true;
+}
+addEventListener("hashchange", unfold);
+unfold();
