@@ -172,13 +172,11 @@ typedef struct {
 } pandis__spline;
 
 /* What was collected around points of a spline, for those that come after: the coefficients from a node on, and what
- * pandis__collect has told. Of the coarse and the fine lattice, each as many cells as lie in a cube of eight. What was
- * collected in another round, of which there is one for each field, is not known; the first is 1. */
+ * pandis__collect has told, plus one (0: nothing is known). Of the coarse and the fine lattice, each as many cells as lie
+ * in a cube of eight. */
 typedef struct {
-    int64_t round;
     struct {
-        int64_t round;
-        int first[3], kept;
+        int first[3], known;
         float c[64];
     } cell[2][512];
 } pandis__cells;
@@ -2335,24 +2333,21 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
 PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
                                      double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
-    int first[3], kept;
+    int first[3], known = 0;
     double w[3][4], dw[3][4];
     float room[64], *c = room;
     if (!pandis__place(l->size, l->low, l->per_step, p, first, w, dw)) return 0;
     int at = (first[0] & 7) << 6 | (first[1] & 7) << 3 | (first[2] & 7);
-    if (cells) c = cells->cell[level][at].c;
-    if (cells && cells->cell[level][at].round == cells->round &&
-        !memcmp(cells->cell[level][at].first, first, sizeof first)) {
-        kept = cells->cell[level][at].kept;
-    } else {
-        kept = pandis__collect(s, level, first, c);
-        if (cells) {
-            cells->cell[level][at].round = cells->round, cells->cell[level][at].kept = kept;
-            memcpy(cells->cell[level][at].first, first, sizeof first);
-        }
+    if (cells) {
+        c = cells->cell[level][at].c;
+        if (!memcmp(cells->cell[level][at].first, first, sizeof first)) known = cells->cell[level][at].known;
     }
-    if (kept) pandis__tensor(c, w, dw, value, gradient);
-    return kept;
+    if (!known) {
+        known = pandis__collect(s, level, first, c) + 1;
+        if (cells) memcpy(cells->cell[level][at].first, first, sizeof first), cells->cell[level][at].known = known;
+    }
+    if (known > 1) pandis__tensor(c, w, dw, value, gradient);
+    return known - 1;
 }
 
 /* Where two walls are about equally near a spline rounds the crease between them, which shows in a
@@ -2540,7 +2535,7 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-/* pandis_query_from, and for splines `cells` whose round is of this very field (NULL: none). */
+/* pandis_query_from, and for splines `cells` of this very field, all zero before the first (NULL: none). */
 static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
                                 pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;

@@ -2,8 +2,8 @@
  *
  * While a model is compiled MuJoCo asks with nothing but numbers, and in a simulation with its data and an instance. So
  * files are opened once per process and stay open, and a number names each. What a thread has asked last is kept by
- * thread: MuJoCo wants distance and gradient of one point one after the other, and of points that lie next to each other.
- * Of splines the cells that were asked are kept, too: a step asks thousands of points, most of them in a few hundred. */
+ * thread: MuJoCo wants distance and gradient of one point one after the other, and of points that lie next to each other. With each
+ * state are kept the cells of splines that it has asked: a step asks thousands of points, most of them in a few hundred. */
 #define PANDIS_API static inline
 #define PANDIS_IMPLEMENTATION
 #include "../pandis.h"
@@ -107,6 +107,15 @@ static double scale_of(const char *text) {
 
 /* ---------------------------------------------------------------- answers */
 
+/* Where a file's object lies in the frame of a geom: its scale, and the pose that MuJoCo gives a mesh read from a file,
+ * whose origin it moves to the centre of mass. Of a mesh made of the field itself it is none. */
+typedef struct {
+    const opened *file;
+    double scale, origin[3], turn[9]; /* point of the file = (origin + turn * point of the geom) / scale */
+    int turned, asking;
+    pandis__cells *cells; /* of a spline: what was asked of it before; NULL: none */
+} placed;
+
 /* The last answers of a thread, of as many files. */
 enum { KEPT = 8 };
 static __thread struct {
@@ -115,56 +124,28 @@ static __thread struct {
     int whole; /* the normal is there, too */
     pandis_answer answer;
     pandis_hint hint;
-    pandis__cells *cells; /* of splines; NULL: none was asked yet, or there was no memory */
 } kept[KEPT];
 
-/* What a thread has kept of splines goes when the thread ends. */
-static pthread_key_t ending;
-static int ending_is;
-static pthread_once_t ending_made = PTHREAD_ONCE_INIT;
-
-static void forget(void *unused) {
-    (void)unused;
-    for (int i = 0; i < KEPT; i++) free(kept[i].cells), memset(&kept[i], 0, sizeof kept[i]);
-}
-
-static void make_ending(void) { ending_is = !pthread_key_create(&ending, forget); }
-
-/* Keep answers of another file from now on. */
-static void begin(int at, const opened *file) {
-    pandis__cells *cells = kept[at].cells;
-    memset(&kept[at], 0, sizeof kept[at]);
-    kept[at].file = file, kept[at].cells = cells;
-    if (file->field.kind != PANDIS_SPLINE) return;
-    pthread_once(&ending_made, make_ending);
-    if (!cells && ending_is && !pthread_setspecific(ending, kept)) kept[at].cells = calloc(1, sizeof *cells);
-    if (kept[at].cells) kept[at].cells->round++; /* what is kept of another file counts no more */
-}
-
 /* Answer a point of a file, in its units, if need be with the normal. */
-static const pandis_answer *ask(const opened *file, const double point[3], int whole) {
+static const pandis_answer *ask(placed *p, const double point[3], int whole) {
+    const opened *file = p->file;
     const pandis_field *field = &file->field;
     int at = file->number % KEPT;
     int again = kept[at].file == file && !memcmp(kept[at].point, point, sizeof kept[at].point);
     if (again && (kept[at].whole || !whole)) return &kept[at].answer;
-    if (kept[at].file != file) begin(at, file);
+    if (kept[at].file != file) memset(&kept[at], 0, sizeof kept[at]), kept[at].file = file;
     memcpy(kept[at].point, point, sizeof kept[at].point);
     kept[at].whole = whole || field->kind != PANDIS_NETWORK; /* all others answer both in the same time */
     if (kept[at].whole) {
-        pandis__query_after(field, point, &kept[at].hint, kept[at].cells, &kept[at].answer);
+        /* MuJoCo asks one state by one thread; should it not, the second does without */
+        pandis__cells *cells = p->cells && !__atomic_exchange_n(&p->asking, 1, __ATOMIC_ACQUIRE) ? p->cells : NULL;
+        pandis__query_after(field, point, &kept[at].hint, cells, &kept[at].answer);
+        if (cells) __atomic_store_n(&p->asking, 0, __ATOMIC_RELEASE);
     } else {
         kept[at].answer.flag = pandis_distance(field, point, &kept[at].answer.distance);
     }
     return &kept[at].answer;
 }
-
-/* Where a file's object lies in the frame of a geom: its scale, and the pose that MuJoCo gives a mesh read from a file,
- * whose origin it moves to the centre of mass. Of a mesh made of the field itself it is none. */
-typedef struct {
-    const opened *file;
-    double scale, origin[3], turn[9]; /* point of the file = (origin + turn * point of the geom) / scale */
-    int turned;
-} placed;
 
 static void into_file(const placed *p, const mjtNum at[3], double point[3]) {
     for (int k = 0; k < 3; k++) {
@@ -173,10 +154,10 @@ static void into_file(const placed *p, const mjtNum at[3], double point[3]) {
     }
 }
 
-static mjtNum distance_at(const placed *p, const mjtNum at[3]) {
+static mjtNum distance_at(placed *p, const mjtNum at[3]) {
     double point[3];
     into_file(p, at, point);
-    const pandis_answer *answer = ask(p->file, point, 0);
+    const pandis_answer *answer = ask(p, point, 0);
     return answer->flag == PANDIS_INVALID ? mjMAXVAL : answer->distance * p->scale;
 }
 
@@ -229,6 +210,14 @@ static const char *take_meshes(placed *p, const mjModel *m, int instance) {
     return NULL;
 }
 
+static placed *placed_of(const mjData *d, int instance) { return (placed *)d->plugin_data[instance]; }
+
+/* Room for what a state asks of a spline; without it answers are the same, and later. */
+static void make_room(placed *p) {
+    p->asking = 0;
+    p->cells = p->file->field.kind == PANDIS_SPLINE ? calloc(1, sizeof *p->cells) : NULL;
+}
+
 static int init(const mjModel *m, mjData *d, int instance) {
     const char *path = mujoco.config(m, instance, attributes[FILENAME]), *wrong = NULL;
     placed *made = calloc(1, sizeof *made);
@@ -241,21 +230,22 @@ static int init(const mjModel *m, mjData *d, int instance) {
         free(made);
         return -1;
     }
+    make_room(made);
     d->plugin_data[instance] = (uintptr_t)made;
     return 0;
 }
 
-static const placed *placed_of(const mjData *d, int instance) { return (const placed *)d->plugin_data[instance]; }
-
 static void destroy(mjData *d, int instance) {
-    free((void *)d->plugin_data[instance]);
+    placed *p = placed_of(d, instance);
+    if (p) free(p->cells);
+    free(p);
     d->plugin_data[instance] = 0;
 }
 
 static void copy(mjData *to, const mjModel *m, const mjData *from, int instance) {
     (void)m;
     placed *made = malloc(sizeof *made);
-    if (made) *made = *placed_of(from, instance);
+    if (made) *made = *placed_of(from, instance), make_room(made);
     to->plugin_data[instance] = (uintptr_t)made;
 }
 
@@ -274,10 +264,10 @@ static mjtNum sdf_distance(const mjtNum point[3], const mjData *d, int instance)
 }
 
 static void sdf_gradient(mjtNum gradient[3], const mjtNum at[3], const mjData *d, int instance) {
-    const placed *p = placed_of(d, instance);
+    placed *p = placed_of(d, instance);
     double point[3];
     into_file(p, at, point);
-    const pandis_answer *answer = ask(p->file, point, 1);
+    const pandis_answer *answer = ask(p, point, 1);
     const double *n = answer->normal;
     for (int k = 0; k < 3; k++) {
         gradient[k] = p->turned ? p->turn[k] * n[0] + p->turn[3 + k] * n[1] + p->turn[6 + k] * n[2] : n[k];
@@ -299,7 +289,7 @@ static void sdf_attribute(mjtNum attribute[], const char *name[], const char *va
 
 /* What cannot be opened is a ball while its mesh is made, for MuJoCo ends on an empty box; then `init` refuses it. */
 static mjtNum sdf_staticdistance(const mjtNum at[3], const mjtNum *attribute) {
-    const placed made = {file_of(attribute[FILENAME]), attribute[SCALE], {0}, {0}, 0};
+    placed made = {file_of(attribute[FILENAME]), attribute[SCALE], {0}, {0}, 0, 0, NULL};
     if (made.file && made.scale) return distance_at(&made, at);
     return sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]) - 1;
 }

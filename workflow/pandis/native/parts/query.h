@@ -82,7 +82,7 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-/* pandis_query_from, and for splines `cells` whose round is of this very field (NULL: none). */
+/* pandis_query_from, and for splines `cells` of this very field, all zero before the first (NULL: none). */
 static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
                                 pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;

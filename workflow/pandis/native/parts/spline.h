@@ -61,24 +61,21 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
 PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
                                      double *value, double *gradient) {
     const pandis__layout *l = s->layout + level;
-    int first[3], kept;
+    int first[3], known = 0;
     double w[3][4], dw[3][4];
     float room[64], *c = room;
     if (!pandis__place(l->size, l->low, l->per_step, p, first, w, dw)) return 0;
     int at = (first[0] & 7) << 6 | (first[1] & 7) << 3 | (first[2] & 7);
-    if (cells) c = cells->cell[level][at].c;
-    if (cells && cells->cell[level][at].round == cells->round &&
-        !memcmp(cells->cell[level][at].first, first, sizeof first)) {
-        kept = cells->cell[level][at].kept;
-    } else {
-        kept = pandis__collect(s, level, first, c);
-        if (cells) {
-            cells->cell[level][at].round = cells->round, cells->cell[level][at].kept = kept;
-            memcpy(cells->cell[level][at].first, first, sizeof first);
-        }
+    if (cells) {
+        c = cells->cell[level][at].c;
+        if (!memcmp(cells->cell[level][at].first, first, sizeof first)) known = cells->cell[level][at].known;
     }
-    if (kept) pandis__tensor(c, w, dw, value, gradient);
-    return kept;
+    if (!known) {
+        known = pandis__collect(s, level, first, c) + 1;
+        if (cells) memcpy(cells->cell[level][at].first, first, sizeof first), cells->cell[level][at].known = known;
+    }
+    if (known > 1) pandis__tensor(c, w, dw, value, gradient);
+    return known - 1;
 }
 
 /* Where two walls are about equally near a spline rounds the crease between them, which shows in a

@@ -84,13 +84,11 @@ typedef struct {
 } pandis__spline;
 
 /* What was collected around points of a spline, for those that come after: the coefficients from a node on, and what
- * pandis__collect has told. Of the coarse and the fine lattice, each as many cells as lie in a cube of eight. What was
- * collected in another round, of which there is one for each field, is not known; the first is 1. */
+ * pandis__collect has told, plus one (0: nothing is known). Of the coarse and the fine lattice, each as many cells as lie
+ * in a cube of eight. */
 typedef struct {
-    int64_t round;
     struct {
-        int64_t round;
-        int first[3], kept;
+        int first[3], known;
         float c[64];
     } cell[2][512];
 } pandis__cells;
