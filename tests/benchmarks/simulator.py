@@ -19,8 +19,9 @@ import os
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
+from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,6 +47,7 @@ STEPS, EVERY, POINTS, TIMED, CONTROL = 300, 10, 400, 400, 20
 NATIVE = {f"native-{depth}": depth for depth in (6, 7, 8)}
 OURS = "tricubic-64", "spline-800K", "spline-3200K", "compact-16", "exact"
 FEWER = "native-7", "native-8", "exact"
+SHARED = {}
 COLUMNS = (
     *("scene", "field", "shallow", "contact_mn", "step_us", "step_p99_us", "steps_in_contact"),
     *("starts", "tunnelled", "overlap", "overlap_p99", "rise", "rise_p99", "over_start"),
@@ -318,10 +320,15 @@ def followed(model, scene, seed):
     return deep[deep > 0], deep.max() > scene.thinnest, rise, over, touched
 
 
+def _follow(seed):
+    return SHARED["follow"](seed)
+
+
 def simulated(model, scene, starts):
     """Return the columns of random starts."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        runs = list(pool.map(lambda seed: followed(model, scene, seed), range(starts)))
+    SHARED["follow"] = partial(followed, model, scene)  # reaches processes by their fork
+    with get_context("fork").Pool() as pool:
+        runs = pool.map(_follow, range(starts), chunksize=1)
     deep = 1e3 * np.concatenate([run[0] for run in runs])
     _, through, rise, over, touched = (np.array(column) for column in zip(*(
         (0, *run[1:]) for run in runs), strict=True))  # fmt: skip
