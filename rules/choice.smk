@@ -1,7 +1,7 @@
 rule choose:
     input:
         mesh="<results>/{mesh}/mesh.zarr.zip",
-        times=plan.query_times,
+        times=local(plan.query_times),
     output:
         "<results>/{mesh}/choice.zarr.zip",
     log:

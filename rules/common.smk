@@ -4,7 +4,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 try:
-    from pandis.run import ending
+    from pandis.run import cluster, ending, stored
 except ModuleNotFoundError as error:
     if error.name != "pandis":
         raise
@@ -12,17 +12,29 @@ except ModuleNotFoundError as error:
         "the library pandis lies beside its Snakefile, and this one was fetched without it: clone "
         "the repository (git submodule add) and name the Snakefile of the clone by its path"
     ) from None
+from pandis.errors import PandisError
 from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
 from pandis.run.plan import open_plan
 
 # the library of this file's own repository: another workflow may have taken it in as a module
 root = Path(workflow.current_basedir).parent / "workflow"
-plan = open_plan(config, root, workflow.configfiles, workflow.is_main_process)
+# an object store that results go to, as `s3://bucket`, or nothing
+store = workflow.storage_settings.default_storage_prefix
+stored.tell_copies(workflow.storage_settings)
+plan = open_plan(config, root, workflow.configfiles, store, workflow.is_main_process)
 
 
 # <results> in every rule: `results:` in the configuration
 pathvars:
     results=plan.folder,
+
+
+def listen_to_cluster(running):
+    """See `pandis.run.cluster`; its fault ends the run in plain words."""
+    try:
+        cluster.listen(running)
+    except PandisError as error:
+        raise WorkflowError(str(error)) from None
 
 
 # What a rule claims that must not be disturbed. Not `workflow.cores`: that raises where no

@@ -22,7 +22,7 @@ rule fetch:
 
 rule mesh:
     input:
-        plan.source,
+        local(plan.source),
     output:
         "<results>/{mesh}/mesh.zarr.zip",
     log:

@@ -56,6 +56,31 @@ rule report:
         "../scripts/report.py"
 
 
+rule collection:
+    input:
+        plan.report_artifacts(),
+    output:
+        "<results>/collection.html",
+        "<results>/collection.csv",
+    log:
+        "<results>/logs/collection.log",
+    benchmark:
+        "<results>/benchmarks/collection.jsonl"
+    conda:
+        "../workflow/envs/report.yaml"
+    threads: 4
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        options=plan.options("collection"),
+        code=plan.code("collection"),
+    message:
+        "all meshes: put the collection into one table"
+    script:
+        "../scripts/collection.py"
+
+
 rule verify:
     log:
         "<results>/logs/verify.log",

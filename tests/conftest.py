@@ -10,7 +10,7 @@ from jaxtyping import install_import_hook
 
 PACKAGE = Path(__file__).parents[1] / "workflow/pandis"
 #: Rooms whose functions Warp compiles from their source: nothing may be wrapped around them.
-COMPILED = ("warp",)
+COMPILED = ("warp", "cuda")
 
 #: What an array's shape may be stands in signatures: here every call is checked.
 install_import_hook(

@@ -12,7 +12,7 @@ from support import ROOT, edit
 STAGES = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
 #: Stages that ask pandis.h.
 ANSWER = {"calibrate", "choose", "evaluate", "export_native", "export_page", "report", "scene"}
-ANSWER |= {"export_mjcf", "export_newton", "export_vdb"}
+ANSWER |= {"collection", "export_mjcf", "export_newton", "export_vdb"}
 ANSWER |= {"stress", "timing", "validate", "verify"}
 
 

@@ -52,7 +52,7 @@ def test_plan_and_script_name_the_same_model():
         # what Snakemake carries, as the script gets it back
         assert type(task)(**made.options(output.stage)(output.wildcards)) == task
         seen.add(output.stage)
-    for stage in ("summary", "report", "verify", "calibrate"):
+    for stage in ("summary", "report", "collection", "verify", "calibrate"):
         assert type(made.stage_options(stage)) is script_model(stage)
         seen.add(stage)
     others = {"fetch", "refuse", "scene"}  # of other configurations

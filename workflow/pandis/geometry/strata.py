@@ -74,6 +74,10 @@ class Strata:
         seed = law.pop("seed")
         return cls(body.surface, body.distance, SampleOptions(**law), seed)
 
+    def asking(self, engine):
+        """Return these strata with labels from another engine."""
+        return Strata(self.surface, engine, self.options, self.seed)
+
     def columns(self):
         """Return how every array is declared to `pandis.run.artifact.ArtifactWriter`."""
         return {

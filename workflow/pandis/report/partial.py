@@ -5,10 +5,12 @@ that a run has failed, loads no numerics.
 """
 
 import json
+import os
 import sys
 from pathlib import Path
 
 from pandis.errors import PandisError
+from pandis.report import collection
 from pandis.report.page import build, mesh_sections
 from pandis.report.seal import seal
 from pandis.report.tables import summarise, to_csv
@@ -46,17 +48,34 @@ def write_partial(plan):
             good.append(mesh)
     if not good or not refused:
         return refused
-    fields = {mesh: plan.entries[mesh].fields for mesh in good}
-    meshes = {mesh: (plan.report_artifacts(mesh), fields[mesh]) for mesh in good}
-    sections = mesh_sections(meshes, 1, silent_progress, lambda path, digest: None)
+    table, page = (_collection if plan.until else _report)(plan, good, refused)
     why = {"stage": "partial", "wildcards": {}, "options": {"refused": refused}}
-    columns = ([read_artifact(f"{plan.folder}/{mesh}/{stem}.zarr.zip") for mesh in good]
-               for stem in _STEMS)  # fmt: skip
     # the note first: where it is, the others are no results
     write_atomically(partial_note(plan), (json.dumps(refused, indent=2) + "\n").encode())
-    write_atomically(plan.summary, to_csv(summarise(*columns), refused).encode())
-    write_atomically(plan.report, seal(build(sections, refused).encode(), why, ".html"))
+    write_atomically(plan.summary, table.encode())
+    write_atomically(plan.report, seal(page.encode(), why, ".html"))
     return refused
+
+
+def _report(plan, good, refused):
+    """Return the summary and the report of these meshes as texts."""
+    fields = {mesh: plan.entries[mesh].fields for mesh in good}
+    meshes = {mesh: (plan.report_artifacts(mesh), fields[mesh]) for mesh in good}
+    sections = mesh_sections(meshes, 1, silent_progress, _forget)
+    columns = ([read_artifact(f"{plan.folder}/{mesh}/{stem}.zarr.zip") for mesh in good]
+               for stem in _STEMS)  # fmt: skip
+    return to_csv(summarise(*columns), refused), build(sections, refused)
+
+
+def _collection(plan, good, refused):
+    """Return table and page of a collection of these meshes as texts."""
+    meshes = {mesh: plan.report_artifacts(mesh) for mesh in good}
+    rows = collection.collect(meshes, os.cpu_count(), silent_progress, _forget)
+    return collection.to_csv(rows, refused), collection.build(rows, refused)
+
+
+def _forget(path, digest):
+    """Take note of no input: a partial report is no result."""
 
 
 def was_stopped(plan, since):

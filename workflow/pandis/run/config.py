@@ -7,7 +7,7 @@ tables of ``config/README.md`` are generated from them (``make docs``).
 These modules run at every planning of the workflow and import neither torch nor trimesh.
 """
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, WithJsonSchema, field_validator, model_validator
 
@@ -207,6 +207,11 @@ class Config(StageOptions):
         "give every configuration its own, and none rebuilds the other's meshes",
     )
 
+    until: Literal["exports"] | None = Field(
+        None,
+        description="`exports`: make nothing beyond the exported files, and one table of all "
+        "meshes instead of the report: for a collection of many. null: everything",
+    )
     meshes: Annotated[dict[MeshName, MeshEntry], Field(min_length=1)] = Field(
         description="name: {source: …, and any option above that differs for this mesh}"
     )

@@ -9,6 +9,8 @@ from pathlib import Path
 
 def farewell(plan):
     """Return what a successful run prints at its end."""
+    if plan.store:
+        return f"\nThe results are in {plan.store.rstrip('/')}/{plan.folder}/"
     if plan.scenes:
         return f"\nThe scenes are in  {plan.folder}/scenes/"
     if not Path(plan.report).is_file() or Path(plan.report).stat().st_mtime < plan.start:
@@ -22,9 +24,10 @@ def farewell(plan):
 
 def condolence(plan):
     """Return what a failed run prints at its end."""
+    where = f"{plan.store.rstrip('/')}/{plan.folder}" if plan.store else plan.folder
     return (
         "\nA job failed or was stopped; its message is above, after 'error:' or in a traceback.\n"
-        f"All logs are in    {plan.folder}/logs/\n"
+        f"All logs are in    {where}/logs/\n"
         "Other meshes went on. Fix the cause and run the same command again: only what is "
         "missing or stale will run."
     )
@@ -52,8 +55,11 @@ def partial_report(plan, workflow):
     Parameters
     ----------
     workflow : snakemake.workflow.Workflow
-        Whose run has failed; only if it would have made the report, and nobody stopped it.
+        Whose run has failed; only if it would have made the report, nobody stopped it, and the
+        results lie in files.
     """
+    if plan.store:
+        return
     final = [job for job in workflow.dag.jobs if {plan.report, plan.summary} & {*job.output}]
     if not any(plan.report in job.output for job in final):
         return

@@ -19,7 +19,7 @@ from pandis.run.ending import forget_partial_report
 from pandis.run.outputs import distance_fields, field_holders, field_specs
 from pandis.run.placing import load_scenes, needed, scene_task
 from pandis.run.provenance import CodeDigests, unused_modules
-from pandis.run.reading import check_yaml, load_config, results_folder
+from pandis.run.reading import check_yaml, last_target, load_config, results_folder
 from pandis.run.recipes import budgeted
 from pandis.run.sourcing import ANALYTIC, SHIPPED, SourceDigests, source_fault, url_extension
 from pandis.run.stages import STAGES, PlannedJob
@@ -27,8 +27,16 @@ from pandis.run.tasks import CalibrateTask, RefuseTask, SummaryTask, VerifyTask
 
 #: Named targets: the stages' own, and that of scenes.
 TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
+#: What `until: exports` leaves out: whatever measures, stresses and times fields.
+JUDGING = ("evaluations", "hardware")
 DEFAULT_CONFIG = "config/config.yaml"
 QUERY_TIMES = "config/query-times.csv"
+#: Where Snakemake keeps what it knows about the results of this working directory.
+RECORDS = Path(".snakemake/metadata")
+UNKNOWN = (
+    "note: this folder has no record of what the results in {} were asked; they are taken as they "
+    "are (docs/cluster.md)"
+)
 
 
 class Output(NamedTuple):
@@ -39,13 +47,13 @@ class Output(NamedTuple):
     wildcards: dict
 
 
-def open_plan(config, root, files, aloud=True):
+def open_plan(config, root, files, store, aloud=True):
     """Return the plan, or end the process with the configuration's faults in plain words.
 
     With ``aloud`` it says which meshes are refused, and why: they keep no other from running.
     """
     try:
-        plan = Plan(config, root, files)
+        plan = Plan(config, root, files, store)
     except PandisError as error:
         # Snakemake would print a traceback of its own around the message
         print(f"error: {error}", file=sys.stderr)
@@ -54,6 +62,8 @@ def open_plan(config, root, files, aloud=True):
         for mesh, why in plan.refused.items():
             print(f"refused: {mesh}: {why}", file=sys.stderr)
         forget_partial_report(plan)
+        if plan.store and not (RECORDS.is_dir() and any(RECORDS.iterdir())):
+            print(UNKNOWN.format(plan.store), file=sys.stderr)
     return plan
 
 
@@ -68,6 +78,8 @@ class Plan:
         Folder of the Snakefile and of the package ``pandis``.
     files : iterable of path-like
         The configuration files, to be checked for doubled keys.
+    store : str
+        The object store that the folder of results lies in; empty for files.
 
     Raises
     ------
@@ -75,7 +87,7 @@ class Plan:
         The configuration has faults; all are listed.
     """
 
-    def __init__(self, config, root, files=()):
+    def __init__(self, config, root, files=(), store=""):
         self.config = config
         # as a user would write them: relative where they lie below the working directory
         self.files = [os.path.relpath(path) for path in files]
@@ -83,6 +95,8 @@ class Plan:
             check_yaml(path)
         #: Where everything lies that a run makes.
         self.folder = results_folder(config)
+        #: The named target that it ends with, if not with everything.
+        self.until = last_target(config)
         #: Meshes that cannot be built, and why: their own job says so, and ends the run with 1.
         self.refused = {}
         self.entries = self._buildable(load_config(config, self.refused))
@@ -92,6 +106,7 @@ class Plan:
         self.digests = CodeDigests(root)
         self.sources = SourceDigests()
         self._options, self._codes = {}, {}
+        self.store = store
         #: When planning began, seconds since the epoch.
         self.start = time.time()
 
@@ -112,17 +127,18 @@ class Plan:
     @property
     def summary(self):
         """Path of the table of the whole run."""
-        return f"{self.folder}/summary.csv"
+        return f"{self.folder}/{'collection' if self.until else 'summary'}.csv"
 
     @property
     def report(self):
         """Path of the page of the whole run."""
-        return f"{self.folder}/report.html"
+        return f"{self.folder}/{'collection' if self.until else 'report'}.html"
 
     @property
     def final(self):
         """The outputs that all meshes share."""
-        return Output(self.summary, "summary", {}), Output(self.report, "report", {})
+        makers = ("collection", "collection") if self.until else ("summary", "report")
+        return Output(self.summary, makers[0], {}), Output(self.report, makers[1], {})
 
     @property
     def query_times(self):
@@ -187,6 +203,8 @@ class Plan:
     def everything(self):
         """Return every output of this configuration: with scenes, what they need alone."""
         every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
+        if self.until:
+            every = [o for o in every if STAGES[o.stage].target not in JUDGING]
         if not self.scenes:
             return [*every, *self.refusals(), *self.final]
         return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
@@ -284,9 +302,14 @@ class Plan:
         return [f"{self.folder}/{wildcards.mesh}/export/{s.name}.pt2" for s in specs if wanted]
 
     def report_artifacts(self, only=None):
-        """Return everything that the report reads, of all meshes or of one."""
+        """Return everything that the report, or a collection's table, reads: all, or one mesh's."""
         paths = []
         for mesh in [only] if only else self.entries:
+            if self.until:
+                native = (spec.name for spec in self.specs(mesh) if spec.native)
+                paths += [f"{self.folder}/{mesh}/mesh.zarr.zip"]
+                paths += [f"{self.folder}/{mesh}/export/{name}.pandis" for name in native]
+                continue
             stems = ["mesh", "trajectory", "evaluation", "stress", "timing", "hardware"]
             stems += [spec.artifact for spec in self.held(mesh)]
             if any(spec.kind == "network" for spec in self.held(mesh)):
@@ -329,7 +352,7 @@ class Plan:
     def stage_options(self, stage, mesh=None, **wildcards):
         """Return what one stage of one mesh is asked, and nothing else: see `pandis.run.tasks`."""
         if stage == "verify":
-            return VerifyTask(configfiles=self.files)
+            return VerifyTask(configfiles=self.files, store=self.store)
         if stage == "calibrate":
             return CalibrateTask(table=QUERY_TIMES)
         if stage == "scene":

@@ -27,6 +27,7 @@ _DATA, _SOURCES = {".html", ".css", ".js"}, {".c", ".cpp"}
 #: Packages that are installed under another name than they are imported by.
 DISTRIBUTIONS = {
     "igl": "libigl", "mujoco": "mujoco-core", "yaml": "PyYAML", "skimage": "scikit-image",
+    "warp": "warp-lang",
 }  # fmt: skip
 #: What does nothing to a result: ourselves, who are digested, and what only names shapes.
 _NOTHING = {"pandis", "snakemake", "jaxtyping", ""}
@@ -55,13 +56,15 @@ _MODELS = tuple(f"pandis.run.{name}" for name in ("options", "recipes", "tasks",
 def unused_modules(options):
     """Return the modules that a stage imports but, with these options, never runs.
 
-    Of the two losses the other one's; and those of methods that none of its fields is of.
+    Of the two losses the other one's; labels from a GPU where a CPU trains; and those of methods
+    that none of its fields is of.
     """
     trained = options.get("recipe", {})
     losses = [m for loss, m in _LOSSES.items() if trained.get("loss", loss) != loss]
     names = tuple(_field_names(options))
     methods = [m for m, start in _METHODS.items() if not any(n.startswith(start) for n in names)]
-    return (*losses, *methods)
+    on_cpu = trained.get("device") == "cpu"
+    return (*losses, *methods, *(["pandis.training.labels"] if on_cpu else []))
 
 
 def _field_names(options):

@@ -84,6 +84,22 @@ def results_folder(raw):
     return folder
 
 
+def last_target(raw):
+    """Return the named target that a configuration ends with; None: everything is made.
+
+    Raises
+    ------
+    PandisError
+        It is no target that one may end with, or there are scenes besides.
+    """
+    until = raw.get("until")
+    if until not in (None, "exports"):
+        raise_faults({"until": f"expected exports, or nothing (given: {until!r})"})
+    if until and raw.get("scenes"):
+        raise_faults({"until": "scenes build what they need and no more: leave it out"})
+    return until
+
+
 def load_config(raw, refused=None):
     """Validate a configuration and merge each mesh's overrides.
 
@@ -106,7 +122,7 @@ def load_config(raw, refused=None):
         Lists every fault at once, each with its dotted path.
     """
     raw = _read_numbers(raw)
-    apart = ("meshes", "scenes", "results", "pathvars")
+    apart = ("meshes", "scenes", "results", "until", "pathvars")
     top = {key: value for key, value in raw.items() if key not in apart}
     meshes = raw.get("meshes")
     faults = stage_faults(StageOptions, top)

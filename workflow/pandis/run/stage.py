@@ -2,7 +2,7 @@
 
 Every script is ``with stage(snakemake, Task) as job:``, with the model of what it is
 asked, around a few calls of the library. What is written to the job's log also appears
-on the terminal, except tracebacks: Snakemake prints the log of a failed job itself.
+on the terminal, except errors: Snakemake prints the log of a failed job itself, if it is a file.
 """
 
 import hashlib
@@ -27,6 +27,7 @@ from pandis.run.artifact import (
 from pandis.run.limits import limited
 from pandis.run.provenance import CodeDigests, combine, provenance, unused_modules
 from pandis.run.sourcing import source_digest, source_files
+from pandis.run.stored import is_copy, original
 
 PROGRESS_SECONDS = 5.0
 CHANGED = "the code was changed after this run was planned; run the same command again"
@@ -56,7 +57,8 @@ def stage(snakemake, task):
     Notes
     -----
     A `PandisError` ends the process with its message alone, any other
-    exception with its traceback; both go to the stage's log.
+    exception with its traceback; both go to the stage's log, which Snakemake shows unless it goes
+    to an object store.
     """
     job = Job(snakemake, task)
     signal.signal(signal.SIGTERM, _interrupt)
@@ -69,7 +71,7 @@ def stage(snakemake, task):
         with limited(job.stage, *limits, lambda text: job.log(f"error: {text}"), job.stream):
             yield job
     except PandisError as error:
-        job.log(f"error: {error}", terminal=False)
+        job.log(f"error: {error}", terminal=is_copy(snakemake.log[0]))
         job.close()
         sys.exit(1)
     except KeyboardInterrupt:
@@ -77,7 +79,7 @@ def stage(snakemake, task):
         job.close()
         sys.exit(1)
     except BaseException:
-        job.log(traceback.format_exc(), terminal=False)
+        job.log(traceback.format_exc(), terminal=is_copy(snakemake.log[0]))
         job.close()
         # the traceback stands in the log, and Snakemake shows that: not twice
         sys.exit(1)
@@ -176,7 +178,7 @@ class Job:
 
     def note_digest(self, path, digest):
         """Remember an input by the digest that it was read with."""
-        self._inputs[working_path(path)] = digest
+        self._inputs[original(path)] = digest
 
     def note_file(self, path):
         """Remember an input that is a plain file, by its SHA-256."""
@@ -239,12 +241,6 @@ class Job:
     def progress(self, what, total, unit="points"):
         """Return a `Progress` that reports through this job's log."""
         return Progress(self.log, what, total, unit)
-
-
-def working_path(path):
-    """Return ``path`` relative to the working directory where it lies below it."""
-    relative = os.path.relpath(path)
-    return relative if not relative.startswith("..") else str(path)
 
 
 class Progress:

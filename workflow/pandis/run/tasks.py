@@ -244,6 +244,7 @@ class CalibrateTask(Options):
 
 
 class VerifyTask(Options):
-    """Check the whole chain of results against these files."""
+    """Check the whole chain of results against these files, if no object store has the results."""
 
     configfiles: list[str]
+    store: str = ""

@@ -21,6 +21,15 @@ from pandis.run.provenance import unused_modules
 from pandis.run.sourcing import source_digest, source_files, source_path, url_extension
 
 
+def demand_files(store):
+    """Raise if the results lie in an object store: what is checked is files."""
+    if store:
+        raise PandisError(
+            f"verify reads files, and these results are in {store}: fetch its folder of results, "
+            "say with `aws s3 sync`, and run verify without the options of the storage"
+        )
+
+
 def verify(plan, log):
     """Check every output of a plan.
 
@@ -109,6 +118,8 @@ class Checker:
             return str(error).removeprefix(f"{path}: ").split(";")[0]
         if output.stage == "summary":
             return self._summary(path)
+        if output.stage == "collection" and path.suffix == ".csv":
+            return self._collection(path)
         if stored is None:
             return self._companion(path)
         return self._stale(output, stored)
@@ -160,6 +171,14 @@ class Checker:
             return "its input, an artifact that it sums up, is missing or damaged"
         same = _without_builds(path.read_bytes()) == _without_builds(text.encode())
         return None if same else "differs from the artifacts it sums up"
+
+    def _collection(self, path):
+        """Return what is wrong with collection.csv: the page beside it vouches for it."""
+        try:
+            wanted = read_seal(path.with_suffix(".html")).get("table")
+        except (PandisError, OSError):
+            return "its input, the page beside it, is missing or damaged"
+        return None if file_digest(path) == wanted else "differs from the page beside it"
 
     def _companion(self, path):
         """Return what is wrong with a file for people: it repeats its artifact's attributes."""

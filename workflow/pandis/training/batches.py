@@ -11,7 +11,7 @@ from pandis.streams import BOX, ORDER, generator
 #: Points drawn at once, to be shown once.
 FRESH = 1 << 18
 #: Blocks that are made while a GPU uses one: it is faster than any one of them is made.
-AHEAD = 4
+AHEAD = 8
 
 
 class Batches:

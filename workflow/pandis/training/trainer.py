@@ -23,6 +23,7 @@ from pandis.training.batches import (
 )
 from pandis.training.exact_loss import exact_loss
 from pandis.training.interrupts import noted
+from pandis.training.labels import on_device
 from pandis.training.network import Siren, named_arrays, usual_omega
 from pandis.training.optimiser import Optimiser
 from pandis.training.paper_loss import paper_loss
@@ -72,19 +73,18 @@ class Trainer:
         self.name, self.options, self.log = task.name, options, log
         self.checkpoint = Path(checkpoint)
         self.device = self._pick_device(options.device)
-        self.paper = options.loss == "paper"
-        self.own_gradient = options.direction == "gradient"
+        self.paper, self.own_gradient = options.loss == "paper", options.direction == "gradient"
         batch = options.batch
         self.base = fit_base(strata.engine, options.base) if options.base else None
         if self.paper:
-            places = (
-                vertex_points(strata.surface, strata.engine)
-                if options.points == "vertices"
-                else area_points(samples)
-            )
+            if options.points == "vertices":
+                places = vertex_points(strata.surface, strata.engine)
+            else:
+                places = area_points(samples)
             self.batches = surface_batches(places, self.base, batch, seed, self.device)
         else:
-            self.batches = fresh_batches(strata, self.base, batch, seed, self.device)
+            engine = on_device(strata.engine, self.device, log)
+            self.batches = fresh_batches(strata.asking(engine), self.base, batch, seed, self.device)
         low, high = SamplesRecord.of(samples).strata["held-out"]
         columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
         self.held_out = self._rows_of(*columns)

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from pandis.native.cuda.feet import Foot, inner_foot, rim_foot
 from pandis.native.warp.data import HALF, ROOM, Answer, Field
 from pandis.native.warp.nearest import (
     NONE,
@@ -28,76 +29,11 @@ CLOSE = wp.constant(wp.float64(1e-9))
 WAITING = wp.constant(ROOM)
 
 
-@wp.struct
-class Foot:
-    """The way from the closest point of a face, and on which corner or edge that lies (or -1)."""
-
-    offset: wp.vec3d
-    corner: wp.int32
-    edge: wp.int32
-
-
 @wp.func
 def corner_at(field: Field, b: Block, place: wp.int32, corner: wp.int32) -> wp.vec3d:
     steps = corner_steps(field.packed, b, corner_number(field, b, place, corner))
     at = b.origin + steps
     return wp.vec3d(wp.float64(at[0]), wp.float64(at[1]), wp.float64(at[2]))
-
-
-@wp.func
-def inner_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
-    """Return the foot inside of a face; edge 0 and corner 0 tell that there is none."""
-    foot = Foot()
-    u, v, x = b - a, c - a, p - a
-    n = wp.cross(u, v)
-    det = wp.dot(n, n)
-    if not (det > ZERO):
-        return foot
-    uu, uv, vv = wp.dot(u, u), wp.dot(u, v), wp.dot(v, v)
-    s, r, rest = wp.float64(0.0), wp.float64(0.0), x
-    for _ in range(2):  # the second round mends needles
-        du, dv = wp.dot(u, rest), wp.dot(v, rest)
-        s += (vv * du - uv * dv) / det
-        r += (uu * dv - uv * du) / det
-        rest = x - s * u - r * v
-    if s > ZERO and r > ZERO and s + r < ONE:
-        foot.offset = wp.dot(n, x) / det * n
-        foot.corner = -1
-        foot.edge = -1
-    return foot
-
-
-@wp.func
-def rim_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
-    """Return the foot on the edges of a face."""
-    foot = Foot()
-    best = wp.float64(wp.inf)
-    for k in range(3):
-        start, end = a, b
-        if k == 1:
-            start, end = b, c
-        elif k == 2:
-            start, end = c, a
-        u, x = end - start, p - start
-        length, t = wp.dot(u, u), wp.float64(0.0)
-        if length > ZERO:
-            t = wp.clamp(wp.dot(u, x) / length, ZERO, ONE)
-        offset = x - t * u
-        if t > wp.float64(0.5):  # from the nearer end, where less is cancelled
-            offset = (p - end) + (ONE - t) * u
-        squared = wp.dot(offset, offset)
-        if squared < best:
-            best = squared
-            foot.offset = offset
-            foot.corner = -1
-            foot.edge = -1
-            if t == ZERO:
-                foot.corner = k
-            elif t == ONE:
-                foot.corner = (k + 1) % 3
-            else:
-                foot.edge = k
-    return foot
 
 
 @wp.func

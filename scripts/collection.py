@@ -1,0 +1,23 @@
+"""Put a collection of meshes into one table. Writes results/collection.html and collection.csv."""
+
+import hashlib
+from pathlib import Path
+
+from pandis.report.collection import build, collect, to_csv
+from pandis.report.seal import seal
+from pandis.run.stage import stage
+from pandis.run.tasks import SummaryTask
+
+with stage(snakemake, SummaryTask) as job:
+    folder = Path(job.output[0]).parent
+    meshes = {mesh: [] for mesh in job.options.fields}
+    for path in job.input:
+        meshes[Path(path).relative_to(folder).parts[0]].append(path)
+    rows = collect(meshes, job.threads, job.progress, job.note_digest)
+    table = to_csv(rows).encode()
+    # the page vouches for the table beside it
+    why = job.provenance() | {"table": hashlib.sha256(table).hexdigest()}
+    job.write_file(seal(build(rows).encode(), why, ".html"))
+    job.write_file(table, 1)
+    # what an earlier run had to leave out is in now
+    Path(job.output[0]).with_name("refused.json").unlink(missing_ok=True)

@@ -1,0 +1,204 @@
+"""Results in an object store: moto's server, behind a door that can be shut."""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from types import SimpleNamespace
+
+import pytest
+import yaml
+from node import free_ports
+
+from pandis.run import stored
+from pandis.run.ending import farewell
+from shapes import box
+from support import ROOT, copy_workflow, environment, snakemake, snakemake_command
+
+STORE = ("--profile", "workflow/profiles/s3", "--default-storage-prefix", "s3://pandis")
+CONFIG = ("--configfile", "config/small.yaml")
+SMALL = {
+    "fields": ["exact", "pandis-exact"],
+    "train": {"pandis-exact": {"width": 16, "depth": 2, "steps": 60, "batch": 256}},
+    "samples": dict.fromkeys(("surface", "offsets", "shallow", "penetration"), 5000),
+    "evaluation": {"probes": 2000},
+    "stress": {"ticks": 5000, "loops": 2},
+    "timing": {"queries": 100, "cold": 2},
+    "hardware": {"seconds": 0.3, "loaded_seconds": 0.1},
+    "meshes": {"box": {"source": "box.obj"}},  # a file of the folder, not of the store
+}
+
+
+class Door:
+    """A port through which the store is reached, while it is open."""
+
+    def __init__(self, behind):
+        self.behind, self.port = behind, free_ports(1)[0]
+        self._links, self._door = [], None
+
+    def open(self):
+        self._door = socket.create_server(("127.0.0.1", self.port))
+        threading.Thread(target=self._welcome, args=(self._door,), daemon=True).start()
+
+    def shut(self):
+        """Let nobody in any more, and cut off who is inside."""
+        for one in (self._door, *self._links):
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+            one.close()
+        self._links = []
+
+    def _welcome(self, door):
+        with suppress(OSError):
+            while True:
+                guest, store = door.accept()[0], socket.create_connection(self.behind)
+                self._links += [guest, store]
+                for one, other in ((guest, store), (store, guest)):
+                    threading.Thread(target=self._pass_on, args=(one, other), daemon=True).start()
+
+    @staticmethod
+    def _pass_on(one, other):
+        with suppress(OSError):
+            while got := one.recv(1 << 16):
+                other.sendall(got)
+            other.shutdown(socket.SHUT_WR)
+
+
+@pytest.fixture
+def store():
+    """Return a door to an empty store, and the environment in which Snakemake finds it."""
+    pytest.importorskip("moto", reason="no moto: pip install -r tests/cluster/requirements.txt")
+    pytest.importorskip("snakemake_storage_plugin_s3", reason="no storage plugin for S3")
+    port = free_ports(1)[0]
+    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    door = Door(("127.0.0.1", port))
+    names = {"ENDPOINT_URL": f"http://127.0.0.1:{door.port}", "ACCESS_KEY": "a", "SECRET_KEY": "b"}
+    end = time.monotonic() + 60
+    while server.poll() is None and time.monotonic() < end:
+        with suppress(OSError):
+            socket.create_connection(("127.0.0.1", port)).close()
+            break
+        time.sleep(0.1)
+    door.open()
+    yield door, {f"SNAKEMAKE_STORAGE_S3_{name}": value for name, value in names.items()}
+    door.shut()
+    server.kill()
+    server.wait()
+
+
+def copied(folder):
+    copy_workflow(ROOT, folder)
+    (folder / "config/small.yaml").write_text(yaml.safe_dump(SMALL))
+    box((20, 10, 10), 5).export(folder / "box.obj")
+    return folder
+
+
+def fetched(names, folder):
+    """Bring the store's results into a folder, as `aws s3 sync` does."""
+    import boto3
+
+    bucket = boto3.resource(
+        "s3", endpoint_url=names["SNAKEMAKE_STORAGE_S3_ENDPOINT_URL"], region_name="us-east-1",
+        aws_access_key_id="a", aws_secret_access_key="b",
+    ).Bucket("pandis")  # fmt: skip
+    for thing in bucket.objects.all():
+        path = folder / thing.key
+        path.parent.mkdir(parents=True, exist_ok=True)
+        bucket.download_file(thing.key, str(path))
+
+
+@pytest.mark.full
+def test_a_second_folder_has_nothing_to_do(store, tmp_path):
+    """And what the store holds is whole, and belongs to the configuration."""
+    _, names = store
+    first, second = copied(tmp_path / "first"), copied(tmp_path / "second")
+    done = snakemake(first, *STORE, "-j2", *CONFIG, "--", "all", **names)
+    assert done.returncode == 0, done.stdout
+    assert "The results are in s3://pandis/results/" in done.stdout
+    assert not (first / "results").exists()
+    done = snakemake(second, *STORE, "-j2", *CONFIG, "--", "all", **names)
+    assert done.returncode == 0, done.stdout
+    assert "Nothing to be done" in done.stdout
+    assert "no record of what the results in s3://pandis were asked" in done.stdout
+    done = snakemake(second, *STORE, "-j2", *CONFIG, "--", "verify", **names)
+    assert done.returncode != 0
+    assert "verify reads files, and these results are in s3://pandis" in done.stdout
+    fetched(names, second)
+    done = snakemake(second, "-j2", *CONFIG, "--", "verify")
+    assert done.returncode == 0, done.stdout
+    path = second / "results/box/export/exact.pandis"
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    assert snakemake(second, "-j2", *CONFIG, "--", "verify").returncode != 0
+
+
+@pytest.mark.full
+def test_a_store_that_goes_away_for_half_a_minute_is_waited_for(store, tmp_path):
+    door, names = store
+    folder = copied(tmp_path / "run")
+    command = snakemake_command(*STORE, "-j2", *CONFIG, "--", "all")
+    log = tmp_path / "log"
+    with log.open("w") as stream:
+        run = subprocess.Popen(command, cwd=folder, stdout=stream, stderr=stream,
+                               env=environment(**names))  # fmt: skip
+        try:
+            while "Finished jobid" not in log.read_text() and run.poll() is None:
+                time.sleep(0.1)
+            door.shut()
+            time.sleep(30)
+            door.open()
+            assert run.wait(900) == 0, log.read_text()
+        finally:
+            run.kill()
+    fetched(names, folder)
+    done = snakemake(folder, "-j2", *CONFIG, "--", "verify")
+    assert done.returncode == 0, done.stdout
+
+
+def test_what_a_run_says_names_the_store():
+    class Plan:
+        store, folder, scenes, report = "s3://bucket/", "results", {}, "results/report.html"
+
+    assert farewell(Plan) == "\nThe results are in s3://bucket/results/"
+
+
+def test_shut_doors_let_nobody_in():
+    """Else the store would never have been away."""
+    server = socket.create_server(("127.0.0.1", 0))
+    door = Door(server.getsockname())
+    door.open()
+    guest = socket.create_connection(("127.0.0.1", door.port))
+    host = server.accept()[0]
+    guest.sendall(b"in")
+    assert host.recv(2) == b"in"
+    door.shut()
+    assert guest.recv(2) == b""
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", door.port))
+    door.open()
+    again = socket.create_connection(("127.0.0.1", door.port))
+    door.shut()
+    for one in (guest, host, again, server):
+        one.close()
+
+
+def test_results_name_their_inputs_without_the_store(tmp_path, monkeypatch):
+    """The same bytes with a store and without: a bucket may be called as the results are."""
+    monkeypatch.chdir(tmp_path)
+    copies = ".snakemake/storage/s3/results/some/where"
+    monkeypatch.delenv(stored.COPIES, raising=False)
+    assert stored.original("results/box/mesh.zarr.zip") == "results/box/mesh.zarr.zip"
+    assert not stored.is_copy(f"{copies}/results/box/mesh.zarr.zip")
+    settings = SimpleNamespace(
+        default_storage_prefix="s3://results/some/where/", local_storage_prefix=".snakemake/storage"
+    )
+    stored.tell_copies(settings)
+    assert os.environ[stored.COPIES] == copies
+    monkeypatch.setenv(stored.COPIES, copies)  # so that it is taken back
+    assert stored.original(f"{copies}/results/box/mesh.zarr.zip") == "results/box/mesh.zarr.zip"
+    assert stored.original(tmp_path / copies / "results/a") == "results/a"
+    assert stored.original("meshes/box.obj") == "meshes/box.obj"
+    assert stored.original("/elsewhere/box.obj") == "/elsewhere/box.obj"

@@ -1,0 +1,100 @@
+"""A configuration that ends with its exports: one table of many meshes."""
+
+import csv
+
+import pytest
+import yaml
+
+from browser import Browser
+from pandis.errors import PandisError
+from pandis.report.collection import COLUMNS, build
+from pandis.run.plan import Plan
+from support import ROOT, copy_workflow, plan, snakemake
+
+CONFIG = "config/many.yaml"
+MANY = {
+    "until": "exports",
+    "fields": ["exact", "compact-16"],
+    "meshes": {"sphere": {"source": "analytic:sphere"}, "dot": {"source": "dot.obj"}},
+}
+
+
+def planned(**changes):
+    return Plan({"meshes": {"a": {"source": "analytic:torus"}}} | changes, ROOT / "workflow")
+
+
+def test_nothing_beyond_exports_is_planned():
+    whole, short = planned(), planned(until="exports")
+    left_out = {o.stage for o in whole.everything()} - {o.stage for o in short.everything()}
+    assert left_out == {"trajectory", "evaluate", "stress", "timing", "validate", "summary",
+                        "report"}  # fmt: skip
+    assert [output.path for output in short.everything()][-2:] == [
+        "results/collection.csv", "results/collection.html",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"until": "export"}, "until: expected exports, or nothing \\(given: 'export'\\)"),
+        ({"until": "exports", "scenes": {"s": {"objects": {"o": {"mesh": "a", "field": "exact"}}}}},
+         "until: scenes build what they need"),
+    ],
+)  # fmt: skip
+def test_other_ends_are_refused(changes, said):
+    with pytest.raises(PandisError, match=said):
+        planned(**changes)
+
+
+def rows_of(folder):
+    text = (folder / "results/collection.csv").read_text(encoding="utf-8")
+    return [*csv.DictReader(text.splitlines())]
+
+
+def test_every_mesh_is_accounted_for(tmp_path):
+    """What fails stands in the table with its reason; once it is mended, the table is a result."""
+    folder = copy_workflow(ROOT, tmp_path / "run")
+    (folder / CONFIG).write_text(yaml.safe_dump(MANY))
+    (folder / "dot.obj").write_text("v 0 0 0\n")
+    done = snakemake(folder, "-j2", "all", "--configfile", CONFIG)
+    assert done.returncode != 0
+    assert "left out, with the reason: dot" in done.stdout
+    rows = rows_of(folder)
+    assert [(row["mesh"], row["file"]) for row in rows] == [
+        ("dot", ""), ("sphere", "exact.pandis"), ("sphere", "compact-16.pandis"),
+    ]  # fmt: skip
+    assert "no reader finds a usable mesh" in rows[0]["refused"]
+    page = (folder / "results/collection.html").read_text(encoding="utf-8")
+    assert rows[0]["refused"].split(" (")[0] in page
+    (folder / CONFIG).write_text(
+        yaml.safe_dump(MANY | {"meshes": {"sphere": MANY["meshes"]["sphere"]}})
+    )
+    assert plan(folder, CONFIG) == {("collection", None)}
+    done = snakemake(folder, "-j2", "all", "--configfile", CONFIG)
+    assert done.returncode == 0, done.stdout
+    assert "refused" not in rows_of(folder)[0]
+    assert snakemake(folder, "-j2", "verify", "--configfile", CONFIG).returncode == 0
+    table = folder / "results/collection.csv"
+    table.write_text(table.read_text().replace("6896", "6897"))
+    done = snakemake(folder, "-j2", "verify", "--configfile", CONFIG)
+    assert done.returncode != 0
+    assert "results/collection.csv  differs from the page beside it" in done.stdout
+
+
+def test_rows_are_found_by_what_they_say(tmp_path):
+    """Of hundreds of rows, in a browser; what a source is called is no markup."""
+    names = [f"m{number:03}" for number in range(300)]
+    rows = [dict.fromkeys(COLUMNS, 1) | {"mesh": name, "source": "<b>a & b</b>", "bytes": 10,
+            "moved_percent": 0.25, "picture": ""} for name in names]  # fmt: skip
+    (tmp_path / "page.html").write_text(build(rows, {"x": "<i>no</i> faces"}), encoding="utf-8")
+    shown = "[...document.querySelectorAll('#meshes tbody tr')].filter((r) => !r.hidden).length"
+    with Browser(tmp_path) as browser:
+        browser.open(tmp_path / "page.html")
+        assert browser.value(shown) == 300
+        browser.value("(() => { find.value = 'M29'; find.dispatchEvent(new Event('input')); })()")
+        assert browser.value(shown) == 10
+        assert browser.value("document.querySelector('#meshes td:nth-child(3)').textContent") == (
+            "<b>a & b</b>"
+        )
+        assert browser.value("document.querySelectorAll('i').length") == 0
+        assert browser.said == []

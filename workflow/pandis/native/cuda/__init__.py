@@ -1,0 +1,1 @@
+"""Exact distances on a GPU, for labels by the million. Needs Warp."""

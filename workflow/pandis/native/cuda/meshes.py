@@ -1,0 +1,203 @@
+"""Exact distances to meshes in Warp, for labels by the million: parts/mesh.h in double precision.
+
+The tree is that of `pandis.native.bvh`, whose boxes are rounded outward. Every face of a leaf is
+asked for its closest point in double precision, so that distances differ from the tree's own by
+rounding alone.
+"""
+
+import threading
+
+import numpy as np
+import warp as wp
+
+from pandis.native.bvh import LEAF_BYTES, NODE_BYTES
+from pandis.native.cuda.feet import ONE, ZERO, Foot, inner_foot, rim_foot
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+#: Boxes and leaves that may wait: seven for each of the forty levels from which on a tree halves.
+_ROOM = wp.constant(448)
+_WORDS = NODE_BYTES // 4
+_PLACES = LEAF_BYTES // 4
+
+
+@wp.struct
+class Tree:
+    """A mesh and the tree over its faces: boxes (n, 48), children (n, 8), leaves' faces (l, 8)."""
+
+    boxes: wp.array2d(dtype=wp.float32)
+    children: wp.array2d(dtype=wp.int32)
+    leaves: wp.array2d(dtype=wp.int32)
+    vertices: wp.array(dtype=wp.vec3d)
+    vertex_normals: wp.array(dtype=wp.vec3d)
+    faces: wp.array(dtype=wp.vec3i)
+    neighbours: wp.array(dtype=wp.vec3i)
+    reach: wp.float64
+
+
+@wp.struct
+class Nearest:
+    """The nearest face so far, its foot, and the squared distance."""
+
+    face: wp.int32
+    squared: wp.float64
+    foot: Foot
+
+
+@wp.func
+def face_foot(tree: Tree, face: wp.int32, p: wp.vec3d) -> Foot:
+    """Return the way from the closest point of a face, and what that lies on."""
+    c = tree.faces[face]
+    a, b, d = tree.vertices[c[0]], tree.vertices[c[1]], tree.vertices[c[2]]
+    foot = inner_foot(a, b, d, p)
+    if foot.corner == 0 and foot.edge == 0:
+        foot = rim_foot(a, b, d, p)
+    return foot
+
+
+@wp.func
+def face_normal(tree: Tree, face: wp.int32) -> wp.vec3d:
+    """Return the unit normal of a face; zero if it has no area."""
+    c = tree.faces[face]
+    a = tree.vertices[c[0]]
+    return wp.normalize(wp.cross(tree.vertices[c[1]] - a, tree.vertices[c[2]] - a))
+
+
+@wp.func
+def pseudonormal(tree: Tree, face: wp.int32, foot: Foot) -> wp.vec3d:
+    """Return the angle-weighted normal of what a foot lies on."""
+    if foot.corner >= 0:
+        n = tree.vertex_normals[tree.faces[face][foot.corner]]
+        if wp.dot(n, n) > ZERO:
+            return n
+    n = face_normal(tree, face)
+    if foot.edge >= 0:
+        other = tree.neighbours[face][foot.edge]
+        if other >= 0:
+            n = wp.normalize(n + face_normal(tree, other))
+    if not (wp.dot(n, n) > ZERO):
+        n = wp.vec3d(ZERO, ZERO, ONE)
+    return n
+
+
+@wp.func
+def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3d) -> wp.float64:
+    """Return the squared distance to a child's box: infinite where there is no child."""
+    sum = wp.float64(0.0)
+    for k in range(3):
+        low = wp.float64(tree.boxes[node, 8 * k + place])
+        high = wp.float64(tree.boxes[node, 24 + 8 * k + place])
+        off = wp.max(wp.max(low - p[k], p[k] - high), ZERO)
+        sum += off * off
+    return sum
+
+
+@wp.func
+def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
+    """Return the nearest face; of equally near ones that with the least number."""
+    waiting = wp.zeros(shape=_ROOM, dtype=wp.int32)
+    keys = wp.zeros(shape=_ROOM, dtype=wp.float64)
+    best = Nearest()
+    best.face = 2147483647
+    best.squared = wp.float64(wp.inf)
+    top, eight = int(1), int(8)
+    while top > 0:
+        top -= 1
+        child = waiting[top]
+        if keys[top] <= best.squared:
+            if child < 0:
+                for i in range(eight):
+                    face = tree.leaves[~child, i]
+                    if face >= 0:
+                        foot = face_foot(tree, face, p)
+                        squared = wp.dot(foot.offset, foot.offset)
+                        if squared < best.squared or (squared == best.squared and face < best.face):
+                            best.face = face
+                            best.squared = squared
+                            best.foot = foot
+            else:
+                first = top
+                for i in range(eight):  # sorted as they come, so that the nearest is last
+                    squared = box_squared(tree, child, i, p)
+                    if squared <= best.squared and squared < wp.float64(wp.inf):
+                        at = top
+                        while at > first and keys[wp.max(at - 1, 0)] < squared:
+                            waiting[at] = waiting[at - 1]
+                            keys[at] = keys[at - 1]
+                            at -= 1
+                        waiting[at] = tree.children[child, i]
+                        keys[at] = squared
+                        top += 1
+    return best
+
+
+@wp.kernel
+def label(
+    tree: Tree,
+    points: wp.array(dtype=wp.vec3d),
+    on_surface: wp.float64,
+    distances: wp.array(dtype=wp.float64),
+    normals: wp.array(dtype=wp.vec3d),
+):
+    """Answer signed distances and directions, as `pandis.native.bvh.Bvh.label` does."""
+    i = wp.tid()
+    p = points[i]
+    best = nearest_face(tree, p)
+    n = pseudonormal(tree, best.face, best.foot)
+    distance, sign = wp.length(best.foot.offset), wp.float64(1.0)
+    within = wp.max(wp.max(wp.abs(p[0]), wp.abs(p[1])), wp.abs(p[2])) <= tree.reach
+    if within and wp.dot(best.foot.offset, n) < ZERO:
+        sign = wp.float64(-1.0)
+    distances[i] = sign * distance
+    if distance > on_surface:
+        n = sign * (best.foot.offset / distance)
+    normals[i] = n
+
+
+class MeshLabels:
+    """A mesh on a device of Warp, asked for labels; from several threads, one after the other.
+
+    Parameters
+    ----------
+    parts : dict of str to bytes
+        Of the tree: `pandis.native.bvh.Bvh.parts`.
+    reach : float
+        The largest coordinate.
+    device : optional
+        Of Warp; by default its own choice.
+    """
+
+    def __init__(self, parts, reach, device=None):
+        self.device = wp.get_device(device)
+        nodes = np.frombuffer(parts["TREE"], "<f4").reshape(-1, _WORDS)
+        leaves = np.frombuffer(parts["LEAF"], "<i4").reshape(-1, _PLACES)
+        tree = Tree()
+        tree.boxes = self._there(nodes[:, :48], wp.float32)
+        tree.children = self._there(nodes[:, 48:].view("<i4"), wp.int32)
+        tree.leaves = self._there(leaves[:, 36:44], wp.int32)
+        for name, part, kind, dtype in (
+            ("vertices", "VERT", "<f8", wp.vec3d),
+            ("vertex_normals", "VNRM", "<f8", wp.vec3d),
+            ("faces", "FACE", "<i4", wp.vec3i),
+            ("neighbours", "NEIG", "<i4", wp.vec3i),
+        ):
+            values = np.frombuffer(parts[part], kind).reshape(-1, 3)
+            setattr(tree, name, self._there(values, dtype))
+        tree.reach = reach
+        self._tree, self._lock = tree, threading.Lock()
+
+    def _there(self, values, dtype):
+        return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
+
+    def label(self, points, on_surface):
+        """Return distances (n,) and directions (n, 3), float64, at finite points (n, 3).
+
+        Up to the distance ``on_surface`` the direction is the pseudonormal.
+        """
+        with self._lock:
+            asked = self._there(np.asarray(points, np.float64), wp.vec3d)
+            distances = wp.empty(len(asked), dtype=wp.float64, device=self.device)
+            normals = wp.empty(len(asked), dtype=wp.vec3d, device=self.device)
+            given = [self._tree, asked, wp.float64(on_surface)]
+            wp.launch(label, len(asked), given, [distances, normals], device=self.device)
+            return distances.numpy(), normals.numpy()
