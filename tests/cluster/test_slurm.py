@@ -150,9 +150,9 @@ CONFIG = "Configuration data\nMinJobAge               = {} sec\n"
 
 def test_the_controller_is_asked_if_it_remembers_and_accounts_otherwise(tmp_path, monkeypatch):
     answering(tmp_path, monkeypatch, sacct="1|COMPLETED", scontrol=CONFIG.format(300))
-    assert cluster.status_command() == "squeue"
+    assert cluster.status_command() == ("squeue", 300)
     answering(tmp_path, monkeypatch, sacct="1|COMPLETED", scontrol=CONFIG.format(60))
-    assert cluster.status_command() == "sacct"
+    assert cluster.status_command() == ("sacct", 60)
     answering(tmp_path, monkeypatch, sacct="", scontrol=CONFIG.format(60))
     with pytest.raises(PandisError, match="60 s after its end"):
         cluster.status_command()

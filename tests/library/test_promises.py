@@ -136,11 +136,9 @@ def test_there_are_sixty_combinations():
     assert WANTED * len(SMOOTH) + len(BUDGETS) * len(THIN) >= 60
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("workshop")
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[] if n == "torus" else pytest.mark.full) for n in SMOOTH],
-)
+@pytest.mark.parametrize("name", SMOOTH)
 def test_promises_are_kept_where_the_exact_field_does_not_fit(name, tmp_path):
     made, listed = every(name, tmp_path)
     exact, held = shape(name).engine.tree_bytes, []

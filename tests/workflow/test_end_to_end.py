@@ -396,6 +396,7 @@ def test_open_mesh_with_two_networks_gives_the_same_bytes(workspace, tmp_path):
     assert mesh.attributes["after"]["volume"] == pytest.approx(2.8)
 
 
+@pytest.mark.full
 def test_report_tells_boxes_seeds_and_trainings_apart(workspace):
     """The paper's tables, for a mesh that is called as one of its own; two paths, two seeds."""
     config = yaml.safe_load((workspace / "config/fast.yaml").read_text())

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import sys
 
 from pandis.errors import PandisError
 
@@ -10,15 +11,17 @@ LONGEST_PAUSE = 200
 
 
 def status_command():
-    """Return the command that tells how the jobs of this cluster end.
+    """Return the command that tells how the jobs of this cluster end, and `MinJobAge`.
 
     Returns
     -------
-    str
+    command : str
         ``squeue`` where it still knows a job long enough after its end (`MinJobAge`), with an
         accounting database or without. Otherwise ``sacct``, if there is a database: of a job that
         somebody cancels it says "CANCELLED by" whom, which Snakemake's plugin 2.8.0 takes for a
         job that runs.
+    age : int
+        Seconds.
 
     Raises
     ------
@@ -30,10 +33,10 @@ def status_command():
     if age is None:
         raise PandisError("no Slurm cluster answers here: `scontrol show config` fails")
     if int(age[1]) >= LONGEST_PAUSE:
-        return "squeue"
+        return "squeue", int(age[1])
     accounts = _ask("sacct", "--noheader", "--allocations", "--starttime=now")
     if accounts.returncode == 0:
-        return "sacct"
+        return "sacct", int(age[1])
     said = accounts.stderr.strip().splitlines()
     raise PandisError(
         f"nothing here tells Snakemake that a job has ended: squeue forgets a job {age[1]} s after "
@@ -50,7 +53,10 @@ def listen(workflow):
     """
     plugin = workflow.executor_plugin
     if plugin is not None and plugin.name == "slurm":
-        workflow.executor_settings.status_command = status_command()
+        workflow.executor_settings.status_command, age = status_command()
+        # It asks for the age each time. While the controller is away it gets no answer, takes that
+        # for a short memory, and turns to `sacct` for good.
+        sys.modules["snakemake_executor_plugin_slurm"].get_min_job_age = lambda: age
 
 
 def _ask(*command):
