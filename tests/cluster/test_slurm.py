@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import signal
 import subprocess
 import time
 from pathlib import Path
@@ -86,7 +85,7 @@ def test_a_cancelled_job_a_killed_daemon_and_a_new_controller_are_survived(
             second = running(grid, run, {first})
             grid.restart("slurmd")  # steps go on, as Slurm's do
             third = running(grid, run, {first, second})
-            grid.stop("slurmctld", signal.SIGKILL)
+            grid.stop("slurmctld")
             time.sleep(20)  # for as long nobody answers: Snakemake's questions fail
             grid.start("slurmctld")
             assert run.wait(900) == 0, (tmp_path / "log").read_text()
