@@ -28,6 +28,7 @@ REPAIR = ROOT / "docs" / "repair.md"
 BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
+CLUSTER = ROOT / "docs" / "cluster.md"
 STALENESS = ROOT / "docs" / "staleness.md"
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 FLOORS = ROOT / "docs" / "floors.yaml"
@@ -189,6 +190,7 @@ def generated():
             touched=tables.touched_table(),
             servo=tables.servo_table(),
         ),
+        CLUSTER: with_generated(CLUSTER, cluster=tables.cluster_table()),
         STALENESS: with_generated(STALENESS, staleness=stale_table()),
         ARCHITECTURE: with_generated(ARCHITECTURE, floors=floor_table()),
         TRAINING: with_generated(

@@ -348,6 +348,18 @@ def simulator_table():
     return _noted(table, notes)
 
 
+def cluster_table():
+    """Return the table of what rules ask a cluster for, and what they use."""
+    notes, rows = _figures("cluster")
+    table = ["| rule | jobs | cores | memory asked for, most used (MB) | time asked for (min), "
+             "longest (s) |", "|---|--:|--:|--:|--:|"]  # fmt: skip
+    for row in rows:
+        memory = f"{int(row['mem_mb']):,}, {float(row['max_mb']):,.0f}"
+        times = f"{row['runtime_min']}, {float(row['max_s']):.0f}"
+        table.append(_row([f"`{row['rule']}`", row["jobs"], row["threads"], memory, times]))
+    return _noted(table, notes)
+
+
 def bridge_table():
     """Return the table of stiffnesses of objects that MuJoCo moves."""
     notes, rows = _figures("bridge")

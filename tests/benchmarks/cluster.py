@@ -74,7 +74,7 @@ def main(folder, config="config/config.yaml"):
     print(f"here: {local:.0f} s", flush=True)
     with tempfile.TemporaryDirectory(prefix="slurm") as at, Cluster(at, database=True) as cluster:
         slurm = timed(there, *PROFILE, *asked, "--", "all", env=cluster.environment)
-        jobs = len(cluster.ask("squeue", "--states=all", "--noheader").splitlines())
+        jobs = len(cluster.ask("sacct", "--allocations", "--noheader").splitlines())
     print(f"Slurm: {slurm:.0f} s, {jobs} jobs; overhead {100 * (slurm - local) / slurm:.0f} %")
     one, other = results(here), results(there)
     differ = [n for n in one if n not in other or one[n].read_bytes() != other[n].read_bytes()]

@@ -137,15 +137,21 @@ class Strata:
         ndarray, shape (about size, 7), float32
             Points, distances, normals; unit frame.
         """
-        parts, trained = [], self.count - self.options.held_out
+        drawn, trained = {}, self.count - self.options.held_out
         for index, (name, (low, high)) in enumerate(self.ranges.items()):
             count = round(size * (high - low) / trained)
             if name != "held-out" and count:
                 rng = generator(self.seed, len(STRATA) + index, block)
-                labelled = self._label(index, *self._draw(name, rng, 0, count, count), ties=False)
-                columns = [labelled[k] for k in ("points", "distance", "normal")]
-                parts.append(np.column_stack(columns).astype(np.float32))
-        return np.concatenate(parts)
+                drawn[name] = self._draw(name, rng, 0, count, count)
+        # all at once: a GPU is slow at a few
+        points = np.concatenate([of[0] for of in drawn.values()]).astype(np.float32)
+        labels = self.engine.label(points.astype(np.float64), ties=False)
+        rows = np.column_stack([points, labels.distance, labels.normal]).astype(np.float32)
+        if "surface" in drawn:  # the first of all
+            _, _, face, barycentrics = drawn["surface"]
+            rows[: len(face), 3] = 0
+            rows[: len(face), 4:] = self.surface.at(face, barycentrics)[1]
+        return rows
 
     def _draw(self, stratum, rng, start, size, total):
         """Return points, offsets along the normal, faces and barycentrics."""
@@ -171,9 +177,9 @@ class Strata:
             offset = -(options.depth ** (1 - offset)) * _way(points, -normals) ** offset
         return points + offset[:, None] * normals, offset, face, barycentrics
 
-    def _label(self, index, points, offset, face, barycentrics, ties=True):
+    def _label(self, index, points, offset, face, barycentrics):
         points = points.astype(np.float32)
-        labels = self.engine.label(points.astype(np.float64), ties=ties)
+        labels = self.engine.label(points.astype(np.float64))
         distance, normal = labels.distance, labels.normal
         if STRATA[index] == "surface":
             # on the surface by construction, except for the rounding of their coordinates

@@ -11,7 +11,7 @@ from pandis.streams import BOX, ORDER, generator
 #: Points drawn at once, to be shown once.
 FRESH = 1 << 18
 #: Blocks that are made while a GPU uses one: it is faster than any one of them is made.
-AHEAD = 8
+AHEAD = 5
 
 
 class Batches:
@@ -45,9 +45,10 @@ class Batches:
     def _load(self, number):
         if self._pool is None:
             return torch.from_numpy(self._make(number))
-        wanted = range(number, number + 1 + AHEAD)
-        self._ahead = {k: self._ahead.get(k) or self._pool.submit(self._make, k) for k in wanted}
-        rows = self._ahead.pop(number).result()
+        kept, following = self._ahead, range(number + 1, number + 1 + AHEAD)
+        # alone at first: of many that are begun at once none is ready soon
+        rows = kept[number].result() if number in kept else self._make(number)
+        self._ahead = {k: kept.get(k) or self._pool.submit(self._make, k) for k in following}
         return torch.from_numpy(rows).pin_memory().to(self.device, non_blocking=True)
 
 

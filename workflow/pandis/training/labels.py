@@ -1,6 +1,9 @@
 """Labels of training points on the GPU that trains: else its steps wait for the host's cores."""
 
+from contextlib import contextmanager
+
 import numpy as np
+import torch
 
 from pandis.geometry.distance import SURFACE_DISTANCE, MeshDistance
 from pandis.native.bvh import Labels
@@ -57,3 +60,19 @@ def on_device(engine, device, log):
     except (ImportError, RuntimeError) as error:
         log(f"labels come from the host's cores, and the GPU may wait for them: {error}")
         return engine
+
+
+@contextmanager
+def own_stream(device):
+    """Let what follows run on a stream of its own, if it is to run on a GPU's default one.
+
+    Labels, which are made on another, would wait there for all steps that wait to be taken.
+    """
+    if device != "cuda" or torch.cuda.current_stream() != torch.cuda.default_stream():
+        yield
+        return
+    stream = torch.cuda.Stream()
+    stream.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(stream):
+        yield
+    torch.cuda.current_stream().wait_stream(stream)

@@ -10,7 +10,7 @@ import math
 import torch
 
 from pandis.native import waves
-from pandis.training.products import product
+from pandis.training.products import product, subtract_products, transposed
 
 
 def usual_omega(width):
@@ -90,12 +90,13 @@ class _Pass(torch.autograd.Function):
     @staticmethod
     def forward(ctx, points, omega, with_gradient, *parameters):
         count = len(parameters) // 2
-        weights = [omega * w for w in parameters[: count - 1]] + [parameters[count - 1]]
-        biases = parameters[count:]
+        hidden = count - 1
+        scaled = torch._foreach_mul([*parameters[:hidden], *parameters[count:-1]], omega)
+        weights, biases = [*scaled[:hidden], parameters[hidden]], [*scaled[hidden:], parameters[-1]]
         h = points.T.contiguous()
         inputs, slopes, chains = [h], [], []
         for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
-            h, slope = _sines(product(weight, h), omega * bias)
+            h, slope = _sines(product(weight, h), bias)
             slopes.append(slope)
             inputs.append(h)
         output = product(weights[-1], h).add_(biases[-1][:, None])
@@ -106,7 +107,7 @@ class _Pass(torch.autograd.Function):
             for weight, slope in zip(reversed(weights[:-1]), reversed(slopes), strict=True):
                 chained = chain * slope
                 chains.append((chain, chained))
-                chain = product(weight.T.contiguous(), chained)
+                chain = product(transposed(weight), chained)
             gradient = chain.T
         ctx.saved = omega, weights, inputs, slopes, chains[::-1]
         return output.T, gradient
@@ -130,15 +131,14 @@ class _Pass(torch.autograd.Function):
                 to_slopes[index] = along * chain
                 along *= slopes[index]
             to_weights[-1][0] += along.sum(1)
-        back = product(last.T.contiguous(), to_output)
+        back = product(transposed(last), to_output)
         for index in reversed(range(count - 1)):
             back *= slopes[index]
             if to_slopes[index] is not None:
-                back -= to_slopes[index].mul_(inputs[index + 1])  # the slope is a cosine
-            more = product(back, inputs[index].T)
-            to_weights[index] = more if to_weights[index] is None else to_weights[index] + more
-            to_biases[index] = back.sum(1) * omega
-            to_weights[index] *= omega
+                subtract_products(back, to_slopes[index], inputs[index + 1])  # of a cosine
+            to_weights[index] = product(back, inputs[index].T, to_weights[index])
+            to_biases[index] = back.sum(1)
             if index:
-                back = product(weights[index].T.contiguous(), back)
+                back = product(transposed(weights[index]), back)
+        torch._foreach_mul_([*to_weights[:-1], *to_biases[:-1]], omega)
         return None, None, None, *to_weights, *to_biases

@@ -12,13 +12,31 @@ import torch
 _ONEDNN = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_linear_pointwise")
 
 
-def product(a, b):
-    """Return a @ b of matrices (m, k) and (k, n), or of stacks (s, m, k) and (s, k, n) of them."""
+def product(a, b, more=None):
+    """Return a @ b of matrices (m, k) and (k, n), or of stacks (s, m, k) and (s, k, n) of them.
+
+    With ``more`` (m, n), of matrices, that is added.
+    """
+    if more is not None:
+        return torch.addmm(more, a, b) if a.is_cuda else more + product(a, b)
     if a.dim() == 3 and a.device.type == "cpu":
         return torch.stack([product(x, y) for x, y in zip(a, b, strict=True)])
     if _ONEDNN and a.dtype == torch.float32 and a.device.type == "cpu":
         return torch.ops.mkldnn._linear_pointwise(a, b.T, None, "none", [], "")
     return a @ b
+
+
+def transposed(matrix):
+    """Return a matrix's transpose, as a product takes it fastest: on a GPU it is no copy."""
+    return matrix.T if matrix.is_cuda else matrix.T.contiguous()
+
+
+def subtract_products(values, a, b):
+    """Subtract from values the products of a, which is used up, and b, element by element."""
+    if values.is_cuda:
+        values.addcmul_(a, b, value=-1)
+    else:
+        values -= a.mul_(b)
 
 
 def keep_freed_memory():

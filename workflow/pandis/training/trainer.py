@@ -23,7 +23,7 @@ from pandis.training.batches import (
 )
 from pandis.training.exact_loss import exact_loss
 from pandis.training.interrupts import noted
-from pandis.training.labels import on_device
+from pandis.training.labels import on_device, own_stream
 from pandis.training.network import Siren, named_arrays, usual_omega
 from pandis.training.optimiser import Optimiser
 from pandis.training.paper_loss import paper_loss
@@ -217,7 +217,7 @@ class Trainer:
         report = progress("training", steps or seconds, "steps" if steps else "seconds")
         self._resume()
         report.resume(self.step if steps else self.elapsed)
-        with noted() as interrupted:
+        with noted() as interrupted, own_stream(self.device):
             note = self._until(steps, seconds, report, interrupted)
         result = self._result()
         self.log(f"{self.step} steps in {self.elapsed:.1f} s on {self.device}; {note}")

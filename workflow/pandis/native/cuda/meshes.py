@@ -185,6 +185,8 @@ class MeshLabels:
             setattr(tree, name, self._there(values, dtype))
         tree.reach = reach
         self._tree, self._lock = tree, threading.Lock()
+        # before steps of a training, which are many and small
+        self._stream = wp.Stream(self.device, priority=-1) if self.device.is_cuda else None
 
     def _there(self, values, dtype):
         return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
@@ -194,7 +196,7 @@ class MeshLabels:
 
         Up to the distance ``on_surface`` the direction is the pseudonormal.
         """
-        with self._lock:
+        with self._lock, wp.ScopedStream(self._stream):
             asked = self._there(np.asarray(points, np.float64), wp.vec3d)
             distances = wp.empty(len(asked), dtype=wp.float64, device=self.device)
             normals = wp.empty(len(asked), dtype=wp.vec3d, device=self.device)
