@@ -12,7 +12,6 @@ except ModuleNotFoundError as error:
         "the library pandis lies beside its Snakefile, and this one was fetched without it: clone "
         "the repository (git submodule add) and name the Snakefile of the clone by its path"
     ) from None
-from pandis.errors import PandisError
 from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
 from pandis.run.plan import open_plan
 
@@ -27,14 +26,6 @@ plan = open_plan(config, root, workflow.configfiles, store, workflow.is_main_pro
 # <results> in every rule: `results:` in the configuration
 pathvars:
     results=plan.folder,
-
-
-def listen_to_cluster(running):
-    """See `pandis.run.cluster`; its fault ends the run in plain words."""
-    try:
-        cluster.listen(running)
-    except PandisError as error:
-        raise WorkflowError(str(error)) from None
 
 
 # What a rule claims that must not be disturbed. Not `workflow.cores`: that raises where no

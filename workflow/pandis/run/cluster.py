@@ -53,7 +53,12 @@ def listen(workflow):
     """
     plugin = workflow.executor_plugin
     if plugin is not None and plugin.name == "slurm":
-        workflow.executor_settings.status_command, age = status_command()
+        try:
+            workflow.executor_settings.status_command, age = status_command()
+        except PandisError as error:
+            # Snakemake would print a traceback around it
+            print(f"error: {error}", file=sys.stderr)
+            raise SystemExit(1) from None
         # It asks for the age each time. While the controller is away it gets no answer, takes that
         # for a short memory, and turns to `sacct` for good.
         sys.modules["snakemake_executor_plugin_slurm"].get_min_job_age = lambda: age
