@@ -169,6 +169,7 @@ SMALL = {
 SHEET = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n"
 
 
+@pytest.mark.full
 def test_a_refused_mesh_costs_itself_alone_and_a_complete_run_makes_the_report_anew(workspace):
     write_obj(workspace / "good.obj", *box_mesh())
     (workspace / "sheet.obj").write_text(SHEET)

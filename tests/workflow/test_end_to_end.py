@@ -101,6 +101,7 @@ def test_second_run_has_nothing_to_do(rerun):
     assert snakemake(rerun, "-j2", *FAST).stdout.count("Nothing to be done") == 1  # the default
 
 
+@pytest.mark.full
 def test_same_bytes_on_one_core(finished, tmp_path):
     """Another folder, no results, -j1 instead of -j2: every artifact and export is the same."""
     folder = copy_workflow(finished, tmp_path / "again")

@@ -80,6 +80,7 @@ def test_kill_in_a_first_run_again_and_again(workspace, finished):
     assert results(workspace) == results(finished)
 
 
+@pytest.mark.full
 def test_failure_after_an_option_change_leaves_nothing_stale(rerun):
     """The hole in Snakemake's records: a failed job counts as run with the new options."""
     # a spiral is for a sphere, and not for the torus
