@@ -22,13 +22,12 @@ sys.path.insert(0, str(ROOT / "tests"))
 sys.path.insert(0, str(ROOT / "tests/cluster"))
 
 from node import Cluster
+from small import differing, results
 
 from support import copy_workflow
 
 COLUMNS = ("rule", "jobs", "threads", "mem_mb", "max_mb", "runtime_min", "max_s")
 PROFILE = ("--profile", "workflow/profiles/slurm")
-#: What holds durations, or is made from what does.
-MEASURED = {"timing.zarr.zip", "hardware.zarr.zip", "hardware.json", "report.html", "summary.csv"}
 
 
 def timed(folder, *arguments, **extra):
@@ -40,13 +39,6 @@ def timed(folder, *arguments, **extra):
     if done.returncode:
         raise SystemExit(f"failed: {folder / 'log'}")
     return time.monotonic() - start
-
-
-def results(folder):
-    """Return the results that reproduce, by their names."""
-    return {str(path.relative_to(folder)): path for path in (folder / "results").rglob("*")
-            if path.is_file() and path.name not in MEASURED
-            and not {"logs", "benchmarks"} & {*path.parts}}  # fmt: skip
 
 
 def used(folder):
@@ -76,9 +68,8 @@ def main(folder, config="config/config.yaml"):
         slurm = timed(there, *PROFILE, *asked, "--", "all", env=cluster.environment)
         jobs = len(cluster.ask("sacct", "--allocations", "--noheader").splitlines())
     print(f"Slurm: {slurm:.0f} s, {jobs} jobs; overhead {100 * (slurm - local) / slurm:.0f} %")
-    one, other = results(here), results(there)
-    differ = [n for n in one if n not in other or one[n].read_bytes() != other[n].read_bytes()]
-    print(f"{len(one)} results, of which differ: {differ}")
+    differ = differing(here, there)
+    print(f"{len(results(here))} results, of which differ: {differ}")
     write("cluster", COLUMNS, used(there))
     shutil.rmtree(folder)
 

@@ -10,26 +10,17 @@ from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
-import yaml
 from node import free_ports
+from small import CONFIG, copied
 
 from pandis.run import stored
 from pandis.run.ending import farewell
 from shapes import box
-from support import ROOT, copy_workflow, environment, snakemake, snakemake_command
+from support import environment, snakemake, snakemake_command
 
 STORE = ("--profile", "workflow/profiles/s3", "--default-storage-prefix", "s3://pandis")
-CONFIG = ("--configfile", "config/small.yaml")
-SMALL = {
-    "fields": ["exact", "pandis-exact"],
-    "train": {"pandis-exact": {"width": 16, "depth": 2, "steps": 60, "batch": 256}},
-    "samples": dict.fromkeys(("surface", "offsets", "shallow", "penetration"), 5000),
-    "evaluation": {"probes": 2000},
-    "stress": {"ticks": 5000, "loops": 2},
-    "timing": {"queries": 100, "cold": 2},
-    "hardware": {"seconds": 0.3, "loaded_seconds": 0.1},
-    "meshes": {"box": {"source": "box.obj"}},  # a file of the folder, not of the store
-}
+#: The mesh is a file of the folder, and not of the store.
+BOX = ["exact", "pandis-exact"], {"box": {"source": "box.obj"}}
 
 
 class Door:
@@ -90,9 +81,9 @@ def store():
     server.wait()
 
 
-def copied(folder):
-    copy_workflow(ROOT, folder)
-    (folder / "config/small.yaml").write_text(yaml.safe_dump(SMALL))
+def with_box(folder):
+    """Copy the workflow there, with a configuration of a box."""
+    copied(folder, *BOX)
     box((20, 10, 10), 5).export(folder / "box.obj")
     return folder
 
@@ -115,7 +106,7 @@ def fetched(names, folder):
 def test_a_second_folder_has_nothing_to_do(store, tmp_path):
     """And what the store holds is whole, and belongs to the configuration."""
     _, names = store
-    first, second = copied(tmp_path / "first"), copied(tmp_path / "second")
+    first, second = with_box(tmp_path / "first"), with_box(tmp_path / "second")
     done = snakemake(first, *STORE, "-j2", *CONFIG, "--", "all", **names)
     assert done.returncode == 0, done.stdout
     assert "The results are in s3://pandis/results/" in done.stdout
@@ -138,7 +129,7 @@ def test_a_second_folder_has_nothing_to_do(store, tmp_path):
 @pytest.mark.full
 def test_a_store_that_goes_away_for_half_a_minute_is_waited_for(store, tmp_path):
     door, names = store
-    folder = copied(tmp_path / "run")
+    folder = with_box(tmp_path / "run")
     command = snakemake_command(*STORE, "-j2", *CONFIG, "--", "all")
     log = tmp_path / "log"
     with log.open("w") as stream:

@@ -10,7 +10,7 @@ from pandis.training import labels
 from shapes import bent_sheet, blade, box, cage, finned_ball, plate
 
 warp = pytest.importorskip("warp", reason="no Warp: pip install warp-lang")
-from pandis.native.cuda.meshes import MeshLabels  # noqa: E402 (needs Warp)
+from pandis.native.cuda import meshes  # noqa: E402 (needs Warp)
 
 DEVICES = ["cpu", *(["cuda"] if warp.is_cuda_available() else [])]
 
@@ -65,10 +65,18 @@ def test_a_wrong_tree_would_be_seen():
     parts = engine.tree_parts()
     moved = np.frombuffer(parts["VERT"], "<f8").copy()
     moved[0] += 1e-3
-    own._labels = MeshLabels(parts | {"VERT": moved.tobytes()}, engine.reach, "cpu")
+    own._labels = meshes.MeshLabels(parts | {"VERT": moved.tobytes()}, engine.reach, "cpu")
     points = places(engine, np.random.default_rng(0))
     wanted = engine.label(points, ties=False).distance
     assert np.abs(own.label(points, ties=False).distance - wanted).max() > 1e-5
+
+
+def test_a_tree_that_is_too_deep_is_left_to_the_host(monkeypatch):
+    """A point would write beyond its room, and the answers would be anybody's."""
+    engine = engine_of(finned_ball())
+    monkeypatch.setattr(meshes, "ROOM", 14)
+    with pytest.raises(RuntimeError, match="so deep that"):
+        meshes.MeshLabels(engine.tree_parts(), engine.reach, "cpu")
 
 
 def test_what_has_no_mesh_or_no_gpu_is_labelled_by_the_host(monkeypatch):

@@ -69,18 +69,11 @@ def collect(meshes, threads, progress, note):
 def _read(work):
     name, paths = work
     stored = next(path for path in paths if Path(path).name == "mesh.zarr.zip")
-    files = [path for path in paths if path != stored]
+    files = [path for path in paths if str(path).endswith(".pandis")]
     mesh = read_artifact(stored)
     record = MeshRecord.of(mesh)
-    source, before, after, result, way_back = (
-        SimpleNamespace(**figures)
-        for figures in (
-            record.source,
-            record.before,
-            record.after,
-            *map(record.deviation.get, _WAYS),
-        )
-    )
+    read = record.source, record.before, record.after, *map(record.deviation.get, _WAYS)
+    source, before, after, result, way_back = (SimpleNamespace(**each_of) for each_of in read)
     row = {
         "mesh": name,
         "source": source.name,

@@ -5,11 +5,11 @@ that a run has failed, loads no numerics.
 """
 
 import json
-import os
 import sys
 from pathlib import Path
 
 from pandis.errors import PandisError
+from pandis.native.threads import thread_count
 from pandis.report import collection
 from pandis.report.page import build, mesh_sections
 from pandis.report.seal import seal
@@ -70,7 +70,7 @@ def _report(plan, good, refused):
 def _collection(plan, good, refused):
     """Return table and page of a collection of these meshes as texts."""
     meshes = {mesh: plan.report_artifacts(mesh) for mesh in good}
-    rows = collection.collect(meshes, os.cpu_count(), silent_progress, _forget)
+    rows = collection.collect(meshes, thread_count(), silent_progress, _forget)
     return collection.to_csv(rows, refused), collection.build(rows, refused)
 
 

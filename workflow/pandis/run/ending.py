@@ -10,7 +10,7 @@ from pathlib import Path
 def farewell(plan):
     """Return what a successful run prints at its end."""
     if plan.store:
-        return f"\nThe results are in {plan.store.rstrip('/')}/{plan.folder}/"
+        return f"\nThe results are in {_place(plan)}/"
     if plan.scenes:
         return f"\nThe scenes are in  {plan.folder}/scenes/"
     if not Path(plan.report).is_file() or Path(plan.report).stat().st_mtime < plan.start:
@@ -24,13 +24,17 @@ def farewell(plan):
 
 def condolence(plan):
     """Return what a failed run prints at its end."""
-    where = f"{plan.store.rstrip('/')}/{plan.folder}" if plan.store else plan.folder
     return (
         "\nA job failed or was stopped; its message is above, after 'error:' or in a traceback.\n"
-        f"All logs are in    {where}/logs/\n"
+        f"All logs are in    {_place(plan)}/logs/\n"
         "Other meshes went on. Fix the cause and run the same command again: only what is "
         "missing or stale will run."
     )
+
+
+def _place(plan):
+    """Return where the results lie: a folder, or one in an object store."""
+    return f"{plan.store.rstrip('/')}/{plan.folder}" if plan.store else plan.folder
 
 
 def partial_note(plan):

@@ -15,8 +15,9 @@ from pandis.native.cuda.feet import ONE, ZERO, Foot, inner_foot, rim_foot
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-#: Boxes and leaves that may wait: seven for each of the forty levels from which on a tree halves.
-_ROOM = wp.constant(448)
+#: Boxes and leaves that may wait for one point: seven for each level of a tree, and one.
+ROOM = 448
+_ROOM = wp.constant(ROOM)
 _WORDS = NODE_BYTES // 4
 _PLACES = LEAF_BYTES // 4
 
@@ -165,15 +166,26 @@ class MeshLabels:
         The largest coordinate.
     device : optional
         Of Warp; by default its own choice.
+
+    Raises
+    ------
+    RuntimeError
+        There is no such device, or the tree is deeper than a point has room for.
     """
 
     def __init__(self, parts, reach, device=None):
         self.device = wp.get_device(device)
         nodes = np.frombuffer(parts["TREE"], "<f4").reshape(-1, _WORDS)
         leaves = np.frombuffer(parts["LEAF"], "<i4").reshape(-1, _PLACES)
+        boxes, children = nodes[:, :48], nodes[:, 48:].view("<i4")
+        needed = 7 * _depth(boxes, children) + 1
+        if needed > ROOM:
+            raise RuntimeError(
+                f"the tree is so deep that {needed} boxes may wait, more than {ROOM}"
+            )
         tree = Tree()
-        tree.boxes = self._there(nodes[:, :48], wp.float32)
-        tree.children = self._there(nodes[:, 48:].view("<i4"), wp.int32)
+        tree.boxes = self._there(boxes, wp.float32)
+        tree.children = self._there(children, wp.int32)
         tree.leaves = self._there(leaves[:, 36:44], wp.int32)
         for name, part, kind, dtype in (
             ("vertices", "VERT", "<f8", wp.vec3d),
@@ -203,3 +215,12 @@ class MeshLabels:
             given = [self._tree, asked, wp.float64(on_surface)]
             wp.launch(label, len(asked), given, [distances, normals], device=self.device)
             return distances.numpy(), normals.numpy()
+
+
+def _depth(boxes, children):
+    """Return how many levels of nodes a tree has; where a box is infinite there is no child."""
+    inner = (children >= 0) & np.isfinite(boxes[:, :8])
+    level, depth = np.array([0]), 0
+    while len(level):
+        level, depth = children[level][inner[level]], depth + 1
+    return depth
