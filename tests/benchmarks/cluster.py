@@ -66,7 +66,8 @@ def main(folder, config="config/config.yaml"):
     print(f"here: {local:.0f} s", flush=True)
     with tempfile.TemporaryDirectory(prefix="slurm") as at, Cluster(at, database=True) as cluster:
         slurm = timed(there, *PROFILE, *asked, "--", "all", env=cluster.environment)
-        jobs = len(cluster.ask("sacct", "--allocations", "--noheader").splitlines())
+        listed = "--allocations", "--noheader", "--starttime=now-1days"
+        jobs = len(cluster.ask("sacct", *listed).splitlines())
     print(f"Slurm: {slurm:.0f} s, {jobs} jobs; overhead {100 * (slurm - local) / slurm:.0f} %")
     differ = differing(here, there)
     print(f"{len(results(here))} results, of which differ: {differ}")

@@ -63,8 +63,7 @@ class Cluster:
         self.running = {}
         self.ports = dict(zip(("ctld", "d", "dbd", "sql"), free_ports(4), strict=True))
         self.environment = os.environ | {"SLURM_CONF": str(self.folder / "slurm.conf")}
-        own = self.environment["PATH"]
-        self.environment["PATH"] = f"{self.folder}/bin:{own}:{DAEMONS}"
+        self.environment["PATH"] += f":{DAEMONS}"
 
     def __enter__(self):
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -89,7 +88,6 @@ class Cluster:
         self._run("munged", "--foreground", "--force", *flags)
         self._until(own["socket"].exists, "munged")
         (self.folder / "slurm.conf").write_text(self._configuration())
-        self._wrap("srun")
         if self.database:
             self._start_database()
         self.start("slurmctld")
@@ -127,14 +125,6 @@ class Cluster:
         node = f"NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} RealMemory={memory - 256}"
         part = f"PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP"
         return f"{text}{node} State=UNKNOWN\n{part}\n"
-
-    def _wrap(self, name):
-        """Let a command know the cluster that is called without the environment."""
-        path = self.folder / "bin" / name
-        path.parent.mkdir(exist_ok=True)
-        conf = self.environment["SLURM_CONF"]
-        path.write_text(f'#!/bin/sh\nSLURM_CONF={conf} exec /usr/bin/{name} "$@"\n')
-        path.chmod(0o755)
 
     def _start_database(self):
         at, data = self.folder, self.folder / "sql"

@@ -6,8 +6,11 @@ import sys
 
 from pandis.errors import PandisError
 
-#: Seconds that may pass between two questions of Snakemake's Slurm plugin, and some to spare.
-LONGEST_PAUSE = 200
+#: Seconds for which `squeue` has to know a job after its end: Snakemake asks every few seconds, but
+#: the controller may have to start anew in between.
+REMEMBERED = 200
+#: How Snakemake runs the rules of a job: where it is, and memory counts for all of them.
+_HERE = "--executor local --set-resource-scopes mem_mb=global"
 
 
 def status_command():
@@ -32,7 +35,7 @@ def status_command():
     age = re.search(r"^MinJobAge\s*=\s*(\d+)", shown, re.M)
     if age is None:
         raise PandisError("no Slurm cluster answers here: `scontrol show config` fails")
-    if int(age[1]) >= LONGEST_PAUSE:
+    if int(age[1]) >= REMEMBERED:
         return "squeue", int(age[1])
     accounts = _ask("sacct", "--noheader", "--allocations", "--starttime=now")
     if accounts.returncode == 0:
@@ -40,7 +43,7 @@ def status_command():
     said = accounts.stderr.strip().splitlines()
     raise PandisError(
         f"nothing here tells Snakemake that a job has ended: squeue forgets a job {age[1]} s after "
-        f"its end (MinJobAge in slurm.conf; {LONGEST_PAUSE} are needed), and the cluster keeps no "
+        f"its end (MinJobAge in slurm.conf; {REMEMBERED} are needed), and the cluster keeps no "
         f"accounting database (sacct: {said[-1] if said else 'no answer'})"
     )
 
@@ -49,19 +52,33 @@ def listen(workflow):
     """Let Snakemake's Slurm plugin, if this run uses it, ask a command that will answer.
 
     The plugin asks `sacct` wherever that is installed. Without a database it never answers, and
-    the run never ends.
+    the run never ends. Its jobs are run by Snakemake's local executor, and it asks as often as
+    ``seconds-between-status-checks`` says.
     """
-    plugin = workflow.executor_plugin
-    if plugin is not None and plugin.name == "slurm":
-        try:
-            workflow.executor_settings.status_command, age = status_command()
-        except PandisError as error:
-            # Snakemake would print a traceback around it
-            print(f"error: {error}", file=sys.stderr)
-            raise SystemExit(1) from None
-        # It asks for the age each time. While the controller is away it gets no answer, takes that
-        # for a short memory, and turns to `sacct` for good.
-        sys.modules["snakemake_executor_plugin_slurm"].get_min_job_age = lambda: age
+    if workflow.executor_plugin is None or workflow.executor_plugin.name != "slurm":
+        return
+    try:
+        workflow.executor_settings.status_command, age = status_command()
+    except PandisError as error:
+        # Snakemake would print a traceback around it
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
+    plugin = sys.modules["snakemake_executor_plugin_slurm"]
+    # It asks for the age each time. While the controller is away it gets no answer, takes that
+    # for a short memory, and turns to `sacct` for good.
+    plugin.get_min_job_age = lambda: age
+    # Within a job it would start Snakemake anew for every rule of a group, one after the other.
+    # Started once, it runs at once what there is room for in what the job has asked for.
+    plugin.Executor.additional_general_args = lambda _: _HERE
+    inherited = plugin.Executor.get_job_args
+    plugin.Executor.get_job_args = lambda executor, job: " ".join(
+        [inherited(executor, job), f"--resources mem_mb={job.resources['mem_mb']}"]
+    )
+    # It would pause for longer and longer while no job ends, up to three minutes.
+    pause = workflow.remote_execution_settings.seconds_between_status_checks
+    plugin.Executor.next_seconds_between_status_checks = property(
+        lambda _: pause, lambda _, longer: None
+    )
 
 
 def _ask(*command):
