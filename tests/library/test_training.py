@@ -19,7 +19,8 @@ from pandis.training import exact_loss, vectors
 from pandis.training import paper_loss as losses
 from pandis.training import trainer as trainer_module
 from pandis.training.batches import vertex_points
-from pandis.training.network import Siren, _sines
+from pandis.training.elements import sines
+from pandis.training.network import Siren
 from pandis.training.optimiser import orthogonal
 from pandis.training.products import product
 from pandis.training.trainer import Trainer
@@ -114,7 +115,7 @@ def test_sines_are_sines_whatever_the_threads():
     found = []
     for threads in (1, 2, 4):
         torch.set_num_threads(threads)
-        found.append(_sines(z.clone(), bias))
+        found.append(sines(z.clone(), bias))
     torch.set_num_threads(1)
     for sine, cosine in found:
         assert (sine - exact.sin()).abs().max() < 1.5e-7
@@ -125,7 +126,7 @@ def test_sines_are_sines_whatever_the_threads():
 
 def test_sines_of_what_is_no_number_are_none():
     z = torch.tensor([[torch.nan, torch.inf, -torch.inf, 0.5]])
-    for part in _sines(z.clone(), torch.zeros(1)):
+    for part in sines(z.clone(), torch.zeros(1)):
         assert part.isnan().tolist() == [[True, True, True, False]]
 
 

@@ -79,9 +79,9 @@ class Surface:
         """Return the points and outward normals at faces (n,) and barycentrics (n, 2)."""
         b = barycentrics.astype(np.float64)
         weights = np.concatenate([1 - b.sum(axis=1, keepdims=True), b], axis=1)
-        points = np.einsum("ij,ijk->ik", weights, self.corners[face])
+        points = np.einsum("ij,ijk->ik", weights, np.take(self.corners, face, axis=0))
         if self.engine is None:
-            return points, self.normals[face]
+            return points, np.take(self.normals, face, axis=0)
         for _ in range(2):
             distance, normal = self.engine.distance_and_normal(points)
             points = points - distance[:, None] * normal

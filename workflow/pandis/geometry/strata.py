@@ -146,7 +146,8 @@ class Strata:
         # all at once: a GPU is slow at a few
         points = np.concatenate([of[0] for of in drawn.values()]).astype(np.float32)
         labels = self.engine.label(points.astype(np.float64), ties=False)
-        rows = np.column_stack([points, labels.distance, labels.normal]).astype(np.float32)
+        rows = np.empty((len(points), 7), np.float32)
+        rows[:, :3], rows[:, 3], rows[:, 4:] = points, labels.distance, labels.normal
         if "surface" in drawn:  # the first of all
             _, _, face, barycentrics = drawn["surface"]
             rows[: len(face), 3] = 0

@@ -40,6 +40,10 @@ _PYTHON = "python"
 _LOSSES = {"paper": "pandis.training.paper_loss", "exact": "pandis.training.exact_loss"}
 
 
+#: Modules that only a training on a GPU runs.
+_ON_GPUS = ("pandis.training.labels", "pandis.native.cuda.steps")
+
+
 #: Modules of the paper's other methods, and how the names of their fields begin.
 _METHODS = {
     "pandis.fields.implicit": "kim-",
@@ -56,7 +60,7 @@ _MODELS = tuple(f"pandis.run.{name}" for name in ("options", "recipes", "tasks",
 def unused_modules(options):
     """Return the modules that a stage imports but, with these options, never runs.
 
-    Of the two losses the other one's; labels from a GPU where a CPU trains; and those of methods
+    Of the two losses the other one's; what serves a GPU where a CPU trains; and those of methods
     that none of its fields is of.
     """
     trained = options.get("recipe", {})
@@ -64,7 +68,7 @@ def unused_modules(options):
     names = tuple(_field_names(options))
     methods = [m for m, start in _METHODS.items() if not any(n.startswith(start) for n in names)]
     on_cpu = trained.get("device") == "cpu"
-    return (*losses, *methods, *(["pandis.training.labels"] if on_cpu else []))
+    return (*losses, *methods, *(_ON_GPUS if on_cpu else []))
 
 
 def _field_names(options):

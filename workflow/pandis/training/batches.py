@@ -47,9 +47,12 @@ class Batches:
             return torch.from_numpy(self._make(number))
         kept, following = self._ahead, range(number + 1, number + 1 + AHEAD)
         # alone at first: of many that are begun at once none is ready soon
-        rows = kept[number].result() if number in kept else self._make(number)
-        self._ahead = {k: kept.get(k) or self._pool.submit(self._make, k) for k in following}
-        return torch.from_numpy(rows).pin_memory().to(self.device, non_blocking=True)
+        rows = kept[number].result() if number in kept else self._pinned(number)
+        self._ahead = {k: kept.get(k) or self._pool.submit(self._pinned, k) for k in following}
+        return rows.to(self.device, non_blocking=True)
+
+    def _pinned(self, number):
+        return torch.from_numpy(self._make(number)).pin_memory()
 
 
 def surface_batches(places, base, size, seed, device):
@@ -114,7 +117,7 @@ def fresh_batches(strata, base, size, seed, device):
     def make(block):
         rows = strata.fresh(block, per_block * size + 16)  # rounding may take a few away
         order = generator(seed, ORDER, block).permutation(len(rows))
-        return np.ascontiguousarray(with_base(rows, base)[order])
+        return np.take(with_base(rows, base), order, axis=0)
 
     return Batches(make, size, per_block, device)
 

@@ -9,8 +9,8 @@ import math
 
 import torch
 
-from pandis.native import waves
-from pandis.training.products import product, subtract_products, transposed
+from pandis.training.elements import Aside, sines, slopes_back, slopes_forward
+from pandis.training.products import product
 
 
 def usual_omega(width):
@@ -72,18 +72,6 @@ class Siren(torch.nn.Module):
         return _Pass.apply(points, self.omega, True, *self.weights, *self.biases)
 
 
-def _sines(z, bias):
-    """Return sin(z + bias) and its cosine; z (w, n) is used up, bias is (w,)."""
-    if z.device.type == "cpu" and z.dtype == torch.float32 and z.is_contiguous():
-        cosine, bias = torch.empty_like(z), bias.contiguous()
-        addresses = z.data_ptr(), bias.data_ptr(), cosine.data_ptr()
-        waves.sines(*addresses, *z.shape, torch.get_num_threads())
-        return z, cosine
-    z.add_(bias[:, None])
-    cosine = torch.cos(z)
-    return z.sin_(), cosine
-
-
 class _Pass(torch.autograd.Function):
     """Both passes through the network. Inside, a column is a point: the faster layout."""
 
@@ -93,10 +81,10 @@ class _Pass(torch.autograd.Function):
         hidden = count - 1
         scaled = torch._foreach_mul([*parameters[:hidden], *parameters[count:-1]], omega)
         weights, biases = [*scaled[:hidden], parameters[hidden]], [*scaled[hidden:], parameters[-1]]
-        h = points.T.contiguous()
+        h, turned = points.T.contiguous(), [weight.T.contiguous() for weight in weights]
         inputs, slopes, chains = [h], [], []
         for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
-            h, slope = _sines(product(weight, h), bias)
+            h, slope = sines(product(weight, h), bias)
             slopes.append(slope)
             inputs.append(h)
         output = product(weights[-1], h).add_(biases[-1][:, None])
@@ -104,41 +92,47 @@ class _Pass(torch.autograd.Function):
         if with_gradient:
             # ∇Φ = W1ᵀ s1 · (W2ᵀ s2 · (… wΦ)), from the last layer to the first
             chain = weights[-1][0][:, None]
-            for weight, slope in zip(reversed(weights[:-1]), reversed(slopes), strict=True):
+            for matrix, slope in zip(reversed(turned[:-1]), reversed(slopes), strict=True):
                 chained = chain * slope
                 chains.append((chain, chained))
-                chain = product(transposed(weight), chained)
+                chain = product(matrix, chained)
             gradient = chain.T
-        ctx.saved = omega, weights, inputs, slopes, chains[::-1]
+        ctx.saved = omega, weights, turned, inputs, slopes, chains[::-1]
         return output.T, gradient
 
     @staticmethod
     def backward(ctx, to_output, to_gradient):
-        omega, weights, inputs, slopes, chains = ctx.saved
-        count, last = len(weights), weights[-1]
+        omega, weights, turned, inputs, slopes, chains = ctx.saved
+        count = len(weights)
         to_output = to_output.T.contiguous()
         to_weights, to_biases = [None] * count, [None] * count
-        to_slopes = [None] * (count - 1)
-        to_weights[-1] = product(to_output, inputs[-1].T)
-        to_biases[-1] = to_output.sum(1)
+        to_slopes, aside = [None] * (count - 1), Aside(to_output)
+        to_weights[-1] = aside(product, to_output, inputs[-1].T)
+        to_biases[-1] = aside(_row_sums, to_output)
         if to_gradient is not None:
             along = to_gradient.T.contiguous()
             for index, (weight, (chain, chained)) in enumerate(
                 zip(weights[:-1], chains, strict=True)
             ):
-                to_weights[index] = product(chained, along.T)
+                to_weights[index] = aside(product, chained, along.T)
                 along = product(weight, along)
-                to_slopes[index] = along * chain
-                along *= slopes[index]
-            to_weights[-1][0] += along.sum(1)
-        back = product(transposed(last), to_output)
+                to_slopes[index] = slopes_forward(along, chain, slopes[index])
+            aside(_add_to_first, to_weights[-1], along)
+        back = product(turned[-1], to_output)
         for index in reversed(range(count - 1)):
-            back *= slopes[index]
-            if to_slopes[index] is not None:
-                subtract_products(back, to_slopes[index], inputs[index + 1])  # of a cosine
-            to_weights[index] = product(back, inputs[index].T, to_weights[index])
-            to_biases[index] = back.sum(1)
+            slopes_back(back, slopes[index], to_slopes[index], inputs[index + 1])
+            to_weights[index] = aside(product, back, inputs[index].T, to_weights[index])
+            to_biases[index] = aside(_row_sums, back)
             if index:
-                back = product(transposed(weights[index]), back)
+                back = product(turned[index], back)
+        aside.join()
         torch._foreach_mul_([*to_weights[:-1], *to_biases[:-1]], omega)
         return None, None, None, *to_weights, *to_biases
+
+
+def _row_sums(values):
+    return values.sum(1)
+
+
+def _add_to_first(matrix, values):
+    matrix[0] += values.sum(1)

@@ -26,19 +26,6 @@ def product(a, b, more=None):
     return a @ b
 
 
-def transposed(matrix):
-    """Return a matrix's transpose, as a product takes it fastest: on a GPU it is no copy."""
-    return matrix.T if matrix.is_cuda else matrix.T.contiguous()
-
-
-def subtract_products(values, a, b):
-    """Subtract from values the products of a, which is used up, and b, element by element."""
-    if values.is_cuda:
-        values.addcmul_(a, b, value=-1)
-    else:
-        values -= a.mul_(b)
-
-
 def keep_freed_memory():
     """Tell glibc to keep freed blocks for the next step; elsewhere do nothing.
 

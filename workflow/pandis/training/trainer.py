@@ -3,7 +3,6 @@
 import contextlib
 import copy
 import math
-import threading
 import time
 from pathlib import Path
 
@@ -21,13 +20,14 @@ from pandis.training.batches import (
     vertex_points,
     with_base,
 )
-from pandis.training.exact_loss import exact_loss
+from pandis.training.exact_loss import answer, loss_of
 from pandis.training.interrupts import noted
 from pandis.training.labels import on_device, own_stream
 from pandis.training.network import Siren, named_arrays, usual_omega
 from pandis.training.optimiser import Optimiser
 from pandis.training.paper_loss import paper_loss
 from pandis.training.products import keep_freed_memory
+from pandis.training.recording import RecordedStep
 
 CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100
@@ -36,13 +36,8 @@ QUICK = 4000
 #: nor while it is below this share of the force: a base may be all but right before any step.
 DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
-#: Steps on a GPU before they are recorded as a graph.
-_EAGER_STEPS = 3
 #: Options that do not say how a network was trained, but what was hoped for.
 _NOT_OF_A_TRAINING = {"force_error", "tail", "missed"}
-#: Several trainers may share a GPU, each in a thread and on a stream of its own; while one of them
-#: records, the others must not launch what they have recorded.
-_RECORDING = threading.Lock()
 
 
 class Trainer:
@@ -101,7 +96,7 @@ class Trainer:
         self.optimiser = Optimiser(self.network, options.learning_rate, options.matrix_rate)
         self.step, self.elapsed, self.curve = 0, 0.0, []
         self.slowdown, self.restarts, self.least, self.good = 1.0, 0, math.inf, None
-        self._graph, self._eager = None, 0
+        self._recorded = RecordedStep(self._descend)
 
     def _pick_device(self, wanted):
         if wanted == "cuda" and not torch.cuda.is_available():
@@ -112,23 +107,19 @@ class Trainer:
 
     # --- one step ----------------------------------------------------------------
 
-    def _answer(self, rows):
-        """Return Φ (n,) and the direction (n, 3), not yet of unit length."""
-        points = rows[:, :3]
+    def _outputs(self, rows):
+        """Return what the network puts out (n, 4) or (n, 1), and its gradient (n, 3) if wanted."""
         if self.own_gradient:
-            output, direction = self.network.forward_with_gradient(points)
-        else:
-            output = self.network(points)
-            direction = output[:, 1:]
-        if self.base is None:
-            return output[:, 0], direction
-        return output[:, 0] + rows[:, 7], direction + rows[:, 8:]
+            return self.network.forward_with_gradient(rows[:, :3])
+        return self.network(rows[:, :3]), None
+
+    def _answer(self, rows):
+        return answer(*self._outputs(rows), rows)
 
     def _loss(self, rows):
-        points, distance, normal = rows[:, :3], rows[:, 3], rows[:, 4:7]
         if not self.paper:
-            return exact_loss(*self._answer(rows), distance, normal, self.options)
-        n = len(points)
+            return loss_of(*self._outputs(rows), rows, self.options)
+        points, normal, n = rows[:, :3], rows[:, 4:7], len(rows)
         output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:10]]))
         if self.base is not None:
             known = torch.cat([rows[:, 10:14], rows[:, 14:18]])
@@ -162,34 +153,9 @@ class Trainer:
     def _advance(self, share):
         self.optimiser.set_share(self._rate(share))
         rows = self.batches.batch(self.step)
-        loss = self._advance_on_gpu(rows) if self.device == "cuda" else self._descend(rows)
+        loss = self._recorded(rows) if self.device == "cuda" else self._descend(rows)
         self.step += 1
         return loss
-
-    def _advance_on_gpu(self, rows):
-        """Take a step by replaying the recorded kernels: launching them costs more than they do."""
-        if self._graph is None:
-            self._rows = rows.clone()
-            # The default stream cannot be recorded. A stream that the caller has chosen is used
-            # again: torch hands out 32 in turn, and two recordings on one may share memory.
-            current = torch.cuda.current_stream()
-            chosen = current != torch.cuda.default_stream()
-            side = current if chosen else torch.cuda.Stream()
-            side.wait_stream(current)
-            with torch.cuda.stream(side):
-                loss = self._descend(self._rows)
-            torch.cuda.current_stream().wait_stream(side)
-            self._eager += 1
-            if self._eager >= _EAGER_STEPS:
-                graph, how = torch.cuda.CUDAGraph(), {"capture_error_mode": "thread_local"}
-                with _RECORDING, torch.cuda.graph(graph, stream=side, **how):
-                    self._loss_now = self._descend(self._rows)
-                self._graph = graph
-            return loss
-        self._rows.copy_(rows)
-        with _RECORDING:
-            self._graph.replay()
-        return self._loss_now
 
     # --- the run -----------------------------------------------------------------
 
@@ -218,6 +184,9 @@ class Trainer:
         self._resume()
         report.resume(self.step if steps else self.elapsed)
         with noted() as interrupted, own_stream(self.device):
+            if self.device == "cuda":  # else the budget begins with loading its kernels
+                torch.autograd.grad(self._loss(self.batches.batch(self.step)), self.parameters)
+                self._offs(self.held_out[:QUICK]).mean().item()
             note = self._until(steps, seconds, report, interrupted)
         result = self._result()
         self.log(f"{self.step} steps in {self.elapsed:.1f} s on {self.device}; {note}")
@@ -236,12 +205,16 @@ class Trainer:
             share = done / (steps or seconds)
             loss = self._advance(share)
             if self.step % every == 0:
-                value, error = loss.item(), self._force_error(self.held_out[:QUICK]).mean
-                if self._diverged(share, error):
+                # on a GPU all of this is asked for before any of it is waited for
+                state, finite = self._state(), self._finite()
+                error = self._offs(self.held_out[:QUICK]).mean()
+                value, error, finite = torch.stack([loss, error, finite]).tolist()
+                if not finite or self._diverged(share, error):
                     self._restart()
                     continue
                 self.curve.append((self.step, value, error))
-                self.least, self.good = min(self.least, error), self._state()
+                self.least = min(self.least, error)
+                self.good = state | {"curve": list(self.curve), "least": self.least}
                 note = f"loss {value:.4g}, held-out force error {error:.3e}"
                 if time.monotonic() - saved > CHECKPOINT_SECONDS:
                     self._save()
@@ -268,14 +241,12 @@ class Trainer:
     # --- divergence ----------------------------------------------------------------
 
     def _diverged(self, share, error):
-        if not self._finite():
-            return True
         # the paper's loss knows no distances, and its error comes and goes
         harmful = max(DIVERGED * self.least, HARMLESS * self.force)
         return not self.paper and share > EARLY and error > harmful
 
     def _finite(self):
-        return all(torch.isfinite(p).all() for p in self.parameters)
+        return torch.stack([torch.isfinite(p).all() for p in self.parameters]).all()
 
     def _restart(self):
         """Go back to the last good state, with steps half as large."""
@@ -332,11 +303,15 @@ class Trainer:
         return torch.from_numpy(with_base(rows, self.base)).to(self.device)
 
     @torch.no_grad()
-    def _force_error(self, rows):
+    def _offs(self, rows):
+        """Return the length (n,) of each row's error of the force, float64."""
         phi, direction = self._answer(rows)
         force = -phi.clamp(max=0)[:, None] * torch.nn.functional.normalize(direction)
         exact = -rows[:, 3:4].clamp(max=0) * rows[:, 4:7]
-        error = (force - exact).norm(dim=1).double()
+        return (force - exact).norm(dim=1).double()
+
+    def _force_error(self, rows):
+        error = self._offs(rows)
         return Error(mean=error.mean().item(), p99=error.quantile(0.99).item())
 
     @torch.no_grad()
@@ -363,7 +338,7 @@ class Trainer:
             for parameter, value in zip(self.parameters, state["parameters"], strict=True):
                 parameter.copy_(value)
         self.optimiser.restore(copy.deepcopy(state["optimiser"]))
-        self._graph, self._eager = None, 0  # it would step with the old optimiser's memory
+        self._recorded = RecordedStep(self._descend)  # the old optimiser's memory is not read again
         self.step, self.curve = state["step"], list(state["curve"])
         self.least, self.slowdown = state["least"], state["slowdown"]
         self.restarts = state["restarts"]

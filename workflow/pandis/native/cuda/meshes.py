@@ -2,7 +2,8 @@
 
 The tree is that of `pandis.native.bvh`, whose boxes are rounded outward. Every face of a leaf is
 asked for its closest point in double precision, so that distances differ from the tree's own by
-rounding alone.
+rounding alone. How near a box may be is told in single precision, less what that may be wrong by:
+a box too many changes no answer, and to convert all their numbers would take longer than the rest.
 """
 
 import threading
@@ -18,6 +19,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 #: Boxes and leaves that may wait for one point: seven for each level of a tree, and one.
 ROOM = 448
 _ROOM = wp.constant(ROOM)
+#: More than single precision is wrong by, relatively, in a coordinate and in a sum of squares.
+_WRONG = wp.constant(wp.float32(1e-6))
 _WORDS = NODE_BYTES // 4
 _PLACES = LEAF_BYTES // 4
 
@@ -82,22 +85,24 @@ def pseudonormal(tree: Tree, face: wp.int32, foot: Foot) -> wp.vec3d:
 
 
 @wp.func
-def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3d) -> wp.float64:
-    """Return the squared distance to a child's box: infinite where there is no child."""
-    sum = wp.float64(0.0)
+def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3f) -> wp.float32:
+    """Return at most the squared distance to a child's box: infinite where there is no child."""
+    sum = wp.float32(0.0)
     for k in range(3):
-        low = wp.float64(tree.boxes[node, 8 * k + place])
-        high = wp.float64(tree.boxes[node, 24 + 8 * k + place])
-        off = wp.max(wp.max(low - p[k], p[k] - high), ZERO)
+        low = tree.boxes[node, 8 * k + place]
+        high = tree.boxes[node, 24 + 8 * k + place]
+        off = wp.max(low - p[k], p[k] - high) - _WRONG * wp.abs(p[k])
+        off = wp.max(off, wp.float32(0.0))
         sum += off * off
-    return sum
+    return sum * (wp.float32(1.0) - _WRONG)
 
 
 @wp.func
 def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
     """Return the nearest face; of equally near ones that with the least number."""
     waiting = wp.zeros(shape=_ROOM, dtype=wp.int32)
-    keys = wp.zeros(shape=_ROOM, dtype=wp.float64)
+    keys = wp.zeros(shape=_ROOM, dtype=wp.float32)
+    near, bound = wp.vec3f(p), wp.float32(wp.inf)
     best = Nearest()
     best.face = 2147483647
     best.squared = wp.float64(wp.inf)
@@ -105,7 +110,7 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
     while top > 0:
         top -= 1
         child = waiting[top]
-        if keys[top] <= best.squared:
+        if keys[top] <= bound:
             if child < 0:
                 for i in range(eight):
                     face = tree.leaves[~child, i]
@@ -116,18 +121,19 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
                             best.face = face
                             best.squared = squared
                             best.foot = foot
+                            bound = wp.float32(squared) * (wp.float32(1.0) + _WRONG)
             else:
                 first = top
                 for i in range(eight):  # sorted as they come, so that the nearest is last
-                    squared = box_squared(tree, child, i, p)
-                    if squared <= best.squared and squared < wp.float64(wp.inf):
+                    least = box_squared(tree, child, i, near)
+                    if least <= bound and least < wp.float32(wp.inf):
                         at = top
-                        while at > first and keys[wp.max(at - 1, 0)] < squared:
+                        while at > first and keys[wp.max(at - 1, 0)] < least:
                             waiting[at] = waiting[at - 1]
                             keys[at] = keys[at - 1]
                             at -= 1
                         waiting[at] = tree.children[child, i]
-                        keys[at] = squared
+                        keys[at] = least
                         top += 1
     return best
 

@@ -1,0 +1,44 @@
+"""A training's steps in Warp's kernels, on its CPU or CUDA, are those that torch takes."""
+
+import pytest
+import torch
+
+from pandis.run.recipes import ExactRecipe
+from pandis.training import elements, exact_loss
+from pandis.training.network import Siren
+
+warp = pytest.importorskip("warp", reason="no Warp: pip install warp-lang")
+from pandis.native.cuda import steps  # noqa: E402 (needs Warp)
+
+DEVICES = ["cpu", *(["cuda"] if warp.is_cuda_available() else [])]
+
+
+@pytest.fixture(params=DEVICES)
+def device(request):
+    return request.param
+
+
+def gradients(outputs, columns, device, kernels, monkeypatch):
+    """Return the loss and its gradients by all parameters, with those kernels or with torch's."""
+    for module in (elements, exact_loss):
+        monkeypatch.setattr(module, "fused", lambda values: kernels)
+    generator = torch.Generator().manual_seed(0)
+    network = Siren(24, 3, 20.0, outputs, generator).to(device)
+    rows = (torch.rand(500, columns, generator=generator) * 2 - 1).to(device)
+    rows[0, 3] = 0.0
+    output, gradient = network(rows[:, :3]), None
+    if outputs == 1:
+        output, gradient = network.forward_with_gradient(rows[:, :3])
+    loss = exact_loss.loss_of(output, gradient, rows, ExactRecipe(steps=1))
+    return loss, torch.autograd.grad(loss, list(network.parameters()))
+
+
+@pytest.mark.parametrize("outputs", [1, 4], ids=["gradient", "outputs"])
+@pytest.mark.parametrize("columns", [7, 11], ids=["alone", "with a base"])
+def test_a_step_is_that_of_torch(outputs, columns, device, monkeypatch):
+    loss, wanted = gradients(outputs, columns, device, None, monkeypatch)
+    other, seen = gradients(outputs, columns, device, steps, monkeypatch)
+    assert other.item() == pytest.approx(loss.item(), rel=1e-6)
+    for ours, torchs in zip(seen, wanted, strict=True):
+        assert (ours - torchs).abs().max() < 2e-6 * max(1.0, torchs.abs().max())
+        assert torchs.abs().max() > 0
