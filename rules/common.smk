@@ -4,7 +4,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 try:
-    from pandis.run import cluster, ending, stored
+    from pandis.run import cluster, ending, scheduling, stored
 except ModuleNotFoundError as error:
     if error.name != "pandis":
         raise
