@@ -2,8 +2,8 @@
 
 The tree is that of `pandis.native.bvh`, whose boxes are rounded outward. Every face of a leaf is
 asked for its closest point in double precision, so that distances differ from the tree's own by
-rounding alone. How near a box may be is told in single precision, less what that may be wrong by:
-a box too many changes no answer, and to convert all their numbers would take longer than the rest.
+rounding alone. Which boxes and which faces may be near is told in single precision, less what that
+may be wrong by, as by the host: one too many changes no answer.
 """
 
 import threading
@@ -27,11 +27,15 @@ _PLACES = LEAF_BYTES // 4
 
 @wp.struct
 class Tree:
-    """A mesh and the tree over its faces: boxes (n, 48), children (n, 8), leaves' faces (l, 8)."""
+    """A mesh and the tree over its faces: boxes (n, 48), children (n, 8), and of leaves their
+    rounded corners (l, 72), faces (l, 8) and origin, step, slack and share (l, 6).
+    """
 
     boxes: wp.array2d(dtype=wp.float32)
     children: wp.array2d(dtype=wp.int32)
+    corners: wp.array2d(dtype=wp.uint16)
     leaves: wp.array2d(dtype=wp.int32)
+    places: wp.array2d(dtype=wp.float32)
     vertices: wp.array(dtype=wp.vec3d)
     vertex_normals: wp.array(dtype=wp.vec3d)
     faces: wp.array(dtype=wp.vec3i)
@@ -98,10 +102,51 @@ def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3f) -> wp.
 
 
 @wp.func
+def within(t: wp.float32) -> wp.float32:
+    """Return a number between zero and one; zero for what is none."""
+    return wp.where(
+        t > wp.float32(0.0), wp.where(t < wp.float32(1.0), t, wp.float32(1.0)), wp.float32(0.0)
+    )
+
+
+@wp.func
+def rounded(tree: Tree, leaf: wp.int32, corner: wp.int32, place: wp.int32) -> wp.vec3f:
+    """Return a corner of a rounded triangle, in steps from the origin of its leaf."""
+    at = 24 * corner + place
+    return wp.vec3f(
+        wp.float32(tree.corners[leaf, at]),
+        wp.float32(tree.corners[leaf, at + 8]),
+        wp.float32(tree.corners[leaf, at + 16]),
+    )
+
+
+@wp.func
+def seems(tree: Tree, leaf: wp.int32, place: wp.int32, q: wp.vec3f) -> wp.float32:
+    """Return the squared distance to a rounded triangle, in steps: pandis__eight_distances."""
+    a = rounded(tree, leaf, 0, place)
+    u, v, x = rounded(tree, leaf, 1, place) - a, rounded(tree, leaf, 2, place) - a, q - a
+    w, b = v - u, x - u
+    rest = x - within(wp.dot(u, x) / wp.dot(u, u)) * u
+    best = wp.dot(rest, rest)
+    rest = x - within(wp.dot(v, x) / wp.dot(v, v)) * v
+    best = wp.min(best, wp.dot(rest, rest))
+    rest = b - within(wp.dot(w, b) / wp.dot(w, w)) * w
+    best = wp.min(best, wp.dot(rest, rest))
+    n = wp.cross(u, v)
+    per = wp.float32(1.0) / wp.dot(n, n)
+    s, t = wp.dot(wp.cross(x, v), n) * per, wp.dot(wp.cross(u, x), n) * per
+    if s >= wp.float32(0.0) and t >= wp.float32(0.0) and s + t <= wp.float32(1.0):
+        rest = x - s * u - t * v
+        best = wp.min(best, wp.dot(rest, rest))
+    return best
+
+
+@wp.func
 def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
     """Return the nearest face; of equally near ones that with the least number."""
     waiting = wp.zeros(shape=_ROOM, dtype=wp.int32)
     keys = wp.zeros(shape=_ROOM, dtype=wp.float32)
+    seem = wp.zeros(shape=8, dtype=wp.float32)
     near, bound = wp.vec3f(p), wp.float32(wp.inf)
     best = Nearest()
     best.face = 2147483647
@@ -112,16 +157,33 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
         child = waiting[top]
         if keys[top] <= bound:
             if child < 0:
+                leaf = ~child
+                step, slack, share = (
+                    tree.places[leaf, 3],
+                    tree.places[leaf, 4],
+                    tree.places[leaf, 5],
+                )
+                q, least = wp.vec3f(), wp.float32(wp.inf)
+                for k in range(3):
+                    q[k] = wp.float32((p[k] - wp.float64(tree.places[leaf, k])) / wp.float64(step))
                 for i in range(eight):
-                    face = tree.leaves[~child, i]
-                    if face >= 0:
+                    seem[i] = seems(tree, leaf, i, q)
+                    least = wp.min(least, seem[i])
+                one = wp.float32(1.0)
+                most = (wp.sqrt(least) * step * (one + share) + slack) * (one + _WRONG)
+                bound = wp.min(bound, most * most * (one + _WRONG))
+                far = (wp.sqrt(bound) + slack) * (one + wp.float32(2.0) * share) / step
+                far = far * far * (one + wp.float32(4.0) * _WRONG)
+                for i in range(eight):
+                    face = tree.leaves[leaf, i]
+                    if face >= 0 and not (seem[i] > far):
                         foot = face_foot(tree, face, p)
                         squared = wp.dot(foot.offset, foot.offset)
                         if squared < best.squared or (squared == best.squared and face < best.face):
                             best.face = face
                             best.squared = squared
                             best.foot = foot
-                            bound = wp.float32(squared) * (wp.float32(1.0) + _WRONG)
+                            bound = wp.min(bound, wp.float32(squared) * (one + _WRONG))
             else:
                 first = top
                 for i in range(eight):  # sorted as they come, so that the nearest is last
@@ -192,7 +254,9 @@ class MeshLabels:
         tree = Tree()
         tree.boxes = self._there(boxes, wp.float32)
         tree.children = self._there(children, wp.int32)
+        tree.corners = self._there(np.ascontiguousarray(leaves[:, :36]).view("<u2"), wp.uint16)
         tree.leaves = self._there(leaves[:, 36:44], wp.int32)
+        tree.places = self._there(leaves[:, 44:50].view("<f4"), wp.float32)
         for name, part, kind, dtype in (
             ("vertices", "VERT", "<f8", wp.vec3d),
             ("vertex_normals", "VNRM", "<f8", wp.vec3d),
