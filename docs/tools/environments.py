@@ -3,12 +3,14 @@
 import re
 from pathlib import Path
 
-from pandis.run.provenance import DISTRIBUTIONS, CodeDigests
+from pandis.run.provenance import DISTRIBUTIONS, ON_GPUS, CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVS = ROOT / "workflow" / "envs"
 #: What every stage needs: the models of its options, and the names of shapes.
 _ALWAYS = {"pydantic", "jaxtyping"}
+#: Stages that train, on a GPU if they are told to.
+_TRAIN = {"train", "choose"}
 #: What a family needs besides what it imports: trimesh reads 3MF through these.
 _BESIDES = {"mesh": ("lxml", "networkx")}
 
@@ -18,7 +20,8 @@ def environments():
     digests, pins, texts = CodeDigests(ROOT / "workflow"), _pins(), {}
     for rules in sorted((ROOT / "rules").glob("*.smk")):
         names = re.findall(r'"\.\./scripts/(\w+)\.py"', rules.read_text(encoding="utf-8"))
-        keys = {key for name in names for key in digests.modules(name)}
+        unused = {name: () if name in _TRAIN else ON_GPUS for name in names}
+        keys = {key for name in names for key in digests.modules(name, unused[name])}
         packages = {key.removeprefix("package ") for key in keys if key.startswith("package ")}
         packages |= _ALWAYS | set(_BESIDES.get(rules.stem, ()))
         wanted = sorted(pins[_key(DISTRIBUTIONS.get(name, name))] for name in packages)

@@ -51,6 +51,16 @@ def rows_of(folder):
     return [*csv.DictReader(text.splitlines())]
 
 
+def test_jobs_are_looked_for_only_when_one_has_ended(tmp_path):
+    """By itself Snakemake does so once a second more for every job, and soon does nothing else."""
+    folder = copy_workflow(ROOT, tmp_path / "run")
+    shapes = {f"sphere-{k}": {"source": "analytic:sphere"} for k in range(3)}
+    (folder / CONFIG).write_text(yaml.safe_dump(MANY | {"meshes": shapes}))
+    done = snakemake(folder, "-j1", "--verbose", "meshes", "--configfile", CONFIG)
+    assert done.returncode == 0, done.stdout
+    assert 1 <= done.stdout.count("Ready jobs: ") <= len(shapes) + 1  # and the target
+
+
 def test_every_mesh_is_accounted_for(tmp_path):
     """What fails stands in the table with its reason; once it is mended, the table is a result."""
     folder = copy_workflow(ROOT, tmp_path / "run")

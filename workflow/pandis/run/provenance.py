@@ -41,7 +41,7 @@ _LOSSES = {"paper": "pandis.training.paper_loss", "exact": "pandis.training.exac
 
 
 #: Modules that only a training on a GPU runs.
-_ON_GPUS = ("pandis.training.labels", "pandis.native.cuda.steps")
+ON_GPUS = ("pandis.training.labels", "pandis.native.cuda.steps")
 
 
 #: Modules of the paper's other methods, and how the names of their fields begin.
@@ -67,8 +67,8 @@ def unused_modules(options):
     losses = [m for loss, m in _LOSSES.items() if trained.get("loss", loss) != loss]
     names = tuple(_field_names(options))
     methods = [m for m, start in _METHODS.items() if not any(n.startswith(start) for n in names)]
-    on_cpu = trained.get("device") == "cpu"
-    return (*losses, *methods, *(_ON_GPUS if on_cpu else []))
+    on_cpu = trained.get("device", "cpu") == "cpu"
+    return (*losses, *methods, *(ON_GPUS if on_cpu else []))
 
 
 def _field_names(options):

@@ -102,11 +102,11 @@ def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3f) -> wp.
 
 
 @wp.func
-def within(t: wp.float32) -> wp.float32:
+def share_of_edge(t: wp.float32) -> wp.float32:
     """Return a number between zero and one; zero for what is none."""
-    return wp.where(
-        t > wp.float32(0.0), wp.where(t < wp.float32(1.0), t, wp.float32(1.0)), wp.float32(0.0)
-    )
+    if not (t > wp.float32(0.0)):
+        return wp.float32(0.0)
+    return wp.min(t, wp.float32(1.0))
 
 
 @wp.func
@@ -126,11 +126,11 @@ def seems(tree: Tree, leaf: wp.int32, place: wp.int32, q: wp.vec3f) -> wp.float3
     a = rounded(tree, leaf, 0, place)
     u, v, x = rounded(tree, leaf, 1, place) - a, rounded(tree, leaf, 2, place) - a, q - a
     w, b = v - u, x - u
-    rest = x - within(wp.dot(u, x) / wp.dot(u, u)) * u
+    rest = x - share_of_edge(wp.dot(u, x) / wp.dot(u, u)) * u
     best = wp.dot(rest, rest)
-    rest = x - within(wp.dot(v, x) / wp.dot(v, v)) * v
+    rest = x - share_of_edge(wp.dot(v, x) / wp.dot(v, v)) * v
     best = wp.min(best, wp.dot(rest, rest))
-    rest = b - within(wp.dot(w, b) / wp.dot(w, w)) * w
+    rest = b - share_of_edge(wp.dot(w, b) / wp.dot(w, w)) * w
     best = wp.min(best, wp.dot(rest, rest))
     n = wp.cross(u, v)
     per = wp.float32(1.0) / wp.dot(n, n)
@@ -158,11 +158,8 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
         if keys[top] <= bound:
             if child < 0:
                 leaf = ~child
-                step, slack, share = (
-                    tree.places[leaf, 3],
-                    tree.places[leaf, 4],
-                    tree.places[leaf, 5],
-                )
+                step = tree.places[leaf, 3]
+                slack, share = tree.places[leaf, 4], tree.places[leaf, 5]
                 q, least = wp.vec3f(), wp.float32(wp.inf)
                 for k in range(3):
                     q[k] = wp.float32((p[k] - wp.float64(tree.places[leaf, k])) / wp.float64(step))
