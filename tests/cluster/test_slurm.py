@@ -3,8 +3,10 @@
 import json
 import os
 import subprocess
+import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -132,6 +134,48 @@ def test_without_a_cluster_that_is_said(tmp_path, monkeypatch):
     answering(tmp_path, monkeypatch, sacct="", scontrol="")
     with pytest.raises(PandisError, match="no Slurm cluster answers"):
         cluster.status_command()
+
+
+class Plugin:
+    """What `listen` reaches of Snakemake's plugin, and of a run that uses it."""
+
+    class Executor:
+        def additional_general_args(self):
+            return "--executor slurm-jobstep"
+
+        def get_job_args(self, job):
+            return f"--cores 16 {job.rule}"
+
+    def __init__(self, array=None):
+        self.name, self.executor_plugin = "slurm", self
+        self.executor_settings = SimpleNamespace(array_jobs=array, status_command=None)
+        self.remote_execution_settings = SimpleNamespace(seconds_between_status_checks=5)
+        self.Executor = type("Executor", (Plugin.Executor,), {})
+
+
+@pytest.mark.parametrize("memory", [4000, None])
+def test_a_job_runs_at_once_what_it_has_asked_for(tmp_path, monkeypatch, memory):
+    answering(tmp_path, monkeypatch, scontrol=SHOWN.format(300))
+    run = Plugin()
+    monkeypatch.setitem(sys.modules, "snakemake_executor_plugin_slurm", run)
+    cluster.listen(run)
+    resources = {"mem_mb": memory} if memory else {}
+    job = SimpleNamespace(rule="mesh", threads=2, resources=resources)
+    executor = run.Executor()
+    asked = executor.get_job_args(job)
+    assert asked == "--cores 16 mesh --cores 2" + " --resources mem_mb=4000" * bool(memory)
+    assert "--executor local" in executor.additional_general_args()
+    executor.next_seconds_between_status_checks = 180
+    assert executor.next_seconds_between_status_checks == 5
+
+
+def test_an_array_of_jobs_is_left_to_the_plugin(tmp_path, monkeypatch):
+    """Only its own executor knows which job of the array it is."""
+    answering(tmp_path, monkeypatch, scontrol=SHOWN.format(300))
+    run = Plugin(array="train")
+    monkeypatch.setitem(sys.modules, "snakemake_executor_plugin_slurm", run)
+    cluster.listen(run)
+    assert run.Executor().additional_general_args() == "--executor slurm-jobstep"
 
 
 def test_every_rule_of_the_profile_is_one_of_ours():

@@ -1,11 +1,15 @@
 """A training's steps in Warp's kernels, on its CPU or CUDA, are those that torch takes."""
 
+import subprocess
+import sys
+
 import pytest
 import torch
 
 from pandis.run.recipes import ExactRecipe
 from pandis.training import elements, exact_loss
 from pandis.training.network import Siren
+from support import ROOT, environment
 
 warp = pytest.importorskip("warp", reason="no Warp: pip install warp-lang")
 from pandis.native.cuda import steps  # noqa: E402 (needs Warp)
@@ -31,6 +35,32 @@ def gradients(outputs, columns, device, kernels, monkeypatch):
         output, gradient = network.forward_with_gradient(rows[:, :3])
     loss = exact_loss.loss_of(output, gradient, rows, ExactRecipe(steps=1))
     return loss, torch.autograd.grad(loss, list(network.parameters()))
+
+
+FIRST = """
+import torch
+from pandis.native.cuda import steps
+z, bias, cosine = torch.zeros(3, 5), torch.zeros(3), torch.zeros(3, 5)
+steps.launch(steps.sines, z.shape, z, bias, cosine)
+assert (cosine == 1).all()
+"""
+
+
+def test_a_kernel_may_be_the_first_that_warp_is_asked_for():
+    """A closed form has its labels from the host, so that nothing has woken Warp before."""
+    path = environment(PYTHONPATH=str(ROOT / "workflow"))
+    done = subprocess.run([sys.executable, "-c", FIRST], env=path, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+
+
+def test_without_warp_or_its_gpu_torch_takes_the_steps(monkeypatch):
+    elements._kernels.cache_clear()
+    monkeypatch.setattr(steps.wp, "is_cuda_available", lambda: False)
+    assert elements._kernels() is None
+    elements._kernels.cache_clear()
+    monkeypatch.setitem(sys.modules, "pandis.native.cuda.steps", None)
+    assert elements._kernels() is None
+    elements._kernels.cache_clear()
 
 
 @pytest.mark.parametrize("outputs", [1, 4], ids=["gradient", "outputs"])

@@ -1,13 +1,16 @@
 """A configuration that ends with its exports: one table of many meshes."""
 
 import csv
+from types import SimpleNamespace
 
 import pytest
 import yaml
+from snakemake.settings.types import MaxJobsPerTimespan
 
 from browser import Browser
 from pandis.errors import PandisError
 from pandis.report.collection import COLUMNS, build
+from pandis.run import scheduling
 from pandis.run.plan import Plan
 from support import ROOT, copy_workflow, plan, snakemake
 
@@ -59,6 +62,17 @@ def test_jobs_are_looked_for_only_when_one_has_ended(tmp_path):
     done = snakemake(folder, "-j1", "--verbose", "meshes", "--configfile", CONFIG)
     assert done.returncode == 0, done.stdout
     assert 1 <= done.stdout.count("Ready jobs: ") <= len(shapes) + 1  # and the target
+
+
+def test_a_limit_that_somebody_asked_for_stays():
+    for asked, left in (("100/1s", None), ("1/1m", "a limiter")):
+        limit = MaxJobsPerTimespan.parse_choice(asked)
+        run = SimpleNamespace(
+            scheduling_settings=SimpleNamespace(max_jobs_per_timespan=limit),
+            scheduler=SimpleNamespace(job_rate_limiter="a limiter"),
+        )
+        scheduling.wait_for_jobs(run)
+        assert run.scheduler.job_rate_limiter == left
 
 
 def test_every_mesh_is_accounted_for(tmp_path):

@@ -68,17 +68,25 @@ def listen(workflow):
     # for a short memory, and turns to `sacct` for good.
     plugin.get_min_job_age = lambda: age
     # Within a job it would start Snakemake anew for every rule of a group, one after the other.
-    # Started once, it runs at once what there is room for in what the job has asked for.
-    plugin.Executor.additional_general_args = lambda _: _HERE
-    inherited = plugin.Executor.get_job_args
-    plugin.Executor.get_job_args = lambda executor, job: " ".join(
-        [inherited(executor, job), f"--resources mem_mb={job.resources['mem_mb']}"]
-    )
+    # Started once, it runs at once what there is room for in what the job has asked for. (Of an
+    # array of jobs only the plugin's own way knows which one it is.)
+    if not workflow.executor_settings.array_jobs:
+        inherited = plugin.Executor.get_job_args
+        plugin.Executor.additional_general_args = lambda _: _HERE
+        plugin.Executor.get_job_args = lambda executor, job: (
+            f"{inherited(executor, job)} {_room(job)}"
+        )
     # It would pause for longer and longer while no job ends, up to three minutes.
     pause = workflow.remote_execution_settings.seconds_between_status_checks
     plugin.Executor.next_seconds_between_status_checks = property(
         lambda _: pause, lambda _, longer: None
     )
+
+
+def _room(job):
+    """Return arguments that tell the Snakemake of a job what has been asked for."""
+    memory = job.resources.get("mem_mb")
+    return f"--cores {job.threads}" + f" --resources mem_mb={memory}" * isinstance(memory, int)
 
 
 def _ask(*command):

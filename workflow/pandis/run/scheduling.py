@@ -1,5 +1,8 @@
 """What Snakemake's scheduler does of itself, and should not."""
 
+#: Snakemake's own limit: jobs in so many seconds.
+_DEFAULT = (100, 1)
+
 
 def wait_for_jobs(workflow):
     """Let the scheduler look for jobs to start only when one has ended.
@@ -7,6 +10,8 @@ def wait_for_jobs(workflow):
     Snakemake 9.27 counts jobs per second, by default at most a hundred. Whenever it looks, it sets
     a timer to look again a second later, so that every job that ends makes it look once a second
     more, for the rest of the run. Of hundreds of jobs none is found any faster: looking for them
-    takes a core of its own.
+    takes a core of its own. Another limit (``--max-jobs-per-timespan``) is left as it is.
     """
-    workflow.scheduler.job_rate_limiter = None
+    asked = workflow.scheduling_settings.max_jobs_per_timespan
+    if asked is not None and (asked.max_jobs, asked.timespan) == _DEFAULT:
+        workflow.scheduler.job_rate_limiter = None

@@ -131,3 +131,21 @@ def with_base(rows, base):
         return rows
     value, gradient = base.evaluate(rows[:, :3].astype(np.float64))
     return np.column_stack([rows, value, gradient]).astype(np.float32)
+
+
+def answer(output, gradient, rows):
+    """Return Φ (n,) and the direction (n, 3), not yet of unit length.
+
+    Parameters
+    ----------
+    output : Tensor, shape (n, 4) or (n, 1)
+    gradient : Tensor, shape (n, 3), or None
+        What the network says at the points of the rows; without a gradient the direction is
+        what it puts out.
+    rows : Tensor, shape (n, 7) or (n, 11)
+        Of `fresh_batches`: the latter with a base.
+    """
+    direction = output[:, 1:] if gradient is None else gradient
+    if rows.shape[1] == 7:
+        return output[:, 0], direction
+    return output[:, 0] + rows[:, 7], direction + rows[:, 8:]

@@ -23,7 +23,7 @@ def _kernels():
         from pandis.native.cuda import steps
     except (ImportError, RuntimeError):
         return None
-    return steps
+    return steps if steps.ready() else None
 
 
 def sines(z, bias):
@@ -66,11 +66,14 @@ def slopes_back(back, slope, to_slope, sine):
 
 @cache
 def _second_stream(device, first):
-    return torch.cuda.Stream(device)
+    """Return the stream beside one: never torch's, which hands out the same 32 in turn."""
+    return _kernels().new_stream(device)
 
 
 class Aside:
     """Lets work run beside what goes on, on a GPU on a second stream; elsewhere it runs at once.
+
+    Where there is no Warp, it runs at once on a GPU, too.
 
     Parameters
     ----------
@@ -80,7 +83,7 @@ class Aside:
 
     def __init__(self, values):
         self._stream, self._kept = None, []
-        if values.is_cuda:
+        if values.is_cuda and fused(values):
             current = torch.cuda.current_stream()
             self._stream = _second_stream(current.device, current.cuda_stream)
 

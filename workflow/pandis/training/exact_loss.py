@@ -2,27 +2,10 @@
 
 import torch
 
+from pandis.training.batches import answer
 from pandis.training.elements import fused
 from pandis.training.tensors import Loss, Numbers, Vectors
 from pandis.training.vectors import SMALL, length
-
-
-def answer(output, gradient, rows):
-    """Return Φ (n,) and the direction (n, 3), not yet of unit length.
-
-    Parameters
-    ----------
-    output : Tensor, shape (n, 4) or (n, 1)
-    gradient : Tensor, shape (n, 3), or None
-        What the network says at the points of the rows; without a gradient the direction is
-        what it puts out.
-    rows : Tensor, shape (n, 7) or (n, 11)
-        Of `pandis.training.batches.fresh_batches`: the latter with a base.
-    """
-    direction = output[:, 1:] if gradient is None else gradient
-    if rows.shape[1] == 7:
-        return output[:, 0], direction
-    return output[:, 0] + rows[:, 7], direction + rows[:, 8:]
 
 
 def loss_of(output, gradient, rows, options):

@@ -14,13 +14,15 @@ from pandis.grids.base import fit_base
 from pandis.run.records.model import Architecture, Error, ModelRecord, Spread
 from pandis.run.records.samples import SamplesRecord
 from pandis.training.batches import (
+    answer,
     area_points,
     fresh_batches,
     surface_batches,
     vertex_points,
     with_base,
 )
-from pandis.training.exact_loss import answer, loss_of
+from pandis.training.elements import fused
+from pandis.training.exact_loss import loss_of
 from pandis.training.interrupts import noted
 from pandis.training.labels import on_device, own_stream
 from pandis.training.network import Siren, named_arrays, usual_omega
@@ -185,6 +187,8 @@ class Trainer:
         report.resume(self.step if steps else self.elapsed)
         with noted() as interrupted, own_stream(self.device):
             if self.device == "cuda":  # else the budget begins with loading its kernels
+                if not fused(self.parameters[0]):
+                    self.log("steps take longer without Warp: pip install warp-lang")
                 torch.autograd.grad(self._loss(self.batches.batch(self.step)), self.parameters)
                 self._offs(self.held_out[:QUICK]).mean().item()
             note = self._until(steps, seconds, report, interrupted)

@@ -1,9 +1,9 @@
 """Exact distances to meshes in Warp, for labels by the million: parts/mesh.h in double precision.
 
-The tree is that of `pandis.native.bvh`, whose boxes are rounded outward. Every face of a leaf is
-asked for its closest point in double precision, so that distances differ from the tree's own by
-rounding alone. Which boxes and which faces may be near is told in single precision, less what that
-may be wrong by, as by the host: one too many changes no answer.
+The tree is that of `pandis.native.bvh`, whose boxes are rounded outward. Which boxes and which
+faces may be near is told in single precision, less what that may be wrong by, as by the host: one
+too many changes no answer. These faces are asked for their closest points in double precision, so
+that distances differ from the tree's own by rounding alone.
 """
 
 import threading
@@ -166,11 +166,12 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
                 for i in range(eight):
                     seem[i] = seems(tree, leaf, i, q)
                     least = wp.min(least, seem[i])
-                one = wp.float32(1.0)
-                most = (wp.sqrt(least) * step * (one + share) + slack) * (one + _WRONG)
-                bound = wp.min(bound, most * most * (one + _WRONG))
-                far = (wp.sqrt(bound) + slack) * (one + wp.float32(2.0) * share) / step
-                far = far * far * (one + wp.float32(4.0) * _WRONG)
+                one, far = wp.float32(1.0), wp.float32(wp.inf)
+                if least < far:  # else single precision cannot hold the squares
+                    most = (wp.sqrt(least) * step * (one + share) + slack) * (one + _WRONG)
+                    bound = wp.min(bound, most * most * (one + _WRONG))
+                    far = (wp.sqrt(bound) + slack) * (one + wp.float32(2.0) * share) / step
+                    far = far * far * (one + wp.float32(4.0) * _WRONG)
                 for i in range(eight):
                     face = tree.leaves[leaf, i]
                     if face >= 0 and not (seem[i] > far):

@@ -80,11 +80,20 @@ def regression(
         to_direction[k, i] = pull[k]
 
 
+def ready():
+    """Return whether Warp finds a CUDA device."""
+    return wp.is_cuda_available()
+
+
+def new_stream(device):
+    """Return a stream on a device of torch that nobody else has."""
+    return wp.stream_to_torch(wp.Stream(wp.get_device(str(device))))
+
+
 def launch(kernel, shape, *arguments):
     """Launch a kernel on tensors and numbers, on torch's current stream."""
     first = next(value for value in arguments if hasattr(value, "data_ptr"))
-    device = wp.device_from_torch(first.device)
-    stream = None
+    device, stream = wp.get_device(str(first.device)), None
     if device.is_cuda:
         import torch
 
