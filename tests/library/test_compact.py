@@ -432,6 +432,25 @@ def test_the_export_is_checked_where_it_is_cut_too():
         export_native(field, "compact", {}, 32, body, said.append)
 
 
+def test_a_lens_that_the_lattice_folds_is_answered_and_exported_with_its_sides():
+    """Its faces alone, with whose normals the field was once answered, do not tell them."""
+    body = Body(*hull(3000, 3, (1, 1, 0.02)), UNIT)
+    arrays, record = build_compact(body, 8, 0, lambda text: None)
+    held = artifact("compact", arrays, record.attributes() | UNIT.attributes())
+    field, said = CompactField("compact-8", held), []
+    points = np.random.default_rng(0).uniform(-1, 1, (20_000, 3))
+    distance, normal = field.answer(points)
+    far = np.abs(distance) > record.deviation + record.rounding
+    inside = body.distance.inside(points)
+    assert ((distance < 0) == inside)[far].all()
+    by_faces = field.engine.distance_and_normal(points, check=False)[0]
+    assert ((by_faces < 0) != inside)[far].sum() > 100
+    rising = field.answer(points + 1e-4 * normal)[0] > distance
+    assert rising[far].mean() > 0.999  # a step along the normal may cross to another wall
+    export_native(field, "compact", {}, 32, body, said.append)
+    assert "side 0" in said[0]
+
+
 @pytest.mark.parametrize("fewer", [False, True])
 def test_a_file_says_on_which_face_of_the_mesh_a_closest_point_lies(fewer):
     """No face of a thin plate from the other side; of a simplified mesh one of the mesh itself."""

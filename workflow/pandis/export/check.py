@@ -96,9 +96,10 @@ def check_nearest(field, engine, rounding):
     Returns
     -------
     dict
-        Largest differences of the distance, of the side beyond that of rounding, and of the bounds
-        of what is cut; how far the points that answers lead to are from the surface; difference of
-        the normal's length from 1.
+        Largest differences of the distance, and of the bounds of what is cut; of how many points
+        farther from the surface than rounding the side is not that of the winding number; how far
+        the points that answers lead to are from the surface; difference of the normal's length
+        from 1.
 
     Raises
     ------
@@ -114,7 +115,7 @@ def check_nearest(field, engine, rounding):
     far = np.abs(exact) > rounding
     differences = {
         "distance": float(np.abs(np.abs(distance) - np.abs(exact))[~cut].max()),
-        "side": float(np.abs(np.sign(distance) - np.sign(exact))[far].max()),
+        "side": float((engine.inside(points) != (distance < 0))[far].sum()),
         # of what is cut the answer is not below the distance, and what is clear not above
         "cut": float(np.maximum(clear - np.abs(exact), np.abs(exact) - np.abs(distance)).max()),
         "foot": float(np.abs(foot).max()),

@@ -1,7 +1,9 @@
 """The `compact` field: exact distances to the mesh with its vertices on a lattice."""
 
+import numpy as np
+
 from pandis.fields.base import Field
-from pandis.geometry.distance import MeshDistance
+from pandis.geometry.distance import SURFACE_DISTANCE, MeshDistance
 from pandis.geometry.frame import Frame
 from pandis.grids.lattice import to_unit
 from pandis.grids.unpacking import unpack
@@ -28,5 +30,12 @@ class CompactField(Field):
         super().__init__(name, Frame.of(artifact), size)
 
     def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
-        return self.engine.distance_and_normal(points, check=False)
+        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
+
+        Sides are those of the winding number, as the packed mesh's are: where sheets fall onto
+        each other on the lattice, or pieces vanish, pseudonormals do not tell them.
+        """
+        distance, normal = self.engine.distance_and_normal(points, check=False)
+        wrong = self.engine.inside(points) != (distance < 0)
+        wrong &= np.abs(distance) > SURFACE_DISTANCE
+        return np.where(wrong, -distance, distance), np.where(wrong[:, None], -normal, normal)
