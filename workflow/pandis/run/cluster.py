@@ -68,8 +68,8 @@ def listen(workflow):
     # for a short memory, and turns to `sacct` for good.
     plugin.get_min_job_age = lambda: age
     # Within a job it would start Snakemake anew for every rule of a group, one after the other.
-    # Started once, it runs at once what there is room for in what the job has asked for. (Of an
-    # array of jobs only the plugin's own way knows which one it is.)
+    # Started a single time, it runs side by side whatever fits into what the job has asked for.
+    # (Of an array of jobs only the plugin's own way knows which one it is.)
     if not workflow.executor_settings.array_jobs:
         inherited = plugin.Executor.get_job_args
         plugin.Executor.additional_general_args = lambda _: _HERE
