@@ -105,22 +105,30 @@ def fit(levels, coefficients, targets, rounds, steps, report=None):
         damping = _DAMPING * flat.mean()
         rest = backward(flat * off, steep * turned)
         way, step = rest.copy(), np.zeros_like(x)
-        length = rest @ rest
+        length = _product(rest, rest)
         for index in range(steps):
             if length == 0:
                 break
             along_value, along_gradient = forward(way)
             image = backward(flat * along_value, steep * along_gradient) + damping * way
-            amount = length / (way @ image)
+            amount = length / _product(way, image)
             step += amount * way
             rest -= amount * image
-            now = rest @ rest
+            now = _product(rest, rest)
             way = rest + now / length * way
             length = now
             if report:
                 report(turn * steps + index + 1)
         x = x + step
     return np.split(x, ends)
+
+
+def _product(one, other):
+    """Return the inner product of two vectors, by NumPy's own sum.
+
+    BLAS adds in an order that depends on the number of its threads.
+    """
+    return (one * other).sum()
 
 
 def _depth(targets):

@@ -73,7 +73,8 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
             str(output),
         ]
         root = str(Path(__file__).resolve().parents[2])
-        environment = os.environ | {"PYTHONPATH": root, "OMP_NUM_THREADS": "1"}
+        one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        environment = os.environ | {"PYTHONPATH": root, **one}
         try:
             done = subprocess.run(
                 command,

@@ -16,6 +16,8 @@ import warnings
 from contextlib import contextmanager
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from pandis.errors import PandisError
 from pandis.run.artifact import (
     ArtifactWriter,
@@ -33,6 +35,10 @@ PROGRESS_SECONDS = 5.0
 CHANGED = "the code was changed after this run was planned; run the same command again"
 #: What a job that was stopped says.
 INTERRUPTED = "interrupted; run the same command again to go on: what was finished stays"
+
+
+#: How many threads a BLAS takes that is loaded later, or in a process that a stage starts.
+_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
 
 
 def _interrupt(number, frame):
@@ -63,12 +69,17 @@ def stage(snakemake, task):
     job = Job(snakemake, task)
     signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
+    # a BLAS adds in an order that depends on its threads, and Snakemake gives it the job's
+    os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
     resources = snakemake.resources
     limits = (resources.get("runtime"), resources.get("mem_mb"))
     try:
         job.check_code()
-        with limited(job.stage, *limits, lambda text: job.log(f"error: {text}"), job.stream):
+        with (
+            limited(job.stage, *limits, lambda text: job.log(f"error: {text}"), job.stream),
+            threadpool_limits(1, user_api="blas"),
+        ):
             yield job
     except PandisError as error:
         job.log(f"error: {error}", terminal=is_copy(snakemake.log[0]))
