@@ -3,7 +3,10 @@
 from pandis.run.records.hardware import DeviceVerdict, FieldVerdict, HardwareRecord, WallVerdict
 
 TIMES = dict.fromkeys(("p50", "p99", "p99.9", "max"), 4.0)
-WHOLE = WallVerdict(missing=0.0, felt=0.0, judged=1.0, points=4000, pressed_missing=0, holds=True)
+WHOLE = WallVerdict(
+    missing=0.0, felt=0.0, judged=1.0, left_out=0.0, strongly_felt=0.0, patch=0.0, p99_n=0.0,
+    points=4000, pressed_missing=0, ghost_n=0.0, holds=True,
+)  # fmt: skip
 PRESSED = DeviceVerdict(
     hand=3.0, hands={"0.3": 1e3}, released_n_m=100.0, stiffness=400.0, strongest_n=0.5,
     steepest_n_per_ms=0.1, cut=0, energy_j=0.0, quiet=1.0, unarmed=0, reach_m=0.05, ended="",

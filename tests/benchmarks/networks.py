@@ -26,8 +26,8 @@ from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
 from pandis.fields.siren import SirenField
 from pandis.geometry.body import Body
-from pandis.geometry.measure import MISSING_LIMIT
 from pandis.geometry.physical import Scale
+from pandis.geometry.shares import MISSING_LIMIT
 from pandis.geometry.strata import Strata
 from pandis.hardware.walls import compare, open_walls
 from pandis.native.runtime import NativeField

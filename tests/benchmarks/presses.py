@@ -23,8 +23,8 @@ from pandis.errors import PandisError
 from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
 from pandis.geometry.frame import UNIT_SIDE, Frame
-from pandis.geometry.measure import MISSING_LIMIT
 from pandis.geometry.physical import Scale
+from pandis.geometry.shares import MISSING_LIMIT
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.passes import ABOVE, Oracle, draw, free_starts, judge, run
 from pandis.hardware.walls import compare, open_walls

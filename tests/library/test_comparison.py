@@ -50,7 +50,7 @@ def test_a_field_that_is_a_tenth_too_soft_has_a_tenth_of_the_force_as_its_error(
     assert attributes["newtons"] == pytest.approx(400 * 0.1 / 1.8)
     assert arrays["view_error_soft"].max() > 0 == arrays["view_error_exact"].max()
     assert np.allclose(arrays["force_soft"], 0.9 * arrays["exact_force"])
-    assert {"control-zero", "control-gap"} == set(attributes["controls"])
+    assert {"control-zero", "control-gap", "control-thin"} == set(attributes["controls"])
 
 
 def test_several_paths_have_their_errors_each():

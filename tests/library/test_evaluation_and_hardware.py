@@ -9,7 +9,9 @@ from pandis.evaluation.errors import UNNORMALISED, evaluate, statistics
 from pandis.evaluation.timing import summarise, time_queries
 from pandis.fields.base import Field
 from pandis.geometry.frame import Frame
-from pandis.geometry.measure import SETS, ContactSet, Probes
+from pandis.geometry.measure import SETS, ContactSet
+from pandis.geometry.physical import Scale
+from pandis.geometry.shares import Probes
 from pandis.hardware.load import busy_cores
 from pandis.hardware.validation import NO_ATTACHED, _longest_run, validate
 from pandis.native.runtime import SHAPE, NativeField
@@ -67,8 +69,16 @@ def truth(count=50):
 def contacts(count=50):
     """A contact set of the half-space, at 20 N per unit of force."""
     points = np.random.default_rng(1).uniform(-0.04, 0, (count, 3))
-    probes = Probes(points, *Plane("exact").answer(points))
-    return ContactSet(dict.fromkeys(SETS, probes), probes, 0.0, 20.0)
+    answers, nowhere = Plane("exact").answer(points), np.zeros(count, bool)
+    probes = Probes(points, *answers, nowhere, Scale(0.09, 400.0), Unchecked())
+    return ContactSet(dict.fromkeys(SETS, probes), probes, 0.0)
+
+
+class Unchecked:
+    """The half-space as an exact distance."""
+
+    def distance_and_normal(self, points, check):
+        return Plane("exact").answer(points)
 
 
 def test_evaluation_rows_and_forces():
@@ -169,7 +179,7 @@ def test_validation_passes_what_agrees_and_fails_what_does_not(sphere):
     assert "differ from the evaluated ones by" in verdict.sentence
     _, verdict = run(sphere, missing=0.02, misses=0.9)
     assert verdict.verdict == "fail"
-    assert "2 % of the surface lacks the force (0.5 % allowed)" in verdict.sentence
+    assert "on 2.00% of the surface the force is missing" in verdict.sentence
 
 
 def test_validation_counts_misses(sphere):

@@ -10,6 +10,7 @@ from verdicts import PRESSED, SOUND, WHOLE, changed, validated
 
 def row(field, error, **changes):
     known = {"field": field, "bytes": 800_000, "stress": 0, "missing_percent": 0.0}
+    known |= {"left_out_percent": 0.0}
     known |= {"contact_mean": error, "contact_millinewtons": 22e3 * error, "contact_percent": 3.4}
     return dict.fromkeys(COLUMNS, "") | known | {"native_p50_us": 0.5} | changes
 

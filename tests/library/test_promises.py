@@ -29,7 +29,7 @@ from support import artifact
 from test_choice import SCALE, TORUS, chooser
 
 #: Where only the exact field has the force: thinner than any grid of these sizes can tell.
-THIN = ("plate-0.3", "plate-0.6", "plate-1", "plate-2", "blade", "cage", "finned-ball")
+THIN = ("plate-0.3", "plate-0.6", "plate-1", "plate-2", "cage", "finned-ball")
 #: Where grids and splines have it, too, and what they lack no suite minds: sharp edges make every
 #: smooth field give way early next to them.
 SMOOTH = {

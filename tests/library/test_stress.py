@@ -11,14 +11,15 @@ from pandis.forces import penalty_force
 from pandis.geometry.body import Body
 from pandis.geometry.distance import MeshDistance, ShapeDistance
 from pandis.geometry.frame import Frame
-from pandis.geometry.measure import Stratified
 from pandis.geometry.physical import Scale
+from pandis.geometry.places import Stratified
 from pandis.geometry.shapes import SHAPES
 from pandis.grids.dense import DenseGrid
 from pandis.run.options import StressOptions
 from pandis.run.stage import silent_progress
-from pandis.stress.contact import ghosts, holding, wanted_force
+from pandis.stress.contact import holding, wanted_force
 from pandis.stress.coupled import LADDER, simulate, stable_stiffness
+from pandis.stress.ghosts import ghosts
 from pandis.stress.jumps import jumps
 from pandis.stress.physical import Device
 from pandis.stress.probes import Shell
@@ -141,8 +142,18 @@ class Capless(Exact):
         return np.where(normal[:, 2] > 0.98, 0.0, distance), normal
 
 
+class Askew(Exact):
+    """The direction is 45 degrees off on a twentieth of the surface, behind a smooth border."""
+
+    def spoil(self, points, distance, normal):
+        turn = np.radians(45) * np.clip((normal[:, 2] - 0.9) / 0.03, 0, 1)
+        side = np.cross(normal, [0.0, 1.0, 0.0])
+        return distance, np.cos(turn)[:, None] * normal + np.sin(turn)[:, None] * side
+
+
 CONTROLS = {
     "missing": Capless,
+    "other": Askew,
     "work": Turned,
     "stiffness": Kink,
     "jumps": Seam,
@@ -172,6 +183,7 @@ def tried(sphere):
 def test_the_exact_sphere_passes_everything(sphere, tried):
     arrays, attributes = stress([Exact()], tried, sphere, 1, silent_progress)
     assert attributes["failed"] == {"exact": []}
+    # a ball has no walls, and so no control-thin
     assert attributes["controls"] == {"control-zero": ["missing"], "control-gap": ["missing"]}
     assert list(attributes["fields"]["exact"]) == list(QUESTIONS)
     assert arrays["holding_newtons"] == pytest.approx(400 * 0.05, rel=0.03)
@@ -228,7 +240,7 @@ def test_loop_work_is_that_of_the_literature_notes(sphere):
     """0.75, 0.021 and 4e-16 at 32³, 0.36 and 0.0033 at 64³; how loops are drawn is left open."""
     rng = np.random.default_rng(3)
     feet, outward = sphere.surface.draw(100, rng)[:2]
-    places = Stratified(feet, outward, np.full(100, R), np.full(100, 0.01))
+    places = Stratified(feet, outward, np.full(100, R), np.full(100, 0.01), np.ones(100, bool))
     paths = loops(places, ENGINE, rng)
 
     def share(field):
@@ -266,7 +278,9 @@ def test_largest_stable_stiffness_is_that_of_the_theory(late, wanted):
 
 def test_friction_lets_a_wall_be_stiffer():
     device = Device(**TOUCH | {"hand_damping": 0.0})
-    places = Stratified(R * np.eye(3), np.eye(3), np.full(3, R), np.full(3, 1 / 3))
+    places = Stratified(
+        R * np.eye(3), np.eye(3), np.full(3, R), np.full(3, 1 / 3), np.ones(3, bool)
+    )
     found = []
     for friction in (0.0, 0.26):
         one = device._replace(friction=friction)
@@ -291,7 +305,9 @@ def test_a_plate_holds_half_its_thickness():
     vertices, faces = box_mesh()
     plate = (vertices - vertices.mean(axis=0)) / np.ptp(vertices, axis=0) * [1.8, 1.8, 0.1]
     engine = MeshDistance(plate, faces)
-    places = Stratified(np.array([[0.1, 0.2, 0.05]]), np.eye(3)[2:], np.array([0.05]), np.ones(1))
+    places = Stratified(
+        np.array([[0.1, 0.2, 0.05]]), np.eye(3)[2:], np.array([0.05]), np.ones(1), np.ones(1, bool)
+    )
     found = holding(engine.distance_and_normal, places, SCALE, Device(**TOUCH))
     assert found == pytest.approx(400 * 0.05 / SCALE.metre, rel=0.05)  # to a step of the ray
     assert found <= 400 * 0.05 / SCALE.metre

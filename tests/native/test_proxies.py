@@ -44,7 +44,7 @@ def ball():
     feet = 0.05 * outward
     turn = np.linspace(0, 3, 400)
     round_it = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-    places = Contact(0.05 * round_it, round_it, feet, outward, np.full(6, 0.05))
+    places = Contact(0.05 * round_it, round_it, feet, outward, np.full(6, 0.05), feet, outward)
     way = np.concatenate([np.linspace(0.06, 0.048, 50)[:, None] * round_it[0], 0.048 * round_it])
     return places, Truth(Oracle(vertices * METRES, faces), feet), way
 

@@ -8,7 +8,6 @@ from test_devices import RADIUS
 
 from pandis.fields.controls import controls
 from pandis.fields.exact import ExactField
-from pandis.forces import penalty_force
 from pandis.geometry.body import Body
 from pandis.geometry.physical import Scale
 from pandis.geometry.sampling import Surface
@@ -45,7 +44,7 @@ def surface(fields):
     own = Surface(engine.vertices, engine.faces)
     held, _ = trace(own, engine, TrajectoryOptions(samples=400), 2, silent_progress)
     walls = open_walls(fields["exact"][0], own, SCALE, 3)
-    return contact(held, walls.pressed, SIZE)
+    return contact(held, walls.pressed, walls.thin, SIZE)
 
 
 def pressed(name, files, surface, device="touch", stiffness=400.0, feel=None, **hand):
@@ -138,12 +137,12 @@ def test_every_device_is_named(files, surface):
     walls = changed(WHOLE, pressed_missing=2)
     failed = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
     assert failed.verdict == "fail"
-    assert "at 2 of the points that it presses on the force is missing" in failed.sentence
+    assert "at 2 of the points that a device presses on the force is missing" in failed.sentence
     assert "do not use it" in failed.sentence
-    walls = changed(WHOLE, holds=False)
+    walls = changed(WHOLE, missing=0.02, holds=False)
     lacking = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
     assert lacking.verdict == "fail"
-    assert "lacks a part of the surface; do not use it" in lacking.sentence
+    assert "on 2.00% of the surface the force is missing; do not use it" in lacking.sentence
     assert found["falcon"].sentence.startswith(
         "On a simulated Falcon in a hand of 3 Ns/m at 400 N/m"
     )
@@ -166,7 +165,7 @@ def test_a_slow_machine_is_told_what_to_do():
     assert verdicts == ["pass", "late", "fail"]
     assert machine_verdict(changed(good, walls=lacking)) == "fail"
     gone = machine_sentence(changed(good, walls=lacking), options)
-    assert "Do not use it: on 2 % of the surface the force is missing" in gone
+    assert "Do not use it: on 2.00% of the surface the force is missing" in gone
 
 
 @pytest.mark.parametrize("name", ["plate-2", "finned-ball", "blade", "cage"])
@@ -175,9 +174,10 @@ def test_no_control_passes_the_hardware_verdict(name):
     shape = open_shape(name)
     exact = ExactField("exact", Body.open(shape.mesh))
     walls = open_walls(exact, shape.surface, SCALE, 1)
-    assert compare(lambda p: penalty_force(*exact.answer(p)), walls).holds
+    # the blade's edge tapers to nothing: too much of it is too thin for any field to be sold
+    assert compare(exact, walls).holds == (name != "blade")
     for control in controls(exact, shape.surface, SCALE):
-        found = compare(lambda p, c=control: penalty_force(*c.answer(p)), walls)
+        found = compare(control, walls)
         assert not found.holds
         assert found.missing > 0.005
 

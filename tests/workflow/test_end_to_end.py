@@ -68,7 +68,7 @@ def test_contract_of_the_artifacts(finished):
     assert {"contact-shallow", "contact-deep", "shallow", "deep", "trajectory"} == set(
         evaluation.attributes["errors"]
     )
-    assert set(evaluation.attributes["controls"]) == {"control-zero", "control-gap"}
+    assert set(evaluation.attributes["controls"]) == {"control-zero", "control-gap", "control-thin"}
     hardware = json.loads((home / "hardware.json").read_text())
     assert "No haptic device was attached" in hardware["statement"]
     assert "hardware.ask_again" in hardware["statement"]

@@ -15,7 +15,7 @@ from support import snakemake, write_obj
 
 pytestmark = pytest.mark.full
 
-CONTROLS = {"control-zero", "control-gap"}
+CONTROLS = {"control-zero", "control-gap", "control-thin"}
 CONFIG = {
     "fields": ["exact", "trilinear-24", "spline-auto", "pandis-exact"],
     "bake": {"auto": {"spline": {"bytes": 400_000}}},

@@ -20,13 +20,14 @@ from pandis.fields.registry import open_field
 from pandis.fields.sizing import SIZES, SPLINE_BYTES, Grids, grid_bytes, hopeless
 from pandis.forces import force_of
 from pandis.geometry.measure import promise
+from pandis.geometry.shares import MISSING_LIMIT, THINNEST
 from pandis.geometry.strata import Strata
 from pandis.grids.compact import size_of
 from pandis.run.artifact import Artifact
 from pandis.run.catalogue import COMPACT, DENSE_KINDS, parse_field
 from pandis.run.records.choice import ChoiceRecord, Chosen, Passed, ScaleRecord
 from pandis.run.tasks import TrainTask
-from pandis.stress.suite import QUESTIONS, Suite, failures
+from pandis.stress.suite import PROXY_QUESTIONS, QUESTIONS, Suite, failures
 from pandis.training.sizing import narrowest, widths_up_to
 
 
@@ -90,6 +91,7 @@ class Chooser:
             Nothing meets the budget, or a control does.
         """
         self.log(f"asked for: {self.points.told_limits(self.limits)}")
+        self._refuse_the_too_thin()
         self._try_controls()
         for attempt in (self._exact, self._compact, self._dense, self._spline, self._network):
             if attempt == self._network:
@@ -98,6 +100,16 @@ class Chooser:
             if field:
                 return field.arrays, field.attributes | self._told(field.choice), field.finish
         raise PandisError(self._refusal())
+
+    def _refuse_the_too_thin(self):
+        left_out = self.points.promising.left_out
+        if left_out > MISSING_LIMIT:
+            size = self.points.scale.size
+            raise PandisError(
+                f"{left_out:.2%} of the surface is thinner than {1e3 * THINNEST:g} mm under the "
+                f"device ({MISSING_LIMIT:.1%} allowed), too thin for any field to be judged: make "
+                f"device.size larger (it is {size:g} m), or name fields instead of `fields: auto`"
+            )
 
     def _told(self, choice):
         scale = self.points.scale
@@ -135,6 +147,7 @@ class Chooser:
                 "add budget.bytes or budget.query_time if it is too large or too slow"
             )
         no_error = {"mean": 0.0, "p99": 0.0, "missing": 0.0}
+        no_error["left_out"] = self.points.promising.left_out
         choice = Chosen(
             field="exact", held_out_error=0.0, held_out=no_error, bytes=size,
             query_time=self._time("exact", count),
@@ -284,9 +297,12 @@ class Chooser:
         if measured.why:
             return measured
         answers = self.suite.ask(file, self.progress, first=True)
+        if not failures(answers):
+            answers |= self.suite.touch(file)
         failed = failures(answers)
         if failed:
-            why = QUESTIONS[failed[0]].failing.format(**answers[failed[0]])
+            question = (QUESTIONS | PROXY_QUESTIONS)[failed[0]]
+            why = question.failing.format(**answers[failed[0]])
             return measured._replace(why=f"meets the errors, but fails the stress suite: {why}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
         return measured

@@ -5,7 +5,8 @@ import numpy as np
 from pandis.fields.controls import demand_failure
 from pandis.forces import force_of, penalty_force
 from pandis.geometry.arrays import Points
-from pandis.geometry.measure import MISSING_LIMIT, contact_errors, shares
+from pandis.geometry.measure import contact_errors
+from pandis.geometry.shares import MISSING_LIMIT, Probes, shares
 
 #: Ending of the row with the paper's own force, in which Ψ keeps its length.
 UNNORMALISED = " (‖Ψ‖ kept)"
@@ -63,7 +64,7 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
     arrays, attributes : dict
         As stored in ``evaluation.zarr.zip``. Forces are of the unit frame at k = 1. ``errors``: by
         set and field, on the trajectory and the contact sets with the shares of
-        `pandis.geometry.measure.shares`; ``controls``: by control and contact set.
+        `pandis.geometry.shares.shares`; ``controls``: by control and contact set.
     """
     sets = {"trajectory": trajectory} | probe_sets
     arrays, scale = {}, {}
@@ -80,7 +81,7 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
             errors[name][field.name] = statistics(force, exact)
             if name == "trajectory":
                 arrays[f"force_{field.name}"] = force
-                errors[name][field.name] |= _path_shares(force, exact, contacts.newtons)
+                errors[name][field.name] |= _path_shares(force, trajectory, contacts)
             if field.keeps_length:
                 kept = _unnormalised(field)(points)
                 errors[name][field.name + UNNORMALISED] = statistics(kept, exact)
@@ -129,9 +130,11 @@ def _exact_forces(sets, contacts):
         yield name, probes.force
 
 
-def _path_shares(force, exact, newtons):
+def _path_shares(force, trajectory, contacts):
     """Return what of a trajectory a force lacks, and the error by the mean force, in newtons."""
-    mean = float(np.linalg.norm(force - exact, axis=1).mean())
-    size = float(np.linalg.norm(exact, axis=1).mean())
-    relative = {"relative": mean / max(size, 1e-300), "newtons": mean * newtons}
-    return relative | shares(force, exact, newtons)
+    pressed, nowhere = contacts.pressed, np.zeros(len(force), bool)
+    probes = Probes(*trajectory, nowhere, pressed.scale, pressed.engine)
+    mean = float(np.linalg.norm(force - probes.force, axis=1).mean())
+    size = float(np.linalg.norm(probes.force, axis=1).mean())
+    relative = {"relative": mean / max(size, 1e-300), "newtons": mean * pressed.scale.newtons}
+    return relative | shares(force, probes)

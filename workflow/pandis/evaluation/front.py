@@ -1,9 +1,9 @@
 """Which field to use: what no other beats, and the best for a given error."""
 
-from pandis.geometry.measure import MISSING_LIMIT
+from pandis.geometry.shares import MISSING_LIMIT
 
-#: Errors that a user may allow: percent of the mean force on the contact set.
-ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+#: Errors that a user may allow: percent of the mean force on the contact set; at last any.
+ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, float("inf"))
 #: What is paid: keys of a summary's rows, and what each is called.
 PRICES = {"native_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}
 #: What fields are compared by: keys of a summary's rows.
@@ -13,6 +13,8 @@ AXES = ("contact_mean", "native_p50_us", "bytes", "jump_rms_newtons")
 def may_be_used(row):
     """Tell whether a field can be recommended: it failed no question, and lacks no surface.
 
+    Nor can any field of an object too much of which is too thin to be judged.
+
     Parameters
     ----------
     row : dict
@@ -20,7 +22,8 @@ def may_be_used(row):
     """
     if row["stress"] == "" or row["missing_percent"] == "":
         return False
-    return row["stress"] == 0 and row["missing_percent"] <= 100 * MISSING_LIMIT
+    worst = max(row["missing_percent"], row["left_out_percent"])
+    return row["stress"] == 0 and worst <= 100 * MISSING_LIMIT
 
 
 def pareto(rows, keys):

@@ -11,7 +11,7 @@ from pandis.errors import PandisError
 from pandis.export.check import FORCE_LENGTH, check, check_nearest, check_points
 from pandis.export.clearance import clearance
 from pandis.fields.compact import CompactField
-from pandis.fields.exact import ExactField
+from pandis.fields.exact import MESH_VERSION, ExactField
 from pandis.fields.exported import ExportedField
 from pandis.fields.grid import GridField
 from pandis.fields.siren import SirenField
@@ -20,15 +20,12 @@ from pandis.forces import penalty_force
 from pandis.geometry.distance import MeshDistance, ShapeDistance
 from pandis.grids.compact import file_parts, find_originals
 from pandis.grids.limits import least_limit
-from pandis.native.bvh import LEAF_BYTES, NODE_BYTES
 from pandis.native.runtime import (
     COMPACT,
     GRID,
     MESH,
     NETWORK,
     RULES,
-    SHAPE,
-    SHAPES,
     SPLINE,
     NativeField,
 )
@@ -38,7 +35,7 @@ from pandis.run.catalogue import BOX
 #: Sums of a network run in so many lanes; rows of weights are padded to whole ones.
 _LANES = 16
 #: The first version of the format that knows these kinds, as they are written now.
-VERSIONS = {COMPACT: 3, MESH: 4}
+VERSIONS = {COMPACT: 3, MESH: MESH_VERSION}
 #: A query of an exact mesh looks at so many nodes, leaves and faces, which takes about a tenth of
 #: a tick and cuts nothing on scans; more where that would cut a query next to the surface.
 MOST = 1000
@@ -80,10 +77,8 @@ def _parts(field, kind, weight_bits):
         return COMPACT, *file_parts(field.arrays, field.record)
     if isinstance(field, GridField):
         return GRID, *_grid(field, kind)
-    if isinstance(field, ExactField) and isinstance(field.engine, ShapeDistance):
-        return SHAPE, *_shape(field.engine.shape)
     if isinstance(field, ExactField):
-        return MESH, *_mesh(field.engine, field.frame)
+        return field.file_parts(_least_limit(field))
     raise PandisError(f"{field.name}: pandis.h knows no fields of the kind {kind}")
 
 
@@ -175,27 +170,18 @@ def _spline(field):
     return [*(wholes[k] for k in range(8)), field.far.size], reals, sections
 
 
-def _mesh(engine, frame):
-    sections = engine.tree_parts()
-    counts = [
-        len(sections["VERT"]) // 24,
-        len(sections["FACE"]) // 12,
-        len(sections["TREE"]) // NODE_BYTES,
-        len(sections["LEAF"]) // LEAF_BYTES,
-    ]
+def _least_limit(exact):
+    """Return how much a query of an exact field may look at: see `MOST`."""
+    engine = exact.engine
+    if isinstance(engine, ShapeDistance):
+        return MOST
 
     def query(points, most):
-        data = pack(MESH, frame, [*counts, most], [engine.reach], sections, {}, VERSIONS[MESH])
-        answer, clear = NativeField(data).query_within(frame.to_mesh(points), np.inf)
+        native = NativeField(exact.file(most))
+        answer, clear = native.query_within(exact.frame.to_mesh(points), np.inf)
         return answer.distance, clear
 
-    most = least_limit(MOST, engine.vertices, engine.faces, query)
-    return [*counts, most], [engine.reach], sections
-
-
-def _shape(shape):
-    sizes = np.ravel([getattr(shape, name) for name in shape.__dataclass_fields__]).tolist()
-    return [SHAPES.index(type(shape).__name__.lower())], sizes, {}
+    return least_limit(MOST, engine.vertices, engine.faces, query)
 
 
 def export_native(field, kind, provenance, weight_bits, body, log, original_faces=False):

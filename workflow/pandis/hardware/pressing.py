@@ -59,6 +59,8 @@ class Contact(NamedTuple):
         Surface points that are pressed on, and their outward normals.
     radius : ndarray, shape (m,)
         The inscribed radius at them.
+    hard_feet, hard_outward : ndarray, shape (p, 3)
+        Those that are pressed through a proxy with all force: the thinnest walls among them.
     """
 
     points: np.ndarray
@@ -66,24 +68,26 @@ class Contact(NamedTuple):
     feet: np.ndarray
     outward: np.ndarray
     radius: np.ndarray
+    hard_feet: np.ndarray
+    hard_outward: np.ndarray
 
 
-def contact(trajectory, places, size):
+def contact(trajectory, places, thin, size):
     """Return where a hand presses and slides, in the device's workspace.
 
     Parameters
     ----------
     trajectory : dict of str to ndarray
         ``points``, ``distance`` and ``normal`` in the unit frame.
-    places : pandis.geometry.measure.Stratified
-        Surface points to press on, unit frame.
+    places, thin : pandis.geometry.places.Stratified
+        Surface points to press on, and to press hard through a proxy; unit frame.
     size : float
         Metres of the longest side.
     """
     normals, metres = trajectory["normal"], size / UNIT_SIDE
     above = trajectory["points"] - trajectory["distance"][:, None] * normals
     pressed = places.feet * metres, places.outward, places.radius * metres
-    return Contact(above * metres, normals, *pressed)
+    return Contact(above * metres, normals, *pressed, thin.feet * metres, thin.outward)
 
 
 def press(field, spec, surface, size, stiffness, hand, rate, feel=None):

@@ -200,7 +200,8 @@ def touch_device(name, field, feel, surface, walls, truth, options, rate):
     error = truth.error(field, options.size)
     rng = generator(options.seed, PRESSES)
     above = ABOVE + feel.radius
-    presses = draw(surface.feet, surface.outward, spec, pressed.stiffness, _SLANT, rng, above)
+    hard = surface.hard_feet, surface.hard_outward
+    presses = draw(*hard, spec, pressed.stiffness, _SLANT, rng, above)
     presses = free_starts(presses, truth.oracle, above)
     given = field, spec, options.size, pressed.stiffness, presses
     judged = judge(run(*given, feel), truth.oracle, error, radius=feel.radius)

@@ -6,16 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pandis.fields.exported import ExportedField
+from pandis.forces import force_of
 from pandis.geometry.frame import UNIT_SIDE, Frame
-from pandis.geometry.measure import MISSING_LIMIT, missing
 from pandis.geometry.physical import Scale
+from pandis.geometry.shares import missing
 from pandis.hardware.attached import Span, run_attached
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.load import busy_cores
 from pandis.hardware.pressing import Hand, contact, press
 from pandis.hardware.proxies import Truth, feel_for, regions_among, touch_device, try_proxy
 from pandis.hardware.verdict import device_sentence, judge, machine_verdict, paragraph
-from pandis.hardware.walls import compare
+from pandis.hardware.walls import compare, faults
 from pandis.native.contact import Feel
 from pandis.native.contact.surfaces import unknown_materials
 from pandis.native.runtime import NativeField
@@ -84,7 +86,7 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
     most = min(options.deadline, WITHIN / options.rate)
     options = options.model_copy(update={"deadline": most})
     arrays, fields = {}, {}
-    surface = contact(trajectory.arrays, walls.pressed, options.size)
+    surface = contact(trajectory.arrays, walls.pressed, walls.thin, options.size)
     report = progress("fields", len(exports), "fields")
     idle = run_ticks(None, points, _ticks(options), options.rate)
     asked = AGAIN if options.ask_again else ONCE
@@ -95,10 +97,9 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
         name = path.stem
         reference = evaluation.arrays[f"force_{name}"]
         field = NativeField(path)
-        force_at = unit_force(field, frame)
-        lacks = compare(force_at, walls)
-        gone = missing(force_at(walls.probes.points), walls.probes.force, walls.scale.newtons)
-        truth = Truth(oracle, walls.places.feet[~gone] * options.size / UNIT_SIDE)
+        file = ExportedField(name, field)
+        lacks = compare(file, walls)
+        truth = Truth(oracle, pushing_feet(file, walls) * options.size / UNIT_SIDE)
         ticks, servo = validate(field, frame, points, reference, lacks, options)
         devices, attached = press_devices(field, surface, lacks, options), None
         query = servo.compute_us["p50"] * 1e-6
@@ -190,9 +191,15 @@ def _statement(fields):
     return " ".join([WHAT_RAN, *dict.fromkeys(said)]) if said else f"{NO_ATTACHED} {WHAT_RAN}"
 
 
-def unit_force(field, frame):
-    """Return what answers an exported field's force (n, 3) in the unit frame, at k = 1."""
-    return lambda points: field.force(frame.to_mesh(points)) * frame.scale
+def pushing_feet(field, walls):
+    """Return the surface points (n, 3), unit frame, below which a field has the force.
+
+    Its error at the surface is taken there: a hole in a field excuses nothing.
+    """
+    probes = walls.contacts.pressed
+    force = force_of(field)(probes.points)
+    gone = missing(force, probes.force, probes.wall, probes.scale.newtons)
+    return (probes.points - probes.distance[:, None] * probes.normal)[~gone]
 
 
 def press_devices(field, surface, walls, options):
@@ -317,8 +324,10 @@ def _sentence(servo, options):
         off = servo.agreement
         force = f"forces differ from the evaluated ones by {off:.1e} ({AGREEMENT:.0e} allowed)"
     walls = servo.walls
-    lacks = f"{100 * walls.missing:.2g} % of the surface lacks the force"
+    compared = "; ".join(faults(walls)) or (
+        f"{walls.missing:.2%} of the surface lacks the force, and {walls.strongly_felt:.2%} pushes "
+        "with a strongly different one"
+    )
     if walls.pressed_missing:
-        lacks += f", and so do {walls.pressed_missing} of the points that a device presses on"
-    how = servo.verdict.capitalize()
-    return f"{how}: {time}; {force}; {lacks} ({100 * MISSING_LIMIT:g} % allowed)."
+        compared += f"; at {walls.pressed_missing} of the points that a device presses on it lacks"
+    return f"{servo.verdict.capitalize()}: {time}; {force}; {compared}."

@@ -1,7 +1,9 @@
 """What a person should do about a field, on this machine and on each device, in a paragraph."""
 
+from pandis.geometry.shares import MISSING_LIMIT
 from pandis.hardware.devices import DEVICES
 from pandis.hardware.pressing import SLACK
+from pandis.hardware.walls import faults as force_faults
 from pandis.stress.coupled import CALM
 
 
@@ -64,7 +66,7 @@ def proxy_sentence(touched):
         said = "there is no room to press it hard, so that nothing is known of its walls"
     faults = [*_faults(touched.device, touched), *_unrest(touched)]
     if not touched.holds:
-        faults.append("the field lacks a part of the surface")
+        faults.append("the field's forces are not the exact ones")
     light = min(touched.hands, key=float)
     advice = "do not use it"
     if touched.safe_n_m and touched.holds and touched.presses and not touched.passes:
@@ -87,12 +89,7 @@ def device_sentence(name, pressed, walls):
     """
     device = DEVICES[name]
     faults = _faults(name, pressed)
-    if walls.pressed_missing:
-        faults.append(
-            f"at {walls.pressed_missing} of the points that it presses on the force is missing"
-        )
-    if not walls.holds:
-        faults.append("the field lacks a part of the surface")
+    faults += _compared(walls)
     faults += _unrest(pressed)
     says = "; ".join(faults) or (
         f"at most {pressed.strongest_n:.2g} of its {device.force:g} N, {_still(pressed)} and "
@@ -108,6 +105,22 @@ def device_sentence(name, pressed, walls):
         )
     hand = f"in a hand of {pressed.hand:g} Ns/m"
     return f"On a simulated {device.title} {hand} at {pressed.stiffness:g} N/m: {says}; {advice}."
+
+
+def _compared(walls):
+    """Return what keeps a field's forces from being the exact ones, in words."""
+    told = force_faults(walls)
+    if walls.pressed_missing:
+        at = walls.pressed_missing
+        told.append(f"at {at} of the points that a device presses on the force is missing")
+    return told
+
+
+def _instead(walls):
+    """Say what helps: nothing is recommended of an object that is too thin to be judged."""
+    if walls.left_out > MISSING_LIMIT:
+        return "No field of this object can be judged: make device.size larger."
+    return "Take a larger field, or the exact one."
 
 
 def _faults(name, pressed):
@@ -163,11 +176,7 @@ def machine_sentence(servo, options):
             f"compute longer than {deadline:.0f} µs; use a smaller field, or a faster machine."
         )
     if not servo.walls.holds:
-        lacks = 100 * servo.walls.missing
-        return (
-            f"Do not use it: on {lacks:.2g} % of the surface the force is missing that the exact "
-            "field has; take a larger field, or the exact one."
-        )
+        return f"Do not use it: {'; '.join(_compared(servo.walls))}. {_instead(servo.walls)}"
     if not servo.punctual:
         return (
             f"Not judged: the machine was late. {100 * servo.late_share:.2g} % of the ticks "

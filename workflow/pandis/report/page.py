@@ -11,6 +11,7 @@ from pandis.evaluation.paths import BASELINES, verdict
 from pandis.fields.registry import open_field
 from pandis.geometry.frame import Frame
 from pandis.geometry.physical import Scale
+from pandis.geometry.shares import MISSING_LIMIT
 from pandis.mesh.diagnosis import THICKNESS_RAYS
 from pandis.native.processes import each
 from pandis.native.web import script
@@ -136,6 +137,7 @@ def mesh_section(name, artifacts, field_names, files=()):
         built=len(known),
         sound=len(usable(rows, validated)),
         per_unit=Scale.of(stressed).newtons * frame.scale,
+        metres=frame.scale / Scale.of(stressed).metre,
         judged=evaluated.controls["control-zero"][CONTACT].judged,
         walls=max((v.walls.points for v in validated.fields.values()), default=0),
         builds=builds,
@@ -311,6 +313,7 @@ def build(sections, refused=None):
         touch_style=(resources.files("pandis.native.web") / "style.css").read_text("utf-8"),
         scripts=scripts,
         tables=paper.tables(sections),
+        missing_limit=MISSING_LIMIT,
         versions={k: v for section in sections for k, v in section.versions.items()},
     )
 

@@ -19,7 +19,8 @@ def picks(rows, hardware, folder):
     list of dict
         ``field``, ``file``, and texts: ``error``, ``size``, ``time``, ``most`` (the safe
         stiffness), ``safe`` (a sentence about it); ``why`` one may take it (the beginning of a
-        sentence).
+        sentence); ``through``: what to say where hard presses go through with penalty forces, so
+        that a proxy is to be used, else empty.
     """
     able, tried = usable(rows, hardware), hardware.fields
     exact = [row for row in able if row["contact_mean"] == 0]
@@ -65,13 +66,32 @@ def _file_is_sound(verdict):
     """Tell whether the validation of an exported file has found nothing that forbids its use."""
     devices = verdict.devices.values()
     pressed = all(device.holds and not device.pressed_missing for device in devices)
-    whole = verdict.agrees and verdict.in_time and verdict.walls.holds and pressed
+    kept = not any(touched.passes for touched in _touched(verdict))
+    whole = verdict.agrees and verdict.in_time and verdict.walls.holds and pressed and kept
     return bool(whole and _safe(verdict) != 0)
 
 
+def _touched(verdict):
+    """Return what devices made of a field through a proxy; nothing where it has none."""
+    return list(verdict.proxy.devices.values()) if verdict.proxy else []
+
+
+def _lets_through(verdict):
+    """Return how many hard presses there were, and in how many penalty forces let a hand through.
+
+    On the device where it were most.
+    """
+    counts = [(t.penalty_passes, t.presses) for t in _touched(verdict)]
+    return max(counts, default=(0, 0))
+
+
 def _safe(verdict):
-    """Return the stiffness that is safe in the lightest hand on every device; None without one."""
-    hands = [device.hands for device in verdict.devices.values()]
+    """Return the stiffness that is safe in the lightest hand on every device; None without one.
+
+    Of what is recommended: a proxy where penalty forces let hard presses through.
+    """
+    felt = _touched(verdict) if _lets_through(verdict)[0] else verdict.devices.values()
+    hands = [device.hands for device in felt]
     return min((most[min(most, key=float)] for most in hands), default=None)
 
 
@@ -87,8 +107,16 @@ def _pick(row, verdict, folder):
             f"It is safe up to {told} in a light hand, by simulation; a device that is armed gets "
             f"at most {SHARE} of what is safe on it."
         )
+    passes, presses = _lets_through(verdict)
+    through = ""
+    if passes:
+        through = (
+            f"Use it through a proxy: with penalty forces {passes} of {presses} hard presses went "
+            "through a wall, with a proxy none."
+        )
     return {
         "field": row["field"],
+        "through": through,
         "file": f"{folder}/export/{row['field']}.pandis",
         "error": error,
         "size": _size(row["bytes"]),

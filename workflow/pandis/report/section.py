@@ -27,8 +27,8 @@ class Section:
         Titles of the columns that are not empty.
     built, sound : int
         Fields that were built, and those that may be used.
-    per_unit : float
-        Newtons per mesh unit of depth.
+    per_unit, metres : float
+        Newtons per mesh unit of depth, and metres of a mesh unit under the device.
     judged, walls : float, int
         Share of the surface that is judged, and points that hardware compares.
     builds : dict of str to float
@@ -62,6 +62,7 @@ class Section:
     built: int
     sound: int
     per_unit: float
+    metres: float
     judged: float
     walls: int
     builds: dict

@@ -22,6 +22,9 @@ COLUMNS = {
     "contact_millinewtons": "Contact error, mean (mN)",
     "contact_percent": "% of the mean force",
     "missing_percent": "Surface missing (%)",
+    "strong_percent": "Surface with a strongly different force (%)",
+    "left_out_percent": "Surface too thin to be judged (%)",
+    "unjudged_percent": "Edges where the exact force is under 0.05 N (%)",
     "felt_percent": "Surface that feels different (%)",
     "contact_mean": "Contact error, mean (unit frame)",
     "contact_p99": "p99",
@@ -60,8 +63,9 @@ COLUMNS = {
 
 #: The columns that a reader sees first.
 FEW = (
-    "field", "bytes", "contact_millinewtons", "contact_percent", "missing_percent", "stress",
-    "native_p50_us", "jump_rms_newtons", "front",
+    "field", "bytes", "contact_millinewtons", "contact_percent", "missing_percent",
+    "strong_percent", "left_out_percent", "unjudged_percent", "stress", "native_p50_us",
+    "jump_rms_newtons", "front",
 )  # fmt: skip
 
 #: Mean errors below this are rounding (unit frame): the field is the exact one.
@@ -145,7 +149,7 @@ def control_rows(mesh, evaluation, stress):
     rows = []
     for name, errors in evaluation.controls.items():
         row = dict.fromkeys(COLUMNS, "") | {"mesh": mesh, "field": name, "bytes": 0}
-        row |= _contact(errors) | {"stress": len(stress.controls[name])}
+        row |= _contact(errors, evaluation) | {"stress": len(stress.controls[name])}
         rows.append(row | {"native_p50_us": 0.0, "jump_rms_newtons": 0.0})
     return rows
 
@@ -169,16 +173,19 @@ def _errors(evaluation, field):
     if path.missing is not None:
         row["trajectory_missing_percent"] = 100 * path.missing
         row["trajectory_felt_percent"] = 100 * path.felt
-    return row | (_contact(errors) if CONTACT in errors else {})
+    return row | (_contact(errors, evaluation) if CONTACT in errors else {})
 
 
-def _contact(errors):
+def _contact(errors, evaluation):
     """Return the columns of the contact measure, from what `contact_errors` has found."""
     figures = errors[CONTACT]
     row = {
         "contact_millinewtons": 1e3 * figures.newtons,
         "contact_percent": 100 * figures.relative,
         "missing_percent": 100 * figures.missing,
+        "strong_percent": 100 * figures.strongly_felt,
+        "left_out_percent": 100 * evaluation.contact["left_out"],
+        "unjudged_percent": 100 * (1 - figures.judged),
         "felt_percent": 100 * figures.felt,
         "contact_mean": figures.mean,
         "contact_p99": figures.p99,

@@ -195,7 +195,7 @@ def closed_loop(answer, places, wanted, calm, rests, scale, device):
     Parameters
     ----------
     answer : callable
-    places : pandis.geometry.measure.Stratified
+    places : pandis.geometry.places.Stratified
     wanted : ndarray, shape (n,)
         How hard walls must hold, N: see `pandis.stress.contact.wanted_force`.
     calm : ndarray, shape (2, n), bool

@@ -26,10 +26,10 @@ def shell_points(places, count, deepest, rng):
 
     Parameters
     ----------
-    places : pandis.geometry.measure.Stratified
+    places : pandis.geometry.places.Stratified
     count : int
     deepest : float
-        Unit frame; less where the part is thin: see `pandis.geometry.measure.Stratified.depth`.
+        Unit frame; less where the part is thin: see `pandis.geometry.places.Stratified.depth`.
     rng : numpy.random.Generator
     """
     times = max(1, round(count / len(places.feet)))

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from pandis.errors import PandisError
 from pandis.forces import penalty_force
-from pandis.geometry.measure import MISSING_LIMIT, missing
+from pandis.geometry.shares import MISSING_LIMIT, missing
 from pandis.native.contact import TOUCHING, Material, NativeContact
 from pandis.native.scene import Placed
 from pandis.stress.physical import TICK
@@ -15,11 +15,12 @@ from pandis.stress.work import SPEED
 
 #: Friction of the surfaces that are pressed, and how far of the cone they are pushed aside.
 STICKS, SHARE = 0.6, 0.5
-#: How deep a wall is pressed (m), from how high (unit frame), and ticks of a press: down, aside,
-#: and at rest, of which it may still move in the first part.
+#: How deep a wall is pressed (m), however thin it is, from how high (unit frame), and ticks of a
+#: press: down, aside, and at rest, of which it may still move in the first part.
 DEPTH, ABOVE = 1e-3, 0.03
 DOWN, ASIDE, REST, SETTLES = 60, 20, 100, 50
-#: A wall holds at least this share of k·depth; a proxy at rest moves by less than this (m).
+#: A place holds at least this share of what it does by the exact field; a proxy at rest moves by
+#: less than this (m).
 HOLDS, RESTS = 0.5, 1e-5
 #: Every so many steps of a loop are taken, so many ticks lead to it.
 EVERY, LEAD = 8, 60
@@ -87,37 +88,74 @@ def nothing(path, material=None):
     return Steps(np.zeros_like(path), path, np.zeros(len(path), np.int32), np.inf)
 
 
-def holds(follow, places, scale):
-    """Press into walls, push aside within the friction cone, and wait.
+class Presses(NamedTuple):
+    """What became of presses through a proxy, place by place.
+
+    Attributes
+    ----------
+    push : ndarray, shape (n,)
+        The force at the end of the press, straight out of the surface: N, at most k·depth.
+    creeps : ndarray, shape (n,)
+        The proxy still moves after half of the rest.
+    """
+
+    push: np.ndarray
+    creeps: np.ndarray
+
+
+def press_all(follow, places, scale):
+    """Press into places and through them, push aside within the friction cone, and wait.
 
     Parameters
     ----------
     follow : callable
         A `Felt`.
-    places : pandis.geometry.measure.Stratified
+    places : pandis.geometry.places.Stratified
     scale : pandis.geometry.physical.Scale
 
     Returns
     -------
-    dict
-        ``soft``: the share of the area that pushes back with less than half of k·depth at the end
-        of the press; ``creeps``: on which the proxy still moves after half of the rest; ``worst``:
-        the larger one; ``limit``, ``passed``.
+    Presses
     """
-    depths = places.depth(DEPTH * scale.metre)
-    soft, creeps = np.zeros(len(depths), bool), np.zeros(len(depths), bool)
-    for i, (foot, outward, depth) in enumerate(zip(*places[:2], depths, strict=True)):
+    depth = DEPTH * scale.metre
+    push, creeps = np.zeros(len(places.feet)), np.zeros(len(places.feet), bool)
+    for i, (foot, outward) in enumerate(zip(places.feet, places.outward, strict=True)):
         sideways = np.linalg.svd(outward[None])[2][1]
         down = foot + np.linspace(ABOVE, -depth, DOWN)[:, None] * outward
         aside = down[-1] + np.linspace(0, SHARE * STICKS * depth, ASIDE)[:, None] * sideways
         path = np.concatenate([down, aside, np.tile(aside[-1], (REST, 1))])
         steps = follow(path, Material(STICKS, STICKS, 0, 0))
-        push = steps.force[DOWN - 1] @ outward
-        soft[i] = not push >= HOLDS * depth * scale.newtons
+        push[i] = min(steps.force[DOWN - 1] @ outward, depth * scale.newtons)
         rest = steps.proxy[-(REST - SETTLES) :]
         creeps[i] = not np.ptp(rest, axis=0).max() < RESTS * scale.metre
-    shares = {name: float(places.weight[found].sum())
-              for name, found in (("soft", soft), ("creeps", creeps))}  # fmt: skip
+    return Presses(push, creeps)
+
+
+def holds(follow, places, exact, scale):
+    """Count the places that hold a hand less than the exact field does through a proxy.
+
+    What a proxy holds does not depend on how thick a wall is, so that no place is left out that is
+    not too thin to be judged.
+
+    Parameters
+    ----------
+    follow, places, scale
+        As for `press_all`.
+    exact : Presses
+        Of the exact field, at the same places.
+
+    Returns
+    -------
+    dict
+        ``soft``: the share of the area that pushes back with less than half of what the exact field
+        does; ``creeps``: on which the proxy still moves after half of the rest, and the exact one
+        does not; ``worst``: the larger one; ``limit``, ``passed``.
+    """
+    pressed = press_all(follow, places, scale)
+    soft = ~(pressed.push >= HOLDS * exact.push)  # NaN is no force either
+    creeps = pressed.creeps & ~exact.creeps
+    shares = {name: float(places.weight[which].sum())
+              for name, which in (("soft", soft), ("creeps", creeps))}  # fmt: skip
     passed = all(share <= MISSING_LIMIT for share in shares.values())
     return shares | {"worst": max(shares.values()), "limit": MISSING_LIMIT, "passed": passed}
 
@@ -203,7 +241,7 @@ def wander(places, rng):
 
     Parameters
     ----------
-    places : pandis.geometry.measure.Stratified
+    places : pandis.geometry.places.Stratified
     rng : numpy.random.Generator
     """
     order = np.repeat(rng.permutation(len(places.feet)), 2)
@@ -225,6 +263,7 @@ def surface_error(field, contacts):
     contacts : pandis.geometry.measure.ContactSet
     """
     probes = contacts.pressed
-    gone = missing(penalty_force(*field.answer(probes.points)), probes.force, contacts.newtons)
+    force = penalty_force(*field.answer(probes.points))
+    gone = missing(force, probes.force, probes.wall, probes.scale.newtons)
     feet = (probes.points - probes.distance[:, None] * probes.normal)[~gone]
     return float(np.abs(field.answer(feet)[0]).max(initial=0))

@@ -1,20 +1,34 @@
 """All questions to all fields of a mesh, and what the answers mean."""
 
 import time
+from functools import cached_property
 from typing import NamedTuple
 
 from pandis import streams
 from pandis.fields.controls import demand_failure
-from pandis.geometry.measure import draw_contacts, stratify
+from pandis.fields.exact import ExactField
+from pandis.fields.exported import ExportedField
+from pandis.geometry.measure import draw_contacts
+from pandis.geometry.places import stratify
 from pandis.geometry.thickness import inscribed_radius
 from pandis.native.processes import each
 from pandis.run.records.stress import StressRecord
-from pandis.stress.contact import absence, ghosts, hold, wanted_force
+from pandis.stress.contact import absence, hold, otherness, wanted_force
 from pandis.stress.coupled import closed_loop, presses, stable_stiffness
+from pandis.stress.ghosts import ghosts
 from pandis.stress.jumps import jumps
 from pandis.stress.physical import Device
 from pandis.stress.probes import directions, shell_points
-from pandis.stress.proxy import Felt, holds, keeps, nothing, stays, surface_error, wander
+from pandis.stress.proxy import (
+    Felt,
+    holds,
+    keeps,
+    nothing,
+    press_all,
+    stays,
+    surface_error,
+    wander,
+)
 from pandis.stress.robust import (
     endurance,
     invariance,
@@ -38,7 +52,14 @@ QUESTIONS = {
     "missing": Question(
         "Is a part of the surface missing?",
         "missing",
-        "on {missing:.2%} of the surface the force is missing ({limit:.2%} allowed)",
+        "on {missing:.2%} of the surface the force is missing, and {left_out:.2%} of it is too "
+        "thin to be judged ({limit:.2%} allowed of each)",
+    ),
+    "other": Question(
+        "Does the surface push with another force?",
+        "strongly_felt",
+        "on {strongly_felt:.2%} of the surface the force is strongly felt to be another one "
+        "({limit:.2%} allowed), on {patch:.2%} in one patch ({patch_limit:.2%} allowed)",
     ),
     "hold": Question(
         "Does every wall hold as much as the exact one?",
@@ -109,8 +130,8 @@ PROXY_QUESTIONS = {
     "holds": Question(
         "Does every wall hold the proxy, and does friction keep it at rest?",
         "worst",
-        "through a proxy {soft:.2%} of the surface holds less than half of k·depth, and on "
-        "{creeps:.2%} the proxy creeps ({limit:.1%} allowed)",
+        "through a proxy {soft:.2%} of the surface holds less than half of what the exact one "
+        "does, and on {creeps:.2%} the proxy creeps ({limit:.1%} allowed)",
     ),
     "keeps": Question(
         "Does a circling hand gain energy?",
@@ -126,9 +147,12 @@ PROXY_QUESTIONS = {
     ),
 }
 #: Points of the contact set; stratified surface points; points below them, and ways that begin
-#: there; points in free space; surface points whose walls are pushed into, and pressed on.
+#: there; points beside the surface; surface points whose walls are pushed into, thin ones among
+#: them, and pressed on.
 CONTACTS, PLACES, SHELL, WAYS = 20_000, 2000, 4000, 40_000
-ANYWHERE, PUSHED, PRESSED = 20_000, 400, 80
+BESIDE, PUSHED, PRESSED = 20_000, 400, 80
+#: Nodes, leaves and faces that a query of the exact field may look at here: more than there are.
+_UNCUT = 1 << 30
 
 
 class Suite:
@@ -158,8 +182,9 @@ class Suite:
         self.shell = shell_points(places, SHELL, deepest, rng)
         self.ways = shell_points(places, WAYS, deepest, rng)
         self.along = directions(len(self.ways.points), rng)
-        self.pushed = self._places(PUSHED, rng)
+        self.pushed = self._places(PUSHED, rng, "judged")
         self.pressed = self._places(PRESSED, rng)
+        self.anywhere = self._places(PUSHED, rng, "all")
         self.wanted = {
             name: wanted_force(self.exact, places, self.scale, self.device)
             for name, places in (("pushed", self.pushed), ("pressed", self.pressed))
@@ -171,8 +196,15 @@ class Suite:
         self.thickness = inscribed_radius(engine, self.pushed.feet, self.pushed.outward)
         self.odd = special_points(body.corners, body.faces, self.pushed, self.thickness)
 
-    def _places(self, count, rng):
-        return stratify(self.surface, self.engine, self.scale, count, rng)
+    def _places(self, count, rng, among="pushing"):
+        return stratify(self.surface, self.engine, self.scale, count, rng, among)
+
+    @cached_property
+    def held(self):
+        """What the exact field holds through a proxy, `anywhere`: see `pandis.stress.proxy`."""
+        exact = ExactField("exact", self.body)
+        follow = Felt.of(ExportedField("exact", exact.file(_UNCUT)), self.scale)
+        return press_all(follow, self.anywhere, self.scale)
 
     def exact(self, points):
         """Answer exactly, as in a loop: signs are not compared with the winding number."""
@@ -221,7 +253,7 @@ class Suite:
         rng, engine = streams.generator(self.seed, streams.WANDER), self.engine
         way = wander(self.pushed, rng)
         return {
-            "holds": holds(follow, self.pushed, self.scale),
+            "holds": holds(follow, self.anywhere, self.held, self.scale),
             "keeps": keeps(follow, engine, self.loops, self.device),
             "stays": stays(follow, engine, error, way, self.scale),
         }
@@ -234,8 +266,9 @@ class Suite:
         ticks = self.options.ticks
         return {
             "missing": lambda: absence(answer, self.contacts),
+            "other": lambda: otherness(answer, self.contacts),
             "hold": lambda: hold(answer, self.pushed, self.wanted["pushed"], scale, device),
-            "contacts": lambda: ghosts(answer, self.engine, self.surface, ANYWHERE, scale, rng),
+            "contacts": lambda: ghosts(answer, self.engine, self.surface, BESIDE, scale, rng),
             "work": lambda: work(answer, exact, self.loops, scale, device),
             "stiffness": lambda: stiffness(answer, exact, self.shell, scale, device),
             "jumps": lambda: jumps(answer, exact, self.ways, self.along, scale, device),

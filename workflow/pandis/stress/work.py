@@ -23,7 +23,7 @@ def loops(places, engine, rng):
 
     Parameters
     ----------
-    places : pandis.geometry.measure.Stratified
+    places : pandis.geometry.places.Stratified
     engine : object
         The exact distance of a `pandis.geometry.body.Body`.
     rng : numpy.random.Generator

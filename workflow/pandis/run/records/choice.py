@@ -12,7 +12,7 @@ class Chosen(Record):
     bytes : int
     held_out_error : float
     held_out : dict of str to float
-        ``mean``, ``p99`` and ``missing`` on the points that promises rest on.
+        ``mean``, ``p99``, ``missing`` and ``left_out`` on the points that promises rest on.
     fits : float or None
         By how many times it exceeds the limits: 1 or less. The exact field is not measured.
     query_time : float or None

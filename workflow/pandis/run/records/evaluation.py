@@ -13,7 +13,9 @@ class Figures(Record):
         Not on the contact sets: see `pandis.evaluation.errors.statistics`.
     relative, newtons, missing, felt, judged : float or None
         On the trajectory and the contact sets: by the mean force, in newtons, and shares of area:
-        see `pandis.geometry.measure.shares`.
+        see `pandis.geometry.shares.shares`.
+    strongly_felt : float or None
+        On the contact sets: see `pandis.geometry.shares.differences`.
     """
 
     mean: float
@@ -28,6 +30,7 @@ class Figures(Record):
     missing: float | None = None
     felt: float | None = None
     judged: float | None = None
+    strongly_felt: float | None = None
 
 
 class PathsRecord(Record):

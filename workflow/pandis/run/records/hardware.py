@@ -5,25 +5,36 @@ from pandis.run.records.record import Record
 
 
 class WallVerdict(Record):
-    """Where a field lacks the exact force, below surface points of every thickness.
+    """How a field's forces compare with the exact ones, below surface points of every thickness.
 
     Attributes
     ----------
     missing, felt, judged : float
-        Shares of area: see `pandis.geometry.measure.shares`.
+        Shares of area: see `pandis.geometry.shares.shares`.
+    left_out : float
+        Share of the area whose walls are too thin to be judged.
+    strongly_felt, patch, p99_n : float
+        Shares of area, and newtons: see `pandis.geometry.shares.differences`.
     points : int
         How many were compared.
     pressed_missing : int
         At how many of the points that a device presses on the force is missing.
+    ghost_n : float
+        The largest force in free space away from the surface.
     holds : bool
-        It is missing at none of these, and on at most 0.5 % of the area.
+        It is missing at none of these, and all figures are within their limits.
     """
 
     missing: float
     felt: float
     judged: float
+    left_out: float
+    strongly_felt: float
+    patch: float
+    p99_n: float
     points: int
     pressed_missing: int
+    ghost_n: float
     holds: bool
 
 
