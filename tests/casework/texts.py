@@ -172,7 +172,7 @@ def _stl():
     yield case("cut-facet", b"\n".join(rows[: 1 + 7 * 6]) + b"\n", Refuses(), Reads(
         6, *base.reads(points, faces[:6])[1:]))  # fmt: skip
     lost = b"\n".join(rows[:4] + rows[5:])
-    yield case("two-vertices", lost, Refuses(("line 5",)))
+    yield case("two-vertices", lost, Refuses(("line 6",)))
     yield case("four-vertices", b"\n".join(rows[:4] + rows[3:]), Refuses(("line 7",)))
     nameless = plain.replace(b"normal 0 0 0", b"normal nan nan nan", 1)
     yield case("normal-nan", nameless, Refuses(("line 2", "nan")), whole)

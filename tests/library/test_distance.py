@@ -51,7 +51,7 @@ def naive(vertices, faces, points):
 
 def unit(path):
     """Read a real mesh into the unit frame."""
-    vertices, faces = read_mesh(str(path), path)[:2]
+    vertices, faces = read_mesh(str(path), path)[0][:2]
     return Frame.of_bounds(vertices.min(0), vertices.max(0)).to_unit(vertices), faces
 
 

@@ -1,20 +1,25 @@
-"""Reading: every format, every reader's known faults, refusals in plain words."""
+"""Reading: every format, four hundred files with what is right for each, refusals in plain words.
+
+What a file holds is said by tests/counter.py and tests/cases.py, which share no code with readers.
+"""
 
 import gzip
-import json
 import os
-import struct
+import zipfile
 
 import numpy as np
 import pytest
+import trimesh
 
+from cases import CASES, Reads, mutations
+from counter import Refused, count
 from pandis.errors import PandisError
 from pandis.geometry.shapes import find_shape
 from pandis.mesh import tools
 from pandis.mesh.cleanup import clean, orient
-from pandis.mesh.declared import Declared, declared
 from pandis.mesh.diagnosis import diagnose
-from pandis.mesh.intake import check_arrays, choose, find_file, read_mesh
+from pandis.mesh.formats import FormatError, read
+from pandis.mesh.intake import check_arrays, find_file, read_mesh, unpacked
 from pandis.mesh.polygons import triangulate_polygons
 from support import box_mesh, octahedron, write_obj
 from validity import assert_valid, volume
@@ -22,27 +27,25 @@ from validity import assert_valid, volume
 
 @pytest.mark.parametrize("ending", ["obj", "off", "ply", "stl", "glb", "3mf", "obj.gz", "3mf.gz"])
 def test_formats(tmp_path, ending):
-    import trimesh
-
     vertices, faces = box_mesh()
     path = tmp_path / f"part.{ending}"
     plain = tmp_path / f"part.{ending.removesuffix('.gz')}"
     trimesh.Trimesh(vertices, faces, process=False).export(plain)
     if ending.endswith(".gz"):
         path.write_bytes(gzip.compress(plain.read_bytes()))
-    read, read_faces, record = read_mesh("part", path)
-    assert len(read_faces) == len(faces)
+    reading, record = read_mesh("part", path)
+    assert len(reading.faces) == len(faces)
     assert record["format"] == ending.split(".")[0]
-    assert record["passed_over"] == {}
-    assert_valid(*clean(read, read_faces))
+    assert record["notes"] == []
+    assert_valid(*clean(reading.vertices, reading.faces))
 
 
 def test_obj_is_read_to_the_last_bit(tmp_path):
     vertices, faces = octahedron()
     vertices = vertices * np.pi + 1e-17
-    read, read_faces, _ = read_mesh("o", write_obj(tmp_path / "o.obj", vertices, faces))
-    assert read.tobytes() == vertices.tobytes()
-    assert np.array_equal(read_faces, faces)
+    reading, _ = read_mesh("o", write_obj(tmp_path / "o.obj", vertices, faces))
+    assert reading.vertices.tobytes() == vertices.tobytes()
+    assert np.array_equal(reading.faces, faces)
 
 
 def refuse(path, content, **options):
@@ -58,12 +61,12 @@ def test_refusals_name_the_file_and_the_remedy(tmp_path):
     assert "the file is empty; export" in refuse(obj, b"")
     assert "no faces" in refuse(obj, b"v 0 0 0\nv 1 0 0\nv 0 1 0\n")
     octa = write_obj(obj, *octahedron()).read_bytes()
-    assert "NaN or infinite" in refuse(obj, octa.replace(b"v 1.0", b"v nan", 1))
-    assert "NaN or infinite" in refuse(obj, octa.replace(b"v 1.0", b"v inf", 1))
+    assert "line 1: 'nan' is no number" in refuse(obj, octa.replace(b"v 1.0", b"v nan", 1))
+    assert "line 1: 'inf' is no number" in refuse(obj, octa.replace(b"v 1.0", b"v inf", 1))
     assert "unknown format '.step'; known are .obj" in refuse(tmp_path / "a.step", b"x")
     assert "unknown format" in refuse(tmp_path / "noending", b"x")
     assert "the configuration says 00" in refuse(obj, octa, sha256="0" * 64)
-    assert "no reader finds a usable mesh" in refuse(tmp_path / "a.stl", os.urandom(500))
+    assert "triangles, and 8 are there" in refuse(tmp_path / "a.stl", os.urandom(500))
     assert "not a whole gzip" in refuse(tmp_path / "a.obj.gz", gzip.compress(octa)[:-20])
     assert "extent" in refuse(obj, b"v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
     with pytest.raises(PandisError, match="there is no file"):
@@ -76,15 +79,13 @@ def test_refusals_name_the_file_and_the_remedy(tmp_path):
 
 def test_a_child_that_crashes_hangs_or_grows_is_reported(tmp_path, monkeypatch):
     path = write_obj(tmp_path / "a.obj", *octahedron())
-    with pytest.raises(tools.ToolError, match="took longer than 0.01 s"):
-        tools.call("read_trimesh", path=str(path), seconds=0.01, memory_gb=3)
-    with pytest.raises(tools.ToolError):
-        tools.call("read_trimesh", path=str(path), seconds=60, memory_gb=0.05)
-    module = tmp_path / "crash.py"
-    module.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
+    with pytest.raises(PandisError, match="took longer than 0.01 s; raise mesh.reader_s"):
+        read_mesh("a.obj", path, seconds=0.01)
+    with pytest.raises(PandisError, match="a.obj: .*"):
+        read_mesh("a.obj", path, memory_gb=0.05)
     monkeypatch.setattr(tools.sys, "executable", str(crashing(tmp_path)))
-    with pytest.raises(tools.ToolError, match="crashed \\(signal 11\\)"):
-        tools.call("read_trimesh", path=str(path), seconds=60, memory_gb=3)
+    with pytest.raises(PandisError, match="crashed \\(signal 11\\).*defect of pandis"):
+        read_mesh("a.obj", path)
 
 
 def crashing(folder):
@@ -94,95 +95,105 @@ def crashing(folder):
     return script
 
 
-def test_second_reader_takes_over(tmp_path):
-    """PLY triangle strips: trimesh finds no face in them, PyMeshLab reads them."""
+def outcome(path):
+    """What reading a file here comes to: a reading, or what it is refused with."""
+    name = path.name.removesuffix(".gz")
+    try:
+        with unpacked(path.name, path) as plain:
+            reading = read(plain, name.rsplit(".", 1)[-1], path.parent)
+        check_arrays(reading.vertices, reading.faces)
+    except (PandisError, FormatError) as error:
+        return str(error)
+    return reading
+
+
+def wrong(found, right):
+    """Say what is wrong with an outcome; empty if nothing."""
+    if isinstance(found, str):
+        return found if isinstance(right, Reads) else right.lacks(found)
+    corners = found.vertices[found.faces]
+    a, b, c = corners.transpose(1, 0, 2)
+    size = np.einsum("ij,ij->", a, np.cross(b, c)) / 6  # from the origin, also of what is open
+    told = len(found.faces), size, corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    return right.differs(*told) if isinstance(right, Reads) else f"read: {told}"
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_a_file_is_read_as_it_was_meant_or_refused_with_its_place(case, tmp_path):
+    found = outcome(case.write(tmp_path))
+    answers = [case.right] + ([case.otherwise] if case.either else [])
+    assert not all(wrong(found, right) for right in answers), [wrong(found, r) for r in answers]
+
+
+def test_what_is_changed_at_random_is_refused_or_read_as_the_counter_does(tmp_path):
+    """The core of tests/benchmarks/mutations.py, which changes two hundred thousand files."""
+    rng, path = np.random.default_rng(0), tmp_path / "mutated"
+    both = 0
+    for case in CASES[::4]:
+        (name, data), *_ = case.files.items()
+        form = name.rsplit(".", 1)[-1]
+        if form == "gz":
+            continue
+        for mutated in mutations(data, form, rng, 12):
+            path.write_bytes(mutated)
+            try:
+                found = read(path, form)  # whatever else it raises is a defect
+                check_arrays(found.vertices, found.faces)
+                counted = count(path.rename(tmp_path / f"counted.{form}"))
+            except (FormatError, Refused):
+                continue
+            both += 1
+            corners = found.vertices[found.faces]
+            assert len(found.faces) == counted.triangles
+            assert np.allclose(corners.min(axis=(0, 1)), counted.low)
+            assert np.allclose(corners.max(axis=(0, 1)), counted.high)
+    assert both > 50
+
+
+def test_strips_of_a_ply_are_triangles(tmp_path):
     header = (
         "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
         "property float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n"
     )
     path = tmp_path / "strip.ply"
     path.write_text(header + "0 0 0\n1 0 0\n0 1 0\n0 0 1\n6 0 1 2 3 0 1\n")
-    vertices, faces, record = read_mesh("strip", path)
-    assert (len(vertices), len(faces)) == (4, 4)
-    assert record["reader"] == "pymeshlab"
-    assert "trimesh" in record["passed_over"]
-    assert_valid(*orient(vertices, faces))
+    reading, _ = read_mesh("strip", path)
+    assert (len(reading.vertices), len(reading.faces)) == (4, 4)
+    assert_valid(*orient(reading.vertices, reading.faces))
+
+
+def test_a_nested_placement_is_refused_before_it_fills_the_memory(tmp_path):
+    """Two children each, forty levels down: a short file that places a million million parts."""
+    core = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+    triangle = (
+        '<vertices><vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/>'
+        '<vertex x="0" y="1" z="0"/></vertices>'
+        '<triangles><triangle v1="0" v2="1" v3="2"/></triangles>'
+    )
+    objects = f'<object id="1"><mesh>{triangle}</mesh></object>'
+    for level in range(2, 42):
+        two = f'<component objectid="{level - 1}"/>' * 2
+        objects += f'<object id="{level}"><components>{two}</components></object>'
+    model = (
+        f'<model unit="millimeter" xmlns="{core}"><resources>{objects}</resources>'
+        '<build><item objectid="41"/></build></model>'
+    )
+    with zipfile.ZipFile(tmp_path / "bomb.3mf", "w") as package:
+        package.writestr("3D/3dmodel.model", model)
+    with pytest.raises(PandisError, match="places more than a million parts"):
+        read_mesh("bomb.3mf", tmp_path / "bomb.3mf", seconds=60)
 
 
 def test_check_arrays():
     vertices, faces = octahedron()
     check_arrays(np.concatenate([vertices, [[np.nan] * 3]]), faces)  # a stray vertex is no fault
-    with pytest.raises(tools.ToolError, match="not there"):
-        check_arrays(vertices, faces + 1)
-
-
-# --- what the file declares -----------------------------------------------------------
-
-
-def test_a_reader_that_loses_faces_is_passed_over(tmp_path, monkeypatch):
-    """The file says eight triangles; a reader that finds six is not believed."""
-    path = write_obj(tmp_path / "o.obj", *octahedron())
-    honest = tools.call
-
-    def call(operation, *arguments, **options):
-        vertices, faces = honest(operation, *arguments, **options)
-        return vertices, faces[:6] if operation == "read_trimesh" else faces
-
-    monkeypatch.setattr(tools, "call", call)
-    _, faces, record = read_mesh("o", path)
-    assert len(faces) == 8
-    assert record["reader"] == "pymeshlab"
-    assert record["passed_over"]["trimesh"] == "finds 6 triangles, the file declares 8"
-    assert record["declared_triangles"] == "8"
-
-
-def test_where_all_readers_disagree_with_the_file_the_majority_counts():
-    def mesh(n):
-        return None, np.zeros((n, 3))
-
-    says = Declared(8, exact=True)
-    assert choose({"a": mesh(6), "b": mesh(5), "c": mesh(5)}, says) == "b"
-    assert choose({"a": mesh(6), "b": mesh(8), "c": mesh(6)}, says) == "b"
-    assert choose({"a": mesh(6), "b": mesh(7)}, says) == "b"
-    assert choose({"a": mesh(6)}, None) == "a"
-
-
-def test_declared_counts(tmp_path):
-    def says(name, content):
-        path = tmp_path / name
-        path.write_bytes(content)
-        return declared(path, name.split(".")[-1])
-
-    obj = b"v 0 0 0\nf 1 2 3 4 \\\n 5\n  f 1/1 2/2 3/3 # f 1 2 3\n"
-    assert says("a.obj", obj) == Declared(4, exact=True, polygons=True)
-    ply = b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 7\nend_header\n"
-    assert says("a.ply", ply) == Declared(7, exact=False)
-    assert Declared(7, exact=False).agrees(9)
-    assert not Declared(7, exact=True).agrees(9)
-    assert says("a.off", b"OFF # x\n8 6 0\n").triangles == 6
-    assert says("a.stl", b"solid a\nendfacet\n endfacet\nendsolid").triangles == 2
-    assert says("b.stl", bytes(80) + struct.pack("<I", 2) + bytes(100)).triangles == 2
-    assert says("c.stl", os.urandom(90)) is None
-    assert says("a.3mf", b"x") is None
-    scene = {
-        "scene": 0,
-        "scenes": [{"nodes": [0, 1]}],
-        "nodes": [{"mesh": 0, "children": [2]}, {"mesh": 0}, {"mesh": 1}, {"mesh": 1}],
-        "meshes": [
-            {"primitives": [{"indices": 0, "attributes": {}}]},
-            {"primitives": [{"attributes": {"POSITION": 1}, "mode": 5}]},
-        ],
-        "accessors": [{"count": 36}, {"count": 10}],
-    }
-    text = json.dumps(scene).encode()
-    assert says("a.gltf", text).triangles == 12 + 12 + 8  # the last node is in no scene
-    assert says("a.glb", struct.pack("<5I", 0, 2, 0, len(text), 0) + text).triangles == 32
-    assert says("b.gltf", b"{}") is None
+    with pytest.raises(FormatError, match="3 of 6 vertices are NaN or infinite"):
+        check_arrays(np.where(vertices > 0.5, np.nan, vertices), faces)
+    with pytest.raises(FormatError, match="it has no faces"):
+        check_arrays(vertices, faces[:0])
 
 
 def test_scene_with_node_transforms_is_baked(tmp_path):
-    import trimesh
-
     vertices, faces = octahedron()
     scene = trimesh.Scene()
     ball = trimesh.Trimesh(vertices, faces, process=False)
@@ -190,10 +201,11 @@ def test_scene_with_node_transforms_is_baked(tmp_path):
     shift = trimesh.transformations.translation_matrix([5, 0, 0])
     scene.graph.update("b", geometry="ball", matrix=shift @ np.diag([2.0, 2, 2, 1]))
     scene.export(tmp_path / "scene.glb")
-    read, read_faces, _ = read_mesh("scene", tmp_path / "scene.glb")
-    assert len(read_faces) == 16
-    assert volume(read, read_faces) == pytest.approx(4 / 3 * (1 + 8))
-    assert read.max(axis=0).tolist() == [7, 2, 2]
+    reading, _ = read_mesh("scene", tmp_path / "scene.glb")
+    assert len(reading.faces) == 16
+    assert volume(reading.vertices, reading.faces) == pytest.approx(4 / 3 * (1 + 8))
+    assert reading.vertices.max(axis=0).tolist() == [7, 2, 2]
+    assert reading.unit == "m"
 
 
 # --- polygons ---------------------------------------------------------------------------
@@ -207,13 +219,12 @@ def test_concave_polygons_are_covered_not_fanned(tmp_path):
     lines += [f"f {i + 1} {(i + 1) % 6 + 1} {(i + 1) % 6 + 7} {i + 7}" for i in range(6)]
     path = tmp_path / "prism.obj"
     path.write_text("\n".join(lines) + "\n")
-    vertices, faces, record = read_mesh("prism", path)
-    assert record["reader"] == "polygons"
+    vertices, faces = read_mesh("prism", path)[0][:2]
     assert len(faces) == 4 + 4 + 12
     assert_valid(vertices, faces)
     assert volume(vertices, faces) == pytest.approx(3)
-    fan_vertices, fan_faces = tools.call("read_trimesh", path=str(path), seconds=60, memory_gb=3)
-    assert diagnose(*clean(fan_vertices, fan_faces)).self_intersections  # why this is ours
+    fans = trimesh.load_mesh(path, process=False)
+    assert diagnose(*clean(fans.vertices, fans.faces)).self_intersections  # why this is ours
 
 
 def test_convex_polygons_are_cut_as_readers_do():
@@ -222,5 +233,3 @@ def test_convex_polygons_are_cut_as_readers_do():
     assert triangulate_polygons(vertices, [list(range(7))]).tolist() == [
         [0, i, i + 1] for i in range(1, 6)
     ]
-    with pytest.raises(ValueError, match="not there"):
-        triangulate_polygons(vertices, [[0, 1, 2, 7]])

@@ -4,10 +4,9 @@ import numpy as np
 
 from pandis.geometry.frame import Frame
 from pandis.geometry.shapes import find_shape
-from pandis.mesh.declared import declared_unit
 from pandis.mesh.diagnosis import diagnose
-from pandis.mesh.intake import find_file, read_mesh, unpacked
-from pandis.mesh.regions import kept, read_beside, regions_of
+from pandis.mesh.intake import find_file, read_mesh
+from pandis.mesh.regions import kept, named_in, read_beside
 from pandis.mesh.repair import repair
 
 
@@ -36,40 +35,27 @@ def build(options, source_file, log):
         return _closed_form(source, log)
     limits = options.reader_seconds, options.reader_memory_gb
     path = find_file(str(source_file or source))
-    vertices, faces, record = read_mesh(source, path, options.sha256, *limits)
-    form = record["format"]
-    log(f"read {source} with {record['reader']}")
-    for reader, complaint in record["passed_over"].items():
-        log(f"{reader} was passed over: {complaint}")
-    beside = read_beside(path, form, len(faces))
+    reading, record = read_mesh(source, path, options.sha256, *limits)
+    vertices, faces = reading.vertices, reading.faces
+    log(f"read {source}")
+    for note in reading.notes:
+        log(f"{source}: {note}")
+    beside = read_beside(path, record["format"], len(faces)) or named_in(reading, log)
     arrays, history = repair(vertices, faces, options, options.seed, log)
     used = arrays["vertices"][np.unique(arrays["faces"])]
     frame = Frame.of_bounds(used.min(axis=0), used.max(axis=0))
+    unit = options.unit if options.unit != "unknown" else reading.unit
     attributes = history | {
-        "source": {"name": source, **record, "unit": _unit(options, path, record)},
+        "source": {"name": source, **record, "unit": unit},
         **frame.attributes(),
         "shape": None,
     }
-    repaired = arrays["vertices"], arrays["faces"]
+    repaired, regions = (arrays["vertices"], arrays["faces"]), None
     if beside:
         regions = kept((vertices, faces), *beside, *repaired, log)
-    else:
-        with unpacked(source, path) as plain:
-            given = plain, form, *repaired, log
-            regions = regions_of(*given, seconds=limits[0], memory_gb=limits[1])
     if regions:
         arrays["region"], attributes["regions"] = regions
     return arrays, attributes
-
-
-def _unit(options, path, record):
-    """Return what a mesh unit is: as the configuration says, else as the format does."""
-    if options.unit != "unknown":
-        return options.unit
-    form = record["format"]
-    if form in ("glb", "gltf"):
-        return "m"  # by the standard
-    return declared_unit(path) if form == "3mf" else "unknown"
 
 
 def _closed_form(source, log):

@@ -1,16 +1,14 @@
 """Regions: which material a mesh file gives each of its faces, and how a repair keeps that.
 
-OBJ, glTF and 3MF files name materials. They are read once more for them, apart from the reading of
-the mesh itself: a face of the repaired mesh has the material of the face of the file that is
-nearest to it. Beside a mesh of any other format, an array may say it, face by face.
+OBJ, glTF and 3MF files name materials: a face of the repaired mesh has the material of the face of
+the file that is nearest to it. Beside a mesh of any other format, an array may say it, face by
+face.
 """
 
 import igl
 import numpy as np
 
 from pandis.errors import PandisError
-from pandis.mesh import tools
-from pandis.mesh.materials import names_several
 from pandis.run.sourcing import regions_file
 
 #: A region is one byte.
@@ -21,40 +19,31 @@ IN_ORDER = "obj", "ply", "stl", "off"
 _ASKED = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / np.array([[3], [6], [6], [6]])
 
 
-def regions_of(path, form, vertices, faces, log, **limits):
-    """Return the regions of a repaired mesh, by the materials that its file names.
+def named_in(reading, log):
+    """Return the regions of a mesh as it was read, by the materials that its file names.
 
     Parameters
     ----------
-    path : Path
-        The file, not compressed.
-    form : str
-        Of `pandis.run.sourcing.FORMATS`.
-    vertices, faces : ndarray
-        The repaired mesh.
+    reading : pandis.mesh.formats.Reading
     log : callable
-    **limits
-        ``seconds`` and ``memory_gb`` of the reader.
 
     Returns
     -------
-    region : ndarray, shape (F,), uint8
+    region : ndarray, shape (F,)
+        An index into the names.
     names : list of str
-        Of the regions that are there, in alphabetical order.
+        Each once, in alphabetical order.
 
     None, where the file does not name several materials, or too many.
     """
-    if not names_several(path, form):
+    if reading.materials is None:
         return None
-    try:
-        *mesh, region, names = read_regions(path, form, **limits)
-    except tools.ToolError as error:
-        log(f"the materials that it names are not known: {error}")
-        return None
+    names, region = np.unique(reading.materials, return_inverse=True)
     if len(names) > MOST:
         log(f"it names {len(names)} materials; regions are kept of {MOST} at most")
+    if not 1 < len(names) <= MOST:
         return None
-    return kept(mesh, region, names, vertices, faces, log)
+    return region.reshape(-1), [str(name) for name in names]
 
 
 def read_beside(path, form, count):
@@ -125,7 +114,7 @@ def kept(mesh, region, names, vertices, faces, log):
     Returns
     -------
     region, names
-        As of `regions_of`.
+        As of `named_in`; None where one is left.
     """
     carried = carry(*mesh, region, vertices, faces)
     used, carried = np.unique(carried, return_inverse=True)
@@ -136,32 +125,6 @@ def kept(mesh, region, names, vertices, faces, log):
     told = ", ".join(f"{name} ({n:,} faces)" for name, n in zip(names, count, strict=True))
     log(f"materials: {told}")
     return carried.reshape(-1).astype(np.uint8), names
-
-
-def read_regions(path, form, **limits):
-    """Read which material each face of a file has.
-
-    Parameters
-    ----------
-    path, form, limits
-        As of `regions_of`.
-
-    Returns
-    -------
-    vertices, faces : ndarray
-    region : ndarray, shape (F,)
-        An index into the names.
-    names : list of str
-        Each once, in alphabetical order.
-
-    Raises
-    ------
-    pandis.mesh.tools.ToolError
-        The file cannot be read so.
-    """
-    vertices, faces, names = tools.call("read_materials", path=str(path), form=form, **limits)
-    found, region = np.unique(names, return_inverse=True)
-    return vertices, faces, region.reshape(-1), [str(name) for name in found]
 
 
 def carry(vertices, faces, region, onto, onto_faces):

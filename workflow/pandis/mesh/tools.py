@@ -1,9 +1,8 @@
-"""What runs in a process of its own: mesh readers, rungs of the repair, tools under other licences.
+"""What runs in a process of its own: readers, rungs of the repair, tools under other licences.
 
-Some readers crash on valid files, some tools hang, and PyMeshLab, the exact
-union and MeshFix are GPL or AGPL: so each call is ``python -m pandis.mesh.tools``
-under limits of time and memory. Arrays travel as ``.npz`` in float64, never as
-a mesh format.
+A file may be made so that reading it takes hours, some tools crash or hang, and PyMeshLab, the
+exact union and MeshFix are GPL or AGPL: so each call is ``python -m pandis.mesh.tools`` under
+limits of time and memory. Arrays travel as ``.npz`` in float64, never as a mesh format.
 """
 
 import json
@@ -15,6 +14,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+
+from pandis.mesh.formats import FormatError, Reading
+from pandis.mesh.formats import read as read_format
 
 
 class ToolError(Exception):
@@ -43,8 +45,6 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     -------
     vertices : ndarray, shape (V, 3), float64
     faces : ndarray, shape (F, 3), int64
-    names : ndarray, shape (F,), of text
-        Of ``read_materials`` alone.
 
     Raises
     ------
@@ -53,6 +53,42 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     ToolError
         It crashed or raised.
     """
+    return _run(operation, (vertices, faces), seconds, memory_gb, parameters)[:2]
+
+
+def read(path, form, folder, *, seconds, memory_gb):
+    """Read a mesh file in a child process.
+
+    Parameters
+    ----------
+    path, form, folder
+        As of `pandis.mesh.formats.read`.
+    seconds, memory_gb
+        As of `call`.
+
+    Returns
+    -------
+    pandis.mesh.formats.Reading
+
+    Raises
+    ------
+    pandis.mesh.formats.FormatError
+        What is wrong with the file.
+    LimitError, ToolError
+        As of `call`.
+    """
+    parameters = {"path": str(path), "form": form, "folder": str(folder)}
+    try:
+        return _run("read_file", (None, None), seconds, memory_gb, parameters)
+    except ToolError as error:
+        prefix, _, said = str(error).partition(": ")
+        if prefix == FormatError.__name__:
+            raise FormatError(said) from None
+        raise
+
+
+def _run(operation, mesh, seconds, memory_gb, parameters):
+    vertices, faces = mesh
     limit = int(memory_gb * 2**30)
 
     def restrict():
@@ -95,51 +131,14 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
                 raise ToolError(f"crashed (signal {-done.returncode})")
             raise ToolError((done.stderr.strip().splitlines() or ["no message"])[-1])
         with np.load(output) as data:
-            return tuple(data[key] for key in ("vertices", "faces", "names") if key in data)
+            unit = str(data.get("unit", "unknown"))
+            notes = data["notes"].tolist() if "notes" in data else []
+            return Reading(data["vertices"], data["faces"], data.get("materials"), notes, unit)
 
 
-# --- readers ---------------------------------------------------------------------------
-
-
-def read_trimesh(path):
-    """Read a file with trimesh; scenes come as one mesh with their transforms applied."""
-    import trimesh
-
-    mesh = trimesh.load_mesh(path, process=False)
-    return mesh.vertices, mesh.faces
-
-
-def read_polygons(path):
-    """Read an OBJ file with polygons: see `pandis.mesh.polygons`."""
-    from pandis.mesh.polygons import read_obj
-
-    return read_obj(path)[:2]
-
-
-def read_materials(path, form):
-    """Read a file with the names of its faces' materials: see `pandis.mesh.materials`."""
-    from pandis.mesh.materials import materials_of
-
-    return materials_of(Path(path), form)
-
-
-def read_pymeshlab(path):
-    """Read a file with PyMeshLab; several layers come as one mesh."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet()
-    meshes.load_new_mesh(path)
-    if meshes.mesh_number() > 1:
-        meshes.generate_by_merging_visible_meshes(mergevertices=False)
-    mesh = meshes.current_mesh()
-    return mesh.vertex_matrix(), mesh.face_matrix()
-
-
-def read_libigl(path):
-    """Read an OBJ, OFF, PLY or STL file with libigl."""
-    import igl
-
-    return igl.read_triangle_mesh(path)
+def read_file(path, form, folder):
+    """Read a file: see `pandis.mesh.formats.read`."""
+    return read_format(Path(path), form, Path(folder))
 
 
 # --- rungs -----------------------------------------------------------------------------
@@ -269,11 +268,7 @@ def simplify(vertices, faces, count):
 OPERATIONS = {
     f.__name__: f
     for f in (
-        read_trimesh,
-        read_polygons,
-        read_materials,
-        read_pymeshlab,
-        read_libigl,
+        read_file,
         clean,
         orient,
         split,
@@ -295,15 +290,21 @@ def main(arguments):
         with np.load(given) as data:
             mesh = data["vertices"], data["faces"]
     try:
-        vertices, faces, *names = OPERATIONS[operation](*mesh, **json.loads(parameters))
+        vertices, faces, *more = OPERATIONS[operation](*mesh, **json.loads(parameters))
     except MemoryError:
         raise
     except Exception as error:
         # one line on stderr is what the parent quotes
-        sys.exit(" ".join(f"{type(error).__name__}: {error}".split())[:300])
-    vertices = np.asarray(vertices, np.float64).reshape(-1, 3)
-    faces = np.asarray(faces, np.int64).reshape(-1, 3)
-    np.savez(output, vertices=vertices, faces=faces, **({"names": names[0]} if names else {}))
+        sys.exit(" ".join(f"{type(error).__name__}: {error}".split())[:600])
+    arrays = {
+        "vertices": np.asarray(vertices, np.float64).reshape(-1, 3),
+        "faces": np.asarray(faces, np.int64).reshape(-1, 3),
+    }
+    if more:
+        materials, notes, unit = more
+        arrays |= {"notes": np.array(notes, str), "unit": np.array(unit)}
+        arrays |= {} if materials is None else {"materials": materials}
+    np.savez(output, **arrays)
 
 
 if __name__ == "__main__":
