@@ -23,6 +23,8 @@ from pandis.mesh.topology import (
 
 #: How far copies of a split vertex move into their own matter, as a share of the diagonal.
 PARTING = 1e-7
+#: A way into the matter that leads less far in than this, of its length, leads along a face.
+_SADDLE = 0.05
 #: More of the area than this in opposite doubles: a model made of two-sided sheets.
 SHEETS = 0.1
 
@@ -58,8 +60,8 @@ def clean(vertices, faces, tolerance=0.0):
 def resolve_duplicates(vertices, faces):
     """Let faces over the same three vertices cancel: opposite ones enclose nothing.
 
-    What is left of such a set all faces one way, and stays as it is: taking a
-    double away would open a mesh that is closed (the exact union resolves it).
+    What is left of such a set all faces one way. Of exact copies one stays, unless taking the
+    others away would open a mesh that is closed (the exact union resolves it).
     Where cancelling would take more than `SHEETS` of the area, the faces are the
     two sides of sheets, and one side of each stays.
     """
@@ -82,7 +84,18 @@ def resolve_duplicates(vertices, faces):
     if area[~stays].sum() > SHEETS * area.sum():
         _, first = np.unique(index, return_index=True)
         stays[first[net == 0]] = True
-    return faces[stays]
+    return _once(faces[stays])
+
+
+def _once(faces):
+    """Return faces without copies, if that opens nothing."""
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    if len(first) == len(faces):
+        return faces
+    once = faces[np.sort(first)]
+    tables = EdgeTable(once), EdgeTable(faces)
+    opened = tables[0].boundary.sum() > tables[1].boundary.sum()
+    return faces if opened else once
 
 
 def flip_flat_faces(vertices, faces, rounds=20):
@@ -161,7 +174,7 @@ def split(vertices, faces):
     wedge of matter (Guéziec et al. 2001, "Cutting and Stitching"); faces left
     over keep the edge as a boundary. An edge whose wedges meet again at both
     ends is halved first. The copies of a vertex are parted by `PARTING`, each
-    into its own matter, or out of it where that makes them cross.
+    into its own matter.
 
     Parameters
     ----------
@@ -260,24 +273,64 @@ def _wedges(vertices, faces, edges):
 
 
 def _part(vertices, faces, moving):
-    """Move vertices by `PARTING` against their normal; outward where they would cross."""
+    """Part the copies of vertices: each moves by `PARTING` into its own matter.
+
+    Against the mean of its normals; where surfaces cross by that, out of the matter; and where they
+    still do, straight in from all its faces.
+    """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    size = PARTING * np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
     sums = np.zeros_like(vertices)
     np.add.at(sums, faces.reshape(-1), np.repeat(normal, 3, axis=0))
-    way = np.zeros_like(vertices)
     length = np.linalg.norm(sums[moving], axis=1, keepdims=True)
-    size = PARTING * np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
+    way = np.zeros_like(vertices)
     way[moving] = -size * sums[moving] / np.maximum(length, 1e-300)
-    inward = vertices + way
-    pairs = crossing_faces(inward, faces)
+    pairs = crossing_faces(vertices + way, faces)
     if not len(pairs):
-        return inward
-    crossed = np.intersect1d(faces[pairs.reshape(-1)], moving)
-    way[crossed] *= -1
-    outward = vertices + way
-    return outward if len(crossing_faces(outward, faces)) < len(pairs) else inward
+        return vertices + way
+    way[np.intersect1d(faces[pairs.reshape(-1)], moving)] *= -1
+    if not len(crossing_faces(vertices + way, faces)):
+        return vertices + way
+    return vertices + size * _ways_in(vertices, faces, normal, moving)
+
+
+def _ways_in(vertices, faces, normal, moving):
+    """Return unit vectors (V, 3) that lead copies of vertices into their matter, 0 for the others.
+
+    Straight in from all faces, so that surfaces that have moved meet no others. Around a saddle no
+    way leads so: of the copies at one place such a one stays where it is.
+    """
+    order = np.argsort(faces.reshape(-1), kind="stable")
+    owner = faces.reshape(-1)[order]
+    starts, ends = np.searchsorted(owner, moving), np.searchsorted(owner, moving, "right")
+    ways, depths = np.zeros((len(moving), 3)), np.zeros(len(moving))
+    for k, (start, end) in enumerate(zip(starts, ends, strict=True)):
+        ways[k], depths[k] = _inward(normal[order[start:end] // 3])
+    _, place = np.unique(vertices[moving], axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    worst = np.full(place.max() + 1, np.inf)
+    np.minimum.at(worst, place, depths)
+    ways[(depths <= _SADDLE) & (depths == worst[place])] = 0
+    way = np.zeros_like(vertices)
+    way[moving] = ways
+    return way
+
+
+def _inward(normals, rounds=60):
+    """Return the unit vector that leads farthest in from all planes of normals (n, 3), and how far.
+
+    By turning it away from the plane that it leads least far from.
+    """
+    way, best = -normals.sum(axis=0), (np.zeros(3), -1.0)
+    for turn in range(rounds):
+        way /= max(np.linalg.norm(way), 1e-300)
+        along = normals @ way
+        if -along.max() > best[1]:
+            best = way.copy(), float(-along.max())
+        way = way - normals[along.argmax()] / (turn + 1)
+    return best
 
 
 def loosen(vertices, faces, crossings=crossing_faces, tries=40):

@@ -9,6 +9,7 @@ from pandis.errors import PandisError
 from pandis.mesh import tools
 from pandis.mesh.deviation import Surface, deviation, inside_changed, none
 from pandis.mesh.diagnosis import Diagnosis, diagnose
+from pandis.mesh.topology import compact
 from pandis.run.options import MeshOptions
 
 #: No rung may turn more of the inside to outside, or back, than this.
@@ -105,6 +106,22 @@ class Ladder:
             self.deviation, self._measured = self._measured, None
         self._note(entry, reason, diagnosis)
         return reason is None
+
+    def leave_out(self, loose, what):
+        """Go on without some faces (F,), from which deviations are not measured either.
+
+        Parameters
+        ----------
+        loose : ndarray, shape (F,)
+        what : str
+            What they are.
+        """
+        self.vertices, self.faces = compact(self.vertices, self.faces[~loose])
+        self.now = diagnose(self.vertices, self.faces)
+        self.source = Surface(self.vertices, self.faces)
+        entry = {"rung": "clean", "operation": "leave out", "parameters": {"what": what}}
+        self.log(f"left out: {what}")
+        self._note(entry, None, self.now)
 
     def _note(self, entry, reason, diagnosis=None):
         entry["kept"] = reason is None

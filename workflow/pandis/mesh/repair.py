@@ -22,12 +22,17 @@ from pandis.geometry.arrays import Faces, Vertices
 from pandis.mesh.deviation import Surface, provenance
 from pandis.mesh.diagnosis import diagnose
 from pandis.mesh.ladder import Ladder
-from pandis.mesh.openings import advice, large_holes
-from pandis.mesh.topology import EdgeTable, compact
+from pandis.mesh.nesting import signed_volumes
+from pandis.mesh.openings import THICKEN, advice, large_holes, loose_pieces
+from pandis.mesh.topology import EdgeTable, compact, components, one_sided
 
 RUNGS = ("clean", "union", "fill", "meshfix", "remesh", "wrap")
 #: Octree levels tried by `remesh`: cells of 1/128, 1/256 of 1.1 times the longest side.
 REMESH_LEVELS = (7, 8)
+#: Vertices lie in one plane if nothing leaves it by more than this, of their extent.
+FLAT = 1e-9
+#: More of the faces than this in pairs of two sides: sheets without thickness.
+SHEETS = 0.2
 #: Alpha and offset of `wrap`, in shares of the diagonal.
 WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
 
@@ -91,16 +96,23 @@ def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
 
 def _climb(ladder):
     ladder.source = Surface(ladder.vertices, ladder.faces)
+    flat = _is_flat(ladder.vertices[np.unique(ladder.faces)])
+    paired = ladder.now.duplicate_faces > SHEETS * ladder.now.faces
     _clean(ladder)
     ladder.reference = Surface(ladder.vertices, ladder.faces)
+    if _without_inside(ladder, flat):
+        _thicken(ladder)
+        return
+    small = ladder.options.small_hole, ladder.options.max_hole_edges
+    if ladder.now.boundary_edges and ladder.options.open != "thicken":
+        _part_with_loose(ladder, small)
     if ladder.now.boundary_edges and ladder.options.open != "cap":
-        small = ladder.options.small_hole, ladder.options.max_hole_edges
         holes = large_holes(ladder.vertices, ladder.faces, *small)
         if holes and ladder.options.open == "thicken":
             _thicken(ladder)
             return
         if holes:
-            raise PandisError(_open_message(ladder, holes))
+            raise PandisError(_open_message(ladder, holes, paired))
     _settle(ladder)
     if not ladder.now.valid and ladder.allows("fill"):
         _fill(ladder)
@@ -121,6 +133,78 @@ def _climb(ladder):
             raise PandisError(_refusal(ladder, reason))
 
 
+def _is_flat(vertices):
+    """Tell whether vertices (n, 3) lie in one plane."""
+    sizes = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return bool(sizes[2] <= FLAT * sizes[0])
+
+
+def _without_inside(ladder, flat):
+    """Tell whether a mesh that has no inside is to be made a wall; refuse it if not.
+
+    Raises
+    ------
+    PandisError
+        It has no inside, and `mesh.open` does not say ``thicken``.
+    """
+    turned = int(one_sided(ladder.faces).sum())
+    if not (flat or turned):
+        return False
+    if ladder.options.open == "thicken":
+        return True
+    what = "the mesh lies in one plane: it has no volume, and so no inside"
+    if turned:
+        what = (
+            f"{turned:,} of {len(ladder.faces):,} faces are a closed surface with one side only, "
+            "as a Klein bottle: it has no inside"
+        )
+    raise PandisError(f"{what}. {THICKEN}")
+
+
+def _part_with_loose(ladder, small):
+    """Leave loose pieces out if holes are to be capped, and name them.
+
+    Raises
+    ------
+    PandisError
+        There are some, and `mesh.open` says ``refuse``.
+    """
+    debris, inside = loose_pieces(ladder.vertices, ladder.faces, *small)
+    loose, told = debris | inside, []
+    for which, called in ((debris, "loose pieces that enclose nothing"),
+                          (inside, "open pieces inside of what is closed")):  # fmt: skip
+        if which.any():
+            count = len(np.unique(components(ladder.faces)[0][which]))
+            told.append(f"{count} {called} ({which.sum():,} of {len(loose):,} faces)")
+    if not told:
+        return
+    what = " and ".join(told)
+    if ladder.options.open == "cap":
+        ladder.leave_out(loose, what)
+        return
+    raise PandisError(
+        f"the mesh is open: {ladder.now.faults()}; there are {what}. To leave these out and to "
+        "close what is open of the rest, give this mesh the option `mesh: {open: cap}`"
+    )
+
+
+def _orient(ladder):
+    """Turn faces outward, and say how much matter becomes a cavity by that."""
+    before = ladder.faces
+    kept = ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
+    if not kept or len(before) != len(ladder.faces):
+        return
+    label, count = components(ladder.faces)
+    was, now = (signed_volumes(ladder.vertices, f, label, count) for f in (before, ladder.faces))
+    hollow = (was > 0) & (now < 0) & EdgeTable(ladder.faces).closed
+    if hollow.any():
+        ladder.log(
+            f"matter inside matter becomes a cavity, as mesh.nested says: {hollow.sum()} "
+            f"components, {was[hollow].sum():.4g} cubic mesh units of {was[was > 0].sum():.4g}; "
+            "`mesh: {nested: solid}` keeps it"
+        )
+
+
 def _clean(ladder):
     """Weld and orient: what needs no judgement."""
     if not ladder.allows("clean"):
@@ -130,7 +214,7 @@ def _clean(ladder):
         tolerance = ladder.options.weld * ladder.now.diagonal
         ladder.attempt("clean", "clean", ladder.not_worse, tolerance=tolerance)
     if not ladder.now.valid:
-        ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
+        _orient(ladder)
 
 
 def _settle(ladder):
@@ -141,8 +225,12 @@ def _settle(ladder):
             return
         if ladder.allows("clean"):
             ladder.attempt("clean", "clean", ladder.not_worse)
-            ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
+            _orient(ladder)
         now = ladder.now
+        walls = now.nonmanifold_edges and now.unbalanced_edges
+        if walls and not now.boundary_edges and not now.self_intersections:
+            _leave_walls_out(ladder)
+            now = ladder.now
         crossing = now.self_intersections or now.odd_windings or now.duplicate_faces
         if crossing and ladder.allows("union") and EdgeTable(ladder.faces).balanced:
             ladder.attempt("union", "union", _balanced_only)
@@ -151,6 +239,14 @@ def _settle(ladder):
             ladder.attempt("clean", "split", _manifold_only)
         if ladder.now.rank >= rank:
             return
+
+
+def _leave_walls_out(ladder):
+    """Leave out walls between the cells of one body, and measure no deviation from them."""
+    before = len(ladder.faces)
+    if ladder.allows("union") and ladder.attempt("union", "skin", _balanced_only):
+        ladder.source = ladder.reference = Surface(ladder.vertices, ladder.faces)
+        ladder.log(f"left out: {before - len(ladder.faces):,} faces between cells of one body")
 
 
 def _balanced_only(vertices, faces, diagnosis):
@@ -187,12 +283,15 @@ def _thicken(ladder):
         raise PandisError(_refusal(ladder))
 
 
-def _open_message(ladder, holes):
+def _open_message(ladder, holes, paired):
+    advised = advice(ladder.vertices, ladder.faces, ladder.seed)
+    if paired:
+        advised = f"Its faces come in pairs, back to back: sheets without thickness. {THICKEN}"
     return (
         f"the mesh is open: {ladder.now.faults()}. Too large to be filled without asking: "
         f"{len(holes)} (the widest rim is {holes[0]['rim']:.3g} times the diagonal of "
         f"its part, mesh.small_hole is {ladder.options.small_hole:g}): this may be a surface "
-        f"without an inside. {advice(ladder.vertices, ladder.faces, ladder.seed)}"
+        f"without an inside. {advised}"
     )
 
 

@@ -197,6 +197,31 @@ def union(vertices, faces):
     return vertices, faces
 
 
+def skin(vertices, faces):
+    """Leave out the walls between the cells of one body: what bounds no matter (libigl and CGAL).
+
+    Of each connected piece with edges of more than two faces, those faces stay that have the
+    outside on one side, and face it.
+    """
+    from igl.copyleft import cgal
+
+    from pandis.mesh.topology import EdgeTable, compact, components
+
+    label, count = components(faces)
+    edges = EdgeTable(faces)
+    torn = np.unique(label[np.flatnonzero(edges.nonmanifold[edges.edge_of]) // 3])
+    stays, flipped = np.ones(len(faces), bool), np.zeros(len(faces), bool)
+    for part in torn[torn < count]:
+        members = np.flatnonzero(label == part)
+        _, cells = cgal.extract_cells(*compact(vertices, faces[members]))
+        outside = np.asarray(cells) == 0
+        stays[members] = outside.sum(axis=1) == 1
+        flipped[members] = outside[:, 1]
+    faces = faces.copy()
+    faces[flipped] = faces[flipped][:, ::-1]
+    return compact(vertices, faces[stays])
+
+
 def fill(vertices, faces):
     """Close every hole: see `pandis.mesh.holes.fill_holes`."""
     from pandis.mesh import holes
@@ -273,6 +298,7 @@ OPERATIONS = {
         orient,
         split,
         union,
+        skin,
         fill,
         meshfix,
         remesh,

@@ -6,6 +6,8 @@ changes a mesh.
 
 import igl
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 
 class EdgeTable:
@@ -100,6 +102,29 @@ def connected(pairs, count):
         label = label[label]
         if (label == before).all():
             return label
+
+
+def one_sided(faces):
+    """Tell which faces (F,) belong to a closed manifold piece that has one side only.
+
+    Going around such a piece, a Klein bottle, one comes back on the other side: no orientation of
+    its faces agrees everywhere, and it has no inside.
+    """
+    edges, count = EdgeTable(faces), len(faces)
+    half = np.argsort(edges.edge_of, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(edges.uses)])[:-1]
+    pairs = np.flatnonzero(edges.uses == 2)
+    one, other = half[starts[pairs]], half[starts[pairs] + 1]
+    agree = edges.runs_forward[one] != edges.runs_forward[other]
+    f, g = one // 3, other // 3
+    # each face twice, once for each side: a way leads from a side to the neighbour's same side
+    ways = [(f, np.where(agree, g, g + count)), (f + count, np.where(agree, g + count, g))]
+    start, end = (np.concatenate(side) for side in zip(*ways, strict=True))
+    graph = coo_array((np.ones(len(start)), (start, end)), shape=(2 * count, 2 * count))
+    label = connected_components(graph, directed=False)[1]
+    turned = label[:count] == label[count:]
+    bad = np.unique(label[np.flatnonzero(edges.uses[edges.edge_of] != 2) // 3])
+    return turned & ~np.isin(label[:count], bad)
 
 
 def components(faces):

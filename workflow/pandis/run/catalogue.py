@@ -94,6 +94,31 @@ def is_builtin_field(name):
     return name in ("exact", AUTO) or is_grid_field(name) or compact or method
 
 
+def in_order(names, recipes):
+    """Return names of fields in the order of this module's kinds, then by size and by name.
+
+    A configuration may list them in any order: that alone changes no result.
+
+    Parameters
+    ----------
+    names : list of str
+    recipes : container of str
+
+    Raises
+    ------
+    ValueError
+        As of `parse_field`.
+    """
+    kinds = ["exact", COMPACT, *GRID_FIELDS, "network", ALGEBRAIC, PROXY, *PLANE_FIELDS, AUTO]
+
+    def place(name):
+        spec = parse_field(name, recipes)
+        sized = isinstance(spec.size, int)
+        return kinds.index(spec.kind), not sized, spec.size if sized else 0, name
+
+    return sorted(names, key=place)
+
+
 def parse_field(name, recipes):
     """Return the FieldSpec of ``name``.
 

@@ -7,11 +7,12 @@ tables of ``config/README.md`` are generated from them (``make docs``).
 These modules run at every planning of the workflow and import neither torch nor trimesh.
 """
 
+from contextlib import suppress
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, WithJsonSchema, field_validator, model_validator
 
-from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
+from pandis.run.catalogue import GRID_FIELDS, MESH_NAME, in_order
 from pandis.run.contacts import ContactOptions, SurfaceOptions
 from pandis.run.options import (
     BakeOptions,
@@ -95,6 +96,12 @@ class StageOptions(Options):
     def _one_spiral(self):
         if self.trajectory.kind == "spiral" and self.evaluation.paths > 1:
             raise ValueError("a spiral is always the same path: set evaluation.paths to 1")
+        return self
+
+    @model_validator(mode="after")
+    def _in_order(self):
+        with suppress(ValueError):  # a field's name has a fault, which is told by itself
+            self.fields = in_order(self.fields, self.train)
         return self
 
     @field_validator("fields", mode="before")

@@ -290,7 +290,8 @@ def provenance(stage, wildcards, options, modules, inputs):
     modules : dict of str to str
         From `CodeDigests.modules`.
     inputs : dict of str to str
-        Content digest of each input file, by its path relative to the working directory.
+        Content digest of each input file, by its path relative to the working directory; below the
+        folder of results it begins with `pandis.run.stored.RESULTS`.
     """
     return {
         "stage": stage,

@@ -29,7 +29,7 @@ from pandis.run.artifact import (
 from pandis.run.limits import limited
 from pandis.run.provenance import CodeDigests, combine, provenance, unused_modules
 from pandis.run.sourcing import source_digest, source_files
-from pandis.run.stored import is_copy, original
+from pandis.run.stored import RESULTS, is_copy, original
 
 PROGRESS_SECONDS = 5.0
 CHANGED = "the code was changed after this run was planned; run the same command again"
@@ -117,6 +117,8 @@ class Job:
         #: SHA-256 of the source set, for the stage that reads one.
         self.source = snakemake.params.get("source", "")
         self._inputs = {}
+        #: The folder of results: that of the logs.
+        self._folder = original(snakemake.log[0]).rpartition("/logs/")[0]
         self._start = time.monotonic()
         path = Path(snakemake.log[0])
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -189,7 +191,10 @@ class Job:
 
     def note_digest(self, path, digest):
         """Remember an input by the digest that it was read with."""
-        self._inputs[original(path)] = digest
+        name = original(path)
+        if name.startswith(f"{self._folder}/"):
+            name = RESULTS + name.removeprefix(self._folder)
+        self._inputs[name] = digest
 
     def note_file(self, path):
         """Remember an input that is a plain file, by its SHA-256."""

@@ -19,6 +19,10 @@ def tell_copies(settings):
         os.environ[COPIES] = os.path.join(str(settings.local_storage_prefix), kind, bucket)
 
 
+#: How the folder of results is written where a result names its inputs: it may be moved.
+RESULTS = "<results>"
+
+
 def is_copy(path):
     """Tell whether a path is that of a copy of what is in a store."""
     copies = os.environ.get(COPIES)

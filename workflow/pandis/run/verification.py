@@ -16,9 +16,11 @@ from pandis.native.runtime.files import read_provenance
 from pandis.report.seal import SEALED, read_seal
 from pandis.report.tables import summarise, to_csv
 from pandis.run.artifact import check_seal, file_digest, read_artifact
+from pandis.run.catalogue import RESERVED_NAMES
 from pandis.run.plan import DEFAULT_CONFIG
 from pandis.run.provenance import unused_modules
 from pandis.run.sourcing import source_digest, source_files, source_path, url_extension
+from pandis.run.stored import RESULTS
 
 
 def demand_files(store):
@@ -31,7 +33,7 @@ def demand_files(store):
 
 
 def verify(plan, log):
-    """Check every output of a plan.
+    """Check the outputs of a plan: all, or, where only named targets were run, what those made.
 
     Parameters
     ----------
@@ -46,7 +48,12 @@ def verify(plan, log):
         message says the command that mends it.
     """
     checker = Checker(plan)
-    outputs = plan.everything()
+    outputs, later = asked_for(plan)
+    for mesh in left_over(plan):
+        log(
+            f"{plan.folder}/{mesh} belongs to no mesh of the configuration: remove the folder, or "
+            "put the mesh back"
+        )
     faults = [(output, fault) for output in outputs if (fault := checker.fault(output))]
     total = len(outputs)
     width = max((len(output.path) for output, _ in faults), default=0)
@@ -57,7 +64,40 @@ def verify(plan, log):
             f"{len(faults)} of {total} results are not what the configuration asks for (listed "
             f"above). {remedy(plan, faults)}"
         )
+    if later:
+        stages = ", ".join(dict.fromkeys(output.stage for output in later))
+        log(f"not built so far, and not checked: {len(later)} results ({stages})")
     log(f"all {total} results are whole and belong to this configuration and code")
+
+
+def asked_for(plan):
+    """Return the outputs that a run was asked for, and those that are left for a later one.
+
+    A run that went to its end has made what stands last; all else has to be there, too. Without
+    that, stages of which there is no output at all were not asked for.
+
+    Returns
+    -------
+    asked, later : list of pandis.run.plan.Output
+    """
+    outputs = plan.everything()
+    last = [output.path for output in plan.final] or [outputs[-1].path]
+    stages = {output.stage for output in outputs if Path(output.path).exists()}
+    if any(Path(path).exists() for path in last) or not stages:
+        return outputs, []
+    stages.add("refuse")
+    asked = [output for output in outputs if output.stage in stages]
+    return asked, [output for output in outputs if output.stage not in stages]
+
+
+def left_over(plan):
+    """Return the names of folders of meshes that the configuration does not have."""
+    known = {*plan.entries, *plan.refused, *RESERVED_NAMES}
+    return sorted(
+        path.parent.name
+        for path in Path(plan.folder).glob("*/mesh.zarr.zip")
+        if path.parent.name not in known
+    )
 
 
 def remedy(plan, faults):
@@ -143,7 +183,8 @@ class Checker:
             source = self._source(output.wildcards["mesh"])
             if source != stored.get("source", ""):
                 return "stale: its source changed, or a file that the source names"
-        for name, digest in stored["inputs"].items():
+        for stored_name, digest in stored["inputs"].items():
+            name = stored_name.replace(RESULTS, self.plan.folder, 1)
             now = self._digest(name)
             if now is None:
                 return f"its input {name} is missing or damaged"
@@ -219,8 +260,9 @@ class Checker:
         if name not in self._digests:
             path = Path(name)
             try:
-                artifact = name.endswith(".zarr.zip")
-                self._digests[name] = read_artifact(path).digest if artifact else file_digest(path)
+                # an export that is damaged is another fault than one that has changed
+                if self._provenance(path) is None or not name.endswith(".zarr.zip"):
+                    self._digests[name] = file_digest(path)
             except (PandisError, OSError):
                 self._digests[name] = None
         return self._digests[name]
