@@ -40,13 +40,9 @@ def test_within_its_reach_a_query_is_the_same(name, reach, files):
     assert (np.abs(wanted.distance[beyond]) >= reach).all()
     assert np.isnan(found.distance[beyond]).all()
     assert np.isnan(found.normal[beyond]).all()
-    assert (clear[beyond] == reach).all()
-    if name in ("exact", "compact") and reach:
-        # somewhat farther may be answered, for distances are first looked at in single precision
-        far = np.abs(wanted.distance) > 1.001 * reach + 2e-3 / field.frame.scale
-        assert np.array_equal(beyond, far) or not (beyond ^ far)[far].any()
-    elif name not in ("exact", "compact"):
-        assert not beyond.any()
+    assert (clear[beyond & (np.abs(wanted.distance) > 0)] > 0).all() or not reach
+    assert (clear[beyond] <= np.abs(wanted.distance[beyond])).all()
+    assert beyond[np.abs(wanted.distance) > reach].all()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -160,7 +156,7 @@ def test_a_reach_or_a_hint_cuts_no_earlier(monkeypatch):
         found, clear = field.query_within(points, reach)
         beyond = found.flag == BEYOND
         assert same([c[~beyond] for c in found], [c[~beyond] for c in wanted])
-        assert (clear[beyond] == reach).all()
+        assert (clear[beyond] <= np.abs(wanted.distance[beyond])).all()
         assert (np.abs(wanted.distance[beyond]) >= reach).all()
 
 

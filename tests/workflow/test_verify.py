@@ -244,3 +244,40 @@ def test_a_mesh_inside_a_package_is_a_source_too(tmp_path, monkeypatch):
     assert digests.of("pymeshlab:bunny.obj") not in ("", before)
     assert np.isfinite(vertices).all()
     assert Path(tmp_path / "bunny.obj").is_file()
+
+
+FAST = ("--configfile", "config/fast.yaml")
+
+
+def test_what_was_built_is_checked_wherever_it_lies(rerun):
+    """A damaged export, a folder that was moved, one left over, and a run that ended early."""
+    home = rerun / "results"
+    whole = (home / "sphere/export/exact.pandis").read_bytes()
+    flip(home / "sphere/export/exact.pandis")
+    said = snakemake(rerun, "-j2", "verify", *FAST).stdout
+    assert "results/sphere/export/exact.pandis" in said
+    assert "its input results/sphere/export/exact.pandis is missing or damaged" in said
+    assert "stale" not in said
+    (remedy,) = re.findall(r"snakemake -j2 [^\n]*-f ([^&\n]+) &&", said)
+    assert remedy.strip() == "results/sphere/export/exact.pandis"
+    (home / "sphere/export/exact.pandis").write_bytes(whole)
+
+    shutil.copytree(home / "torus", home / "gone")
+    home.rename(rerun / "moved")
+    done = snakemake(rerun, "-j2", "verify", *FAST, "--config", "results=moved")
+    assert done.returncode == 0, done.stdout
+    assert "results are whole and belong to this configuration and code" in done.stdout
+    assert "moved/gone belongs to no mesh of the configuration" in done.stdout
+    (rerun / "moved").rename(home)
+
+    for path in (home / "report.html", home / "summary.csv"):
+        path.unlink()
+    # one stage gone from one mesh alone was asked for
+    (home / "torus/stress.zarr.zip").unlink()
+    assert "torus/stress.zarr.zip" in snakemake(rerun, "-j2", "verify", *FAST).stdout
+    for name in ("evaluation", "stress", "timing", "hardware", "trajectory"):
+        for path in home.glob(f"*/{name}*"):
+            path.unlink()
+    done = snakemake(rerun, "-j2", "verify", *FAST)
+    assert done.returncode == 0, done.stdout
+    assert "not built so far, and not checked" in done.stdout

@@ -302,7 +302,7 @@ class Chooser:
         failed = failures(answers)
         if failed:
             question = (QUESTIONS | PROXY_QUESTIONS)[failed[0]]
-            why = question.failing.format(**answers[failed[0]])
+            why = question.says(answers[failed[0]])
             return measured._replace(why=f"meets the errors, but fails the stress suite: {why}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
         return measured

@@ -93,8 +93,9 @@ def _once(faces):
     if len(first) == len(faces):
         return faces
     once = faces[np.sort(first)]
-    tables = EdgeTable(once), EdgeTable(faces)
-    opened = tables[0].boundary.sum() > tables[1].boundary.sum()
+    faults = [(edges.boundary.sum(), (2 * edges.forward != edges.uses).sum())
+              for edges in (EdgeTable(once), EdgeTable(faces))]  # fmt: skip
+    opened = any(after > before for after, before in zip(*faults, strict=True))
     return faces if opened else once
 
 
@@ -167,7 +168,7 @@ def orient(vertices, faces, nested="cavity"):
     return vertices, faces
 
 
-def split(vertices, faces):
+def split(vertices, faces, straight=False):
     """Give every fan of faces its own vertices, so that all edges and vertices are manifold.
 
     At an edge of four faces and more, those are joined that bound the same
@@ -180,6 +181,9 @@ def split(vertices, faces):
     ----------
     vertices, faces : ndarray
         Consistently oriented.
+    straight : bool
+        Where copies cross if they move against the mean of their normals, they move straight in
+        from all faces.
 
     Returns
     -------
@@ -191,7 +195,7 @@ def split(vertices, faces):
         vertices, faces = _halve_nonmanifold_edges(vertices, faces)
         apart, torn_faces, torn = _separate(vertices, faces)
     if len(torn):
-        apart = _part(apart, torn_faces, torn)
+        apart = _part(apart, torn_faces, torn, straight)
     return compact(apart, torn_faces)
 
 
@@ -272,11 +276,11 @@ def _wedges(vertices, faces, edges):
     return np.asarray(pairs, np.int64).reshape(-1, 2)
 
 
-def _part(vertices, faces, moving):
+def _part(vertices, faces, moving, straight):
     """Part the copies of vertices: each moves by `PARTING` into its own matter.
 
-    Against the mean of its normals; where surfaces cross by that, out of the matter; and where they
-    still do, straight in from all its faces.
+    Against the mean of its normals; where surfaces cross by that, out of the matter if fewer do so
+    then, or straight in from all its faces.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -290,10 +294,12 @@ def _part(vertices, faces, moving):
     pairs = crossing_faces(vertices + way, faces)
     if not len(pairs):
         return vertices + way
+    if straight:
+        return vertices + size * _ways_in(vertices, faces, normal, moving)
     way[np.intersect1d(faces[pairs.reshape(-1)], moving)] *= -1
-    if not len(crossing_faces(vertices + way, faces)):
-        return vertices + way
-    return vertices + size * _ways_in(vertices, faces, normal, moving)
+    outward = vertices + way
+    way[moving] = -size * sums[moving] / np.maximum(length, 1e-300)
+    return outward if len(crossing_faces(outward, faces)) < len(pairs) else vertices + way
 
 
 def _ways_in(vertices, faces, normal, moving):

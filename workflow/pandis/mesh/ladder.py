@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,18 @@ from pandis.run.options import MeshOptions
 
 #: No rung may turn more of the inside to outside, or back, than this.
 INSIDE_CHANGED = 0.02
+
+
+class State(NamedTuple):
+    """Where a ladder stood."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    now: Diagnosis
+    source: Surface
+    reference: Surface
+    deviation: dict
+    rungs: list
 
 
 @dataclass
@@ -106,6 +119,27 @@ class Ladder:
             self.deviation, self._measured = self._measured, None
         self._note(entry, reason, diagnosis)
         return reason is None
+
+    def state(self):
+        """Return what `go_back` takes."""
+        return State(
+            self.vertices, self.faces, self.now, self.source, self.reference, self.deviation,
+            [dict(entry) for entry in self.rungs],
+        )  # fmt: skip
+
+    def go_back(self, state):
+        """Be where a state was; what was kept since then is written down as set aside."""
+        since = self.rungs[len(state.rungs) :]
+        aside = {"kept": False, "reason": "set aside for another way"}
+        self.rungs = state.rungs + [entry | aside if entry["kept"] else entry for entry in since]
+        self.vertices, self.faces, self.now = state.vertices, state.faces, state.now
+        self.source, self.reference = state.source, state.reference
+        self.deviation = state.deviation
+
+    def has_kept(self, operation, since):
+        """Tell whether an operation was kept since a state."""
+        new = self.rungs[len(since.rungs) :]
+        return any(entry["kept"] and entry["operation"] == operation for entry in new)
 
     def leave_out(self, loose, what):
         """Go on without some faces (F,), from which deviations are not measured either.

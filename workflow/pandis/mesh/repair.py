@@ -218,7 +218,22 @@ def _clean(ladder):
 
 
 def _settle(ladder):
-    """Union what overlaps and split what touches, as long as that helps."""
+    """Union what overlaps and split what touches, as long as that helps.
+
+    If faces that were split still cross in the end, once more with another way to part them.
+    """
+    before = ladder.state()
+    _settle_by(ladder)
+    crossing = not ladder.now.valid and ladder.now.self_intersections
+    if crossing and ladder.has_kept("split", before):
+        first = ladder.state()
+        ladder.go_back(before)
+        _settle_by(ladder, straight=True)
+        if not ladder.now.valid and ladder.now.rank >= first.now.rank:
+            ladder.go_back(first)
+
+
+def _settle_by(ladder, **parting):
     for _ in range(3):
         rank = ladder.now.rank
         if ladder.now.valid:
@@ -236,7 +251,7 @@ def _settle(ladder):
             ladder.attempt("union", "union", _balanced_only)
         torn = ladder.now.nonmanifold_edges or ladder.now.nonmanifold_vertices
         if torn and ladder.allows("clean"):
-            ladder.attempt("clean", "split", _manifold_only)
+            ladder.attempt("clean", "split", _manifold_only, **parting)
         if ladder.now.rank >= rank:
             return
 

@@ -158,11 +158,11 @@ def orient(vertices, faces, nested="cavity"):
     return cleanup.orient(vertices, faces, nested)
 
 
-def split(vertices, faces):
+def split(vertices, faces, straight=False):
     """Make edges and vertices manifold: see `pandis.mesh.cleanup.split`."""
     from pandis.mesh import cleanup
 
-    return cleanup.split(vertices, faces)
+    return cleanup.split(vertices, faces, straight)
 
 
 def union(vertices, faces):

@@ -194,9 +194,7 @@ def _chosen(record):
 def _verdicts(questions, answers, failures):
     """Say of every field what it failed, and by how much, in a sentence."""
     return {
-        field: "; ".join(
-            questions[question].failing.format(**answers[field][question]) for question in failed
-        )
+        field: "; ".join(questions[question].says(answers[field][question]) for question in failed)
         for field, failed in failures.items()
     }
 

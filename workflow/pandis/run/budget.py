@@ -95,9 +95,13 @@ def told(force, newtons, mean_force):
 
 def told_figures(figures, newtons, mean_force):
     """Say what was measured of a field: mean, tail, surface that lacks the force or is too thin."""
+    lacks = (
+        f"lacks the force on {100 * figures['missing']:.3g} % of the surface "
+        f"({100 * figures['left_out']:.3g} % of it is too thin to be judged)"
+    )
+    if figures["left_out"] >= 1:
+        lacks = "cannot be judged, for all of the surface is too thin"
     return (
         f"has a force error of {told(figures['mean'], newtons, mean_force)} on average and of "
-        f"{1e3 * newtons * figures['p99']:.3g} mN at p99, and lacks the force on "
-        f"{100 * figures['missing']:.3g} % of the surface ({100 * figures['left_out']:.3g} % of it "
-        "is too thin to be judged)"
+        f"{1e3 * newtons * figures['p99']:.3g} mN at p99, and {lacks}"
     )

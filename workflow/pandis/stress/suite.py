@@ -47,6 +47,12 @@ class Question(NamedTuple):
     figure: str
     failing: str
 
+    def says(self, answer):
+        """Say how a field has failed, by what `Suite.ask` found."""
+        if answer.get("left_out", 0) >= 1:
+            return "all of the surface is too thin to be judged"
+        return self.failing.format(**answer)
+
 
 QUESTIONS = {
     "missing": Question(

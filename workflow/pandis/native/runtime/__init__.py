@@ -20,6 +20,8 @@ else:
 
 #: What a file can hold; numbers of docs/format.md.
 NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6
+#: The flag of a point that no surface is near: see `NativeField.query_within`.
+BEYOND = 4
 #: How a grid is interpolated.
 RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Closed forms, in the order of their numbers.
@@ -210,7 +212,10 @@ class NativeField:
         """
         if not reach >= 0:
             raise ValueError(f"a reach is a number from 0 on, not {reach}")
-        return self._answers(points, reach)
+        answer, clear = self._answers(points, reach)
+        beyond = np.abs(answer.distance) > reach
+        answer.distance[beyond], answer.normal[beyond], answer.flag[beyond] = np.nan, np.nan, BEYOND
+        return answer, clear
 
     def follow(self, points: ArrayLike) -> NativeAnswer:
         """Answer points (n, 3) of a path, each with what is known from the one before.
