@@ -204,13 +204,14 @@ def test_machine_is_described_without_its_name():
 def test_summary_has_every_column_and_the_configs_order():
     errors = Figures(**dict.fromkeys(("mean", "rms", "p95", "p99", "max", "eq7", "angle"), 0.5))
     table = {"b": errors, "a": errors, "a" + UNNORMALISED: errors}
-    keys = ("mean", "p99", "max", "relative", "newtons", "judged", "felt")
+    keys = ("mean", "p99", "max", "relative", "newtons", "judged", "felt", "strongly_felt")
     contact = Figures(**dict.fromkeys(keys, 0.25), missing=0.001)
     evaluation = EvaluationRecord.model_construct(
         fields=["b", "a"],
         errors=dict.fromkeys(("trajectory", "shallow", "deep"), table),
         bytes={"a": 1, "b": 2},
         newtons=2.0,
+        contact={"left_out": 0.0},
         mean_force={"trajectory": 2.0},
         controls={"control-zero": dict.fromkeys(SETS, changed(contact, missing=1.0))},
     )

@@ -196,7 +196,7 @@ def test_thin_parts_get_the_exact_field_or_a_refusal_that_says_why(name, tmp_pat
 
 @pytest.mark.parametrize(
     "name",
-    [*(pytest.param(n, marks=pytest.mark.full) for n in ("torus", "ring")), "plate-1", "blade"],
+    [*(pytest.param(n, marks=pytest.mark.full) for n in ("torus", "ring")), "plate-1", "cage"],
 )
 def test_promises_of_compact_meshes_are_kept(name, tmp_path):
     """Half of what exact takes for a face, and an eighth: what is chosen keeps every limit."""

@@ -105,13 +105,13 @@ def test_doubles_degenerates_and_strays_are_dropped():
     assert record["before"]["degenerate_faces"] == 1
 
 
-def test_doubles_that_face_the_same_way_go_by_union():
-    """Dropping one of them would open the mesh: its edges would have three faces."""
+def test_doubles_that_face_the_same_way_go_before_anything_else():
+    """All faces twice: each has a copy, and without the copies the mesh is closed."""
     vertices, faces = octahedron()
     second = copies((vertices, faces), (vertices, faces))
     fixed, fixed_faces, _, kept = fix(*second)
     assert_valid(fixed, fixed_faces)
-    assert "union" in kept
+    assert kept == ["clean"]
     assert volume(fixed, fixed_faces) == pytest.approx(4 / 3)
 
 
@@ -470,7 +470,7 @@ def test_build_closed_form_and_shipped_mesh():
     assert arrays["faces"].dtype == np.int32
     task = MeshTask(source="pymeshlab:bunny10k_textured.obj", sha256=None, seed=1)
     arrays, attributes = build(task, None, print)
-    assert [r["operation"] for r in attributes["rungs"] if r["kept"]] == ["clean", "fill"]
+    assert [r["operation"] for r in attributes["rungs"] if r["kept"]] == ["fill"]
     assert len(attributes["before"]["holes"]) == 5
     assert attributes["deviation"]["to_result"]["max"] == 0  # what was there has stayed
     assert_valid(arrays["vertices"], arrays["faces"])

@@ -10,6 +10,7 @@ import pytest
 from pandis.errors import PandisError
 from pandis.geometry.shapes import SHAPES
 from pandis.mesh import repair, tools
+from pandis.mesh.formats import FormatError
 from pandis.mesh.intake import check_arrays
 from pandis.run.options import MeshOptions
 from support import box_mesh, octahedron
@@ -131,7 +132,7 @@ def check(seed, monkeypatch):
     try:
         check_arrays(vertices, faces)
         arrays, record = repair.repair(vertices, faces, options, 0, log=lambda text: None)
-    except (PandisError, tools.ToolError):
+    except (PandisError, tools.ToolError, FormatError):
         return "refused"
     assert record["after"]["valid"]
     assert_valid(arrays["vertices"], arrays["faces"], points=1000)

@@ -55,9 +55,9 @@ def test_bad_meshes_fail_in_plain_words_and_the_others_finish(workspace):
     for message in (
         "there is no file 'missing.obj'",
         "empty.obj: the file is empty; export the mesh again",
-        "nofaces.obj: no reader finds a usable mesh in it (trimesh: no faces",
-        "nan.obj: 1 of 98 vertices are NaN or infinite",
-        "infinite.obj: 1 of 98 vertices are NaN or infinite",
+        "nofaces.obj: it has no faces; export it as a triangle mesh",
+        "nan.obj: line 1: 'nan' is no number",
+        "infinite.obj: line 1: 'inf' is no number",
         "part.step: unknown format '.step'; known are .obj",
         "fine.obj: the file's sha256 is",
         "'analytic:spere' is unknown; closed-form shapes are analytic:sphere",

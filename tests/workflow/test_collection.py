@@ -87,7 +87,7 @@ def test_every_mesh_is_accounted_for(tmp_path):
     assert [(row["mesh"], row["file"]) for row in rows] == [
         ("dot", ""), ("sphere", "exact.pandis"), ("sphere", "compact-16.pandis"),
     ]  # fmt: skip
-    assert "no reader finds a usable mesh" in rows[0]["refused"]
+    assert "it has no faces" in rows[0]["refused"]
     page = (folder / "results/collection.html").read_text(encoding="utf-8")
     assert rows[0]["refused"].split(" (")[0] in page
     (folder / CONFIG).write_text(

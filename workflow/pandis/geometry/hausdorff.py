@@ -56,11 +56,13 @@ def farthest(vertices, faces, engine):
         )
         above, below, faces_below = (np.concatenate(column) for column in zip(*parts, strict=True))
         least = max(least, float(below.max()))
+        if not np.isfinite(above).all():
+            return np.inf
         times = _TIGHT if looked < _FEW else _LOOSE
         enough = max(times * least, _FLOOR)
         settled = above <= enough
         if looked + 4 * int((~settled).sum()) > _MOST:
-            return max(most, float(above.max()))
+            return max(most, least, float(above.max()))
         most = max(most, float(above[settled].max(initial=0.0)))
         wider = _WIDER[times] * max(least, _FLOOR)
         over, beside = _cut_over(left[~settled], faces_below[~settled], wider)
@@ -68,7 +70,7 @@ def farthest(vertices, faces, engine):
         far = over.above > enough
         most = max(most, float(over.above[~far].max(initial=0.0)))
         left = np.concatenate([beside, _quarters(over.triangles[far])])
-    return most
+    return max(most, least)
 
 
 def _bounds(triangles, engine):
@@ -178,9 +180,10 @@ def distance_to_triangles(points, triangles):
     u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     away, normal = points - triangles[:, 0], np.cross(u, v)
     area = np.maximum(_dot(normal, normal), 1e-300)
+    solid = _dot(normal, normal) > 1e-24 * _dot(u, u) * _dot(v, v)  # else it is its sides alone
     s, t = _dot(np.cross(away, v), normal) / area, _dot(np.cross(u, away), normal) / area
     height = np.abs(_dot(normal, away)) / np.sqrt(area)
-    inside = (s >= 0) & (t >= 0) & (s + t <= 1)
+    inside = solid & (s >= 0) & (t >= 0) & (s + t <= 1)
     return np.where(inside, np.minimum(best, height), best)
 
 

@@ -222,10 +222,10 @@ def differences(force: Points, probes):
     -------
     dict of str to float
         ``strongly_felt``: on which share of the area; ``patch``: in one patch of it; ``p99_n``:
-        the 99th percentile of ‖F − F_exact‖, newtons. All infinite where there is no point.
+        the 99th percentile of ‖F − F_exact‖, newtons. Where there is no point, all of the area.
     """
     if not len(force):
-        return dict.fromkeys(("strongly_felt", "patch", "p99_n"), float("inf"))
+        return {"strongly_felt": 1.0, "patch": 1.0, "p99_n": 0.0}
     strong = strongly_felt(force, probes)
     error = np.linalg.norm(force - probes.force, axis=1) * probes.scale.newtons
     return {

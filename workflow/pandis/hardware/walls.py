@@ -116,6 +116,8 @@ def faults(verdict):
     verdict : pandis.run.records.hardware.WallVerdict
     """
     told = []
+    if verdict.left_out >= 1:
+        return ["all of the surface is too thin to be judged"]
     if verdict.missing > MISSING_LIMIT:
         told.append(f"on {verdict.missing:.2%} of the surface the force is missing")
     if verdict.left_out > MISSING_LIMIT:
@@ -127,6 +129,6 @@ def faults(verdict):
         )
     if verdict.p99_n > TAIL_LIMIT:
         told.append(f"one force in a hundred is off by {verdict.p99_n:.2g} N or more")
-    if verdict.ghost_n >= JUDGED:
+    if not verdict.ghost_n < JUDGED:
         told.append(f"in free space there are forces of up to {verdict.ghost_n:.2g} N")
     return told

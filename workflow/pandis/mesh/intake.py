@@ -1,8 +1,8 @@
 """Reading a mesh from wherever the user has it."""
 
 import gzip
-import shutil
 import tempfile
+import zlib
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,6 +13,9 @@ from pandis.mesh import tools
 from pandis.mesh.formats import FormatError
 from pandis.run.artifact import file_digest
 from pandis.run.sourcing import FORMATS, format_of, source_path
+
+#: A file that is packed may be so large.
+_LARGEST = 16 << 30
 
 
 def find_file(source):
@@ -101,8 +104,13 @@ def unpacked(source, path):
         plain = Path(folder) / path.stem
         try:
             with gzip.open(path) as stream, plain.open("wb") as target:
-                shutil.copyfileobj(stream, target)
-        except (OSError, EOFError) as error:
+                while block := stream.read(1 << 24):
+                    if target.tell() > _LARGEST:
+                        raise PandisError(
+                            f"{source}: more than {_LARGEST >> 30} GB are packed in it"
+                        )
+                    target.write(block)
+        except (OSError, EOFError, zlib.error) as error:
             raise PandisError(f"{source}: not a whole gzip file ({error})") from error
         yield plain
 

@@ -152,7 +152,7 @@ class Ladder:
         """
         self.vertices, self.faces = compact(self.vertices, self.faces[~loose])
         self.now = diagnose(self.vertices, self.faces)
-        self.source = Surface(self.vertices, self.faces)
+        self.source = self.reference = Surface(self.vertices, self.faces)
         entry = {"rung": "clean", "operation": "leave out", "parameters": {"what": what}}
         self.log(f"left out: {what}")
         self._note(entry, None, self.now)

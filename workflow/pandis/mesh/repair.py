@@ -135,6 +135,8 @@ def _climb(ladder):
 
 def _is_flat(vertices):
     """Tell whether vertices (n, 3) lie in one plane."""
+    if len(vertices) < 4:
+        return True
     sizes = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     return bool(sizes[2] <= FLAT * sizes[0])
 
@@ -258,10 +260,19 @@ def _settle_by(ladder, **parting):
 
 def _leave_walls_out(ladder):
     """Leave out walls between the cells of one body, and measure no deviation from them."""
-    before = len(ladder.faces)
-    if ladder.allows("union") and ladder.attempt("union", "skin", _balanced_only):
+    before = ladder.vertices[ladder.faces]
+
+    def accept(vertices, faces, diagnosis):
+        # what is left are faces that were there: nothing has moved
+        places = {tuple(sorted(map(tuple, corners))) for corners in before.tolist()}
+        left = (tuple(sorted(map(tuple, corners))) for corners in vertices[faces].tolist())
+        if not all(corners in places for corners in left):
+            return "faces have moved"
+        return _balanced_only(vertices, faces, diagnosis)
+
+    if ladder.allows("union") and ladder.attempt("union", "skin", accept):
         ladder.source = ladder.reference = Surface(ladder.vertices, ladder.faces)
-        ladder.log(f"left out: {before - len(ladder.faces):,} faces between cells of one body")
+        ladder.log(f"left out: {len(before) - len(ladder.faces):,} faces between cells of one body")
 
 
 def _balanced_only(vertices, faces, diagnosis):

@@ -67,6 +67,8 @@ def _file_is_sound(verdict):
     devices = verdict.devices.values()
     pressed = all(device.holds and not device.pressed_missing for device in devices)
     kept = not any(touched.passes for touched in _touched(verdict))
+    if _lets_through(verdict)[0]:  # then it is recommended through a proxy
+        kept = kept and verdict.proxy.in_time
     whole = verdict.agrees and verdict.in_time and verdict.walls.holds and pressed and kept
     return bool(whole and _safe(verdict) != 0)
 

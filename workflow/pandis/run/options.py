@@ -79,8 +79,8 @@ class MeshOptions(Options):
     deviation_max: float = Field(0.03, ge=0, description="the same for all of the surface")
     rung_seconds: Positive = Field(240.0, description="time limit of each rung")
     rung_memory_gb: Positive = Field(3.0, description="memory limit of each rung")
-    reader_seconds: Positive = Field(120.0, description="time limit of each reader")
-    reader_memory_gb: Positive = Field(3.0, description="memory limit of each reader")
+    reader_seconds: Positive = Field(120.0, description="time limit of the reader")
+    reader_memory_gb: Positive = Field(3.0, description="memory limit of the reader")
 
 
 class SampleOptions(Options):

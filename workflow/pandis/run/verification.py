@@ -81,7 +81,8 @@ def asked_for(plan):
     asked, later : list of pandis.run.plan.Output
     """
     outputs = plan.everything()
-    last = [output.path for output in plan.final] or [outputs[-1].path]
+    paths = {output.path for output in outputs}
+    last = [output.path for output in plan.final if output.path in paths] or [outputs[-1].path]
     stages = {output.stage for output in outputs if Path(output.path).exists()}
     if any(Path(path).exists() for path in last) or not stages:
         return outputs, []

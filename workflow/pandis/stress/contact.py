@@ -53,6 +53,7 @@ def otherness(answer, contacts):
     probes = contacts.sets["contact-deep"]
     figures = differences(penalty_force(*answer(probes.points)), probes)
     return figures | {
+        "left_out": contacts.left_out,
         "limit": STRONG_LIMIT,
         "patch_limit": PATCH_LIMIT,
         "passed": figures["strongly_felt"] <= STRONG_LIMIT and figures["patch"] <= PATCH_LIMIT,

@@ -57,7 +57,7 @@ def ghosts(answer, engine, surface, count, scale, rng):
     force = sizes * scale.newtons
     core = height < -PROBE_DEPTHS["deep"]
     off = np.linalg.norm(vectors - penalty_force(height, direction), axis=1)[core]
-    share = float((force >= JUDGED)[beside & free].mean()) if (beside & free).any() else 0.0
+    share = float((~(force < JUDGED))[beside & free].mean()) if (beside & free).any() else 0.0
     far = _far(force, height, scale)
     inside = sizes[height < 0]
     return {
@@ -79,6 +79,7 @@ def far_ghosts(answer, engine, scale):
 
 
 def _far(force, height, scale):
+    # NaN is the largest: no verdict passes it
     return float(force[height * scale.newtons >= CLEAR].max(initial=0))
 
 

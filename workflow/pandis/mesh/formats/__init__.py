@@ -10,9 +10,9 @@ import zipfile
 import numpy as np
 
 from pandis.mesh.formats import gltf, obj, off, ply, stl, threemf
-from pandis.mesh.formats.base import UNNAMED, FormatError, Reading
+from pandis.mesh.formats.base import FormatError, Reading
 
-__all__ = ["READERS", "UNNAMED", "FormatError", "Reading", "content_of", "read"]
+__all__ = ["READERS", "FormatError", "Reading", "content_of", "read"]
 
 READERS = {
     "obj": obj.read,
@@ -25,11 +25,10 @@ READERS = {
 }
 #: What content is called in a message, where it is none of these formats.
 _OTHERS = {
-    "html": "a web page", "pointer": "a pointer of Git LFS (fetch the file itself: git lfs pull)",
+    "html": "a web page", "xml": "an XML file",
+    "pointer": "a pointer of Git LFS (fetch the file itself: git lfs pull)",
     "zip": "a ZIP archive (unpack it)", "gzip": "a gzip file (call it .gz)",
 }  # fmt: skip
-#: Formats that are told by their first bytes alone.
-_SURE = ("ply", "glb", "gltf", "3mf", "off", *_OTHERS)
 
 
 def read(path, form, folder=None):
@@ -87,8 +86,10 @@ def content_of(path):
         return "ply"
     if re.match(rb"(ST)?C?N?4?n?OFF\b", text):
         return "off"
-    if re.match(rb"<(!doctype|html|\?xml)", text, re.I):
+    if re.match(rb"<(!doctype html|html)", text, re.I):
         return "html"
+    if text.startswith(b"<?xml"):
+        return "xml"
     if text.startswith(b"version https://git-lfs"):
         return "pointer"
     if text[:1] == b"{" and b'"asset"' in path.read_bytes():
@@ -107,6 +108,6 @@ def _zipped(path):
     try:
         with zipfile.ZipFile(path) as package:
             models = any(name.lower().endswith(".model") for name in package.namelist())
-    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError):
+    except threemf.DAMAGED:
         return None  # its reader says how it is damaged
     return "3mf" if models else "zip"

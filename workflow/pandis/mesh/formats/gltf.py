@@ -19,6 +19,7 @@ _HARMLESS = (
 #: Extensions by which triangles are compressed: of a primitive, and of a view of a buffer.
 _PACKINGS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_UNSIGNED = (5121, 5123, 5125)
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 #: How far a quaternion's length may be from one: those of bytes are as coarse.
@@ -48,7 +49,7 @@ def read(path, folder=None):
     try:
         scene = _Scene(document, binary, folder or path.parent)
         return joined(scene.parts(), scene.notes(), "m")
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         if isinstance(error, FormatError):
             raise
         said = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
@@ -142,6 +143,8 @@ class _Scene:
     def _nodes(self):
         """Yield the nodes of the scene, each with its matrix."""
         nodes = self.document.get("nodes", [])
+        if len(self.document.get("scenes", [])) > 1:
+            self._notes.append("of several scenes the one that it shows first is read")
         children = {c for node in nodes for c in node.get("children", [])}
         if self.document.get("scenes"):
             roots = self.item("scenes", self.document.get("scene", 0)).get("nodes", [])
@@ -190,6 +193,7 @@ class _Scene:
         """Return (vertices, faces, material) of a primitive, None of points and lines."""
         mode, attributes = primitive.get("mode", _TRIANGLES), primitive.get("attributes", {})
         if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in attributes:
+            self._notes.append("points and lines are left out")
             return None
         accessor = self.item("accessors", attributes["POSITION"])
         packing = next((p for p in _PACKINGS if p in primitive.get("extensions", {})), None)
@@ -203,7 +207,7 @@ class _Scene:
             if weight and "POSITION" in target:
                 vertices = vertices + weight * self.accessor(target["POSITION"])
         if "indices" in primitive:
-            corners = self.accessor(primitive["indices"])[:, 0].astype(np.int64)
+            corners = self._indices(primitive["indices"])
         else:
             corners = np.arange(len(vertices))
         if len(corners) and corners.max() >= len(vertices):
@@ -213,6 +217,14 @@ class _Scene:
         material = primitive.get("material")
         name = None if material is None else self.item("materials", material).get("name")
         return vertices, self._faces(corners, mode), name
+
+    def _indices(self, index):
+        """Return an accessor's values (count,) as indices."""
+        entry = self.item("accessors", index)
+        unsigned = entry["componentType"] in _UNSIGNED and not entry.get("normalized", False)
+        if not unsigned or entry["type"] != "SCALAR":
+            raise FormatError(f"accessors[{index}] holds no indices; {AGAIN}")
+        return self.accessor(index)[:, 0].astype(np.int64)
 
     def _faces(self, corners, mode):
         if mode == _TRIANGLES:
@@ -253,6 +265,8 @@ class _Scene:
 
     def _sparse(self, sparse, values, where):
         places, news, few = sparse["indices"], sparse["values"], sparse["count"]
+        if places["componentType"] not in _UNSIGNED:
+            raise FormatError(f"{where}: its sparse indices are none; {AGAIN}")
         kind = np.dtype(_TYPES[places["componentType"]])
         at = self._view(places["bufferView"], places.get("byteOffset", 0), kind, 1, few, where)
         at = at[:, 0].astype(np.int64)
@@ -307,10 +321,13 @@ class _Scene:
                 raise FormatError(f"{name} holds no base64; {AGAIN}") from None
         else:
             name = unquote(uri)
-            path = self.folder / name
-            if "://" in name or not path.is_file():
-                raise FormatError(f"it needs {name}, which is not there; put {name} beside it")
-            data = path.read_bytes()
+            try:
+                data = (self.folder / name).read_bytes()
+            except (OSError, ValueError):
+                short = name[:80]
+                raise FormatError(
+                    f"it needs {short}, which is not there; put {short} beside it"
+                ) from None
         if len(data) < length:
             raise FormatError(
                 f"{name} has {len(data):,} bytes, {length:,} are declared; it is cut: {AGAIN}"

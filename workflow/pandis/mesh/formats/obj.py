@@ -6,6 +6,7 @@ import numpy as np
 
 from pandis.mesh.formats.base import (
     AGAIN,
+    NUMBER,
     UNNAMED,
     FormatError,
     Reading,
@@ -66,6 +67,8 @@ def read(path, folder=None):
             )
         elif not _STATEMENT.fullmatch(key):
             raise FormatError(f"line {line}: '{key[:40]}' begins no statement of OBJ; {AGAIN}")
+        elif key.lower() in ("v", "f") or (key not in _SILENT and _is_place(words[1:])):
+            raise FormatError(f"line {line}: '{key}' is not known, and may be a vertex; {AGAIN}")
         elif key not in _SILENT:
             unknown.append((line, key))
     vertices = numbers(rows, lambda i: f"line {at[i]}").reshape(-1, 3)
@@ -85,6 +88,11 @@ _SILENT = frozenset(
     """vt vn vp p l o g s mg mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj
     deg bmat step parm trim hole scrv sp end con ctech stech""".split()  # noqa: SIM905
 )
+
+
+def _is_place(words):
+    """Tell whether words are three numbers or more."""
+    return len(words) > 2 and all(NUMBER.fullmatch(word) for word in words)
 
 
 def _statements(text):

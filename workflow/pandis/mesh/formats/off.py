@@ -41,8 +41,9 @@ def read(path, folder=None):
     counts = []
     while len(counts) < 3 and lines:
         line, found = lines[0]
-        counts += [whole(word, f"line {line}") for word in found[: 3 - len(counts)]]
-        rest = found[3:] if len(found) > 3 else []
+        taken = 3 - len(counts)
+        counts += [whole(word, f"line {line}") for word in found[:taken]]
+        rest = found[taken:]
         lines[:1] = [(line, rest)] if rest else []
     if len(counts) < 2 or min(counts) < 0:
         raise FormatError(f"it declares no counts of vertices and faces; {AGAIN}")

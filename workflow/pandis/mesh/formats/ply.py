@@ -9,6 +9,7 @@ from pandis.mesh.formats.base import (
     FormatError,
     Reading,
     lines_of,
+    number,
     numbers,
     whole,
     words,
@@ -52,6 +53,7 @@ def read(path, folder=None):
     del folder
     data = path.read_bytes()
     order, elements, start, notes = _header(data)
+    _check_kinds(elements)
     rows = _Text(data, start) if order == "" else _Binary(data, start, order)
     vertices, polygons, where = None, [], "vertex"
     for element in elements:
@@ -116,7 +118,21 @@ def _property(found, where):
     kinds, name = found[wanted : 2 * wanted], found[-1]
     if len(found) != 2 * wanted + 1 or any(kind not in _TYPES for kind in kinds):
         raise FormatError(f"{where}: '{' '.join(found)[:60]}' is no property of PLY; {AGAIN}")
+    if wanted == 2 and _TYPES[kinds[0]][0] == "f":
+        raise FormatError(f"{where}: the length of a list is no whole number; {AGAIN}")
     return name, _TYPES[kinds[-1]], _TYPES[kinds[0]] if wanted == 2 else None
+
+
+def _check_kinds(elements):
+    """Refuse positions that are lists, and corners that are none, or no whole numbers."""
+    for element in elements:
+        if not element.properties:
+            raise FormatError(f"its {element.name} has no property; {AGAIN}")
+        for name, kind, size in element.properties:
+            place = element.name == "vertex" and name in ("x", "y", "z")
+            corners = element.name in ("face", "tristrips") and name in _CORNERS
+            if (place and size) or (corners and (not size or kind[0] == "f")):
+                raise FormatError(f"its {element.name} has {name} of another type; {AGAIN}")
 
 
 def _check_sizes(lists):
@@ -180,10 +196,9 @@ class _Text:
                         f"line {line}: {len(found)} numbers, more are declared; {AGAIN}"
                     )
                 place += count
-                if size and kind[0] != "f":
-                    columns[name].append([whole(word, f"line {line}") for word in given])
-                else:
-                    columns[name].append(given)
+                read_word = number if kind[0] == "f" else whole
+                row = [read_word(word, f"line {line}") for word in given]
+                columns[name].append(row if size else row[0])
             if place != len(found):
                 raise FormatError(
                     f"line {line}: {len(found)} numbers, {place} are declared; its counts are "

@@ -35,7 +35,7 @@ def read(path, folder=None):
     pandis.mesh.formats.base.FormatError
     """
     del folder
-    data = path.read_bytes()
+    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
     count = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else 0
     if len(data) >= _HEAD and len(data) == _HEAD + _EACH * count:
         return _binary(data, count)
@@ -60,9 +60,11 @@ def _binary(data, count):
 def _text(text):
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     notes = []
-    bounds = list(_BOUND.finditer(text))
-    if not any(bound[1] for bound in bounds):
-        notes.append("it ends without endsolid: it may be cut")
+    ends = [bool(bound[1]) for bound in _BOUND.finditer(text)]
+    if 2 * sum(ends) != len(ends):
+        notes.append(
+            f"{len(ends) - sum(ends)} times solid and {sum(ends)} times endsolid: it may be cut"
+        )
     body = _BOUND.sub("", text)
     words = body.split()
     lowered = [word.lower() for word in words]

@@ -4,8 +4,10 @@ lib3mf, the consortium's own reader, keeps coordinates in single precision; this
 written.
 """
 
+import lzma
 import posixpath
 import zipfile
+import zlib
 
 import numpy as np
 from lxml import etree
@@ -14,7 +16,6 @@ from pandis.mesh.formats.base import (
     AGAIN,
     MOST,
     FormatError,
-    Reading,
     joined,
     number,
     placed,
@@ -41,6 +42,11 @@ _UNITS = {
     "meter": "m",
 }  # fmt: skip
 _LARGEST = 1 << 30
+#: What a damaged package raises, wherever it is damaged.
+DAMAGED = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError,
+    NotImplementedError, RuntimeError,
+)  # fmt: skip
 
 
 def read(path, folder=None):
@@ -64,7 +70,9 @@ def read(path, folder=None):
     try:
         with zipfile.ZipFile(path) as package:
             return _Package(package).reading()
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError) as error:
+    except FormatError:
+        raise
+    except DAMAGED as error:
         raise FormatError(f"no whole 3MF package ({error}); {AGAIN}") from None
 
 
@@ -124,9 +132,7 @@ class _Package:
         unit = root.tree.get("unit", "millimeter")
         if unit not in _UNITS:
             raise FormatError(f"its unit '{unit[:40]}' is none of {', '.join(_UNITS)}; {AGAIN}")
-        reading = joined(parts, self.notes, _UNITS[unit])
-        names = reading.materials
-        return reading if names is not None else Reading(*reading[:2], None, self.notes, unit)
+        return joined(parts, self.notes, _UNITS[unit])
 
     def _built(self, part, identity, matrix, above):
         """Return the meshes of an object and of its components, each placed."""
@@ -207,8 +213,8 @@ class _Model:
         ).reshape(-1, 3)  # fmt: skip
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
             raise FormatError(
-                f"{where}: a triangle names vertex {faces.max()}, and there are {len(vertices):,}; "
-                f"{AGAIN}"
+                f"{where}: triangles name vertices from {faces.min()} to {faces.max()}, and there "
+                f"are {len(vertices):,}; {AGAIN}"
             )
         names = [self._material(t, found) for t in triangles] if self.bases else None
         return vertices, faces, names
