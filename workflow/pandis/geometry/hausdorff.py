@@ -13,8 +13,8 @@ import numpy as np
 
 from pandis.native.threads import SMALL, in_threads
 
-#: The bound is at most so many times as large as the largest distance that was asked: the first
-#: time as long as few triangles were looked at.
+#: The bound is at most this many times the largest distance that was computed: the smaller factor
+#: holds as long as few triangles were looked at.
 _TIGHT, _LOOSE, _FEW = 1.1, 1.8, 200_000
 #: Prisms are so much wider than their faces, by shares of that distance: with one and the other.
 _WIDER = {_TIGHT: 0.25, _LOOSE: 1.0}

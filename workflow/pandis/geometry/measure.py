@@ -66,15 +66,20 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
     deepest = max(SETS.values())
     radius = inscribed_radius(engine, feet, outward, deepest / OF_RADIUS)
     wall = are_walls(engine, feet, outward, radius)
-    kept = ~too_thin(radius, wall, scale)
-    feet, outward, wall, reach = feet[kept], outward[kept], wall[kept], OF_RADIUS * radius[kept]
+    thick_enough = ~too_thin(radius, wall, scale)
+    feet, outward, wall, reach = (
+        feet[thick_enough],
+        outward[thick_enough],
+        wall[thick_enough],
+        OF_RADIUS * radius[thick_enough],
+    )
 
     def probes(depth):
         return below(engine, feet, outward, depth, wall, scale)
 
-    sets = {name: probes(depths[name][kept] * np.minimum(most, reach))
+    sets = {name: probes(depths[name][thick_enough] * np.minimum(most, reach))
             for name, most in SETS.items()}  # fmt: skip
-    return ContactSet(sets, probes(np.minimum(deepest, reach)), float(1 - kept.mean()))
+    return ContactSet(sets, probes(np.minimum(deepest, reach)), float(1 - thick_enough.mean()))
 
 
 def too_thin(radius: Values, wall: Flags, scale) -> Flags:

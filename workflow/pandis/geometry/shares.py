@@ -38,8 +38,8 @@ MISSING_LIMIT = 0.005
 #: the fields of the default configuration have on scans and on parts with sharp edges, and below a
 #: patch that a fingertip finds.
 STRONG_LIMIT, PATCH_LIMIT = 0.015, 0.0025
-#: What the exact field does so near (m) beside a point, a smooth field may mix with what it does
-#: there; so many places are looked at.
+#: A smooth field may mix the exact force at a point with that at this distance (m) beside it; the
+#: second number is how many places around the point are compared.
 BESIDE, _AROUND = 1e-3, 8
 #: Neighbours that a patch is told by: most of them are strongly felt, too. Two sides of a wall are
 #: as far apart as this (unit frame) besides.

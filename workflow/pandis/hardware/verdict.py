@@ -109,11 +109,11 @@ def device_sentence(name, pressed, walls):
 
 def _compared(walls):
     """Return what keeps a field's forces from being the exact ones, in words."""
-    told = force_faults(walls)
+    clauses = force_faults(walls)
     if walls.pressed_missing:
         at = walls.pressed_missing
-        told.append(f"at {at} of the points that a device presses on the force is missing")
-    return told
+        clauses.append(f"at {at} of the points that a device presses on the force is missing")
+    return clauses
 
 
 def _instead(walls):

@@ -115,20 +115,20 @@ def faults(verdict):
     ----------
     verdict : pandis.run.records.hardware.WallVerdict
     """
-    told = []
+    clauses = []
     if verdict.left_out >= 1:
         return ["all of the surface is too thin to be judged"]
     if verdict.missing > MISSING_LIMIT:
-        told.append(f"on {verdict.missing:.2%} of the surface the force is missing")
+        clauses.append(f"on {verdict.missing:.2%} of the surface the force is missing")
     if verdict.left_out > MISSING_LIMIT:
-        told.append(f"{verdict.left_out:.2%} of the surface is too thin to be judged")
+        clauses.append(f"{verdict.left_out:.2%} of the surface is too thin to be judged")
     if verdict.strongly_felt > STRONG_LIMIT or verdict.patch > PATCH_LIMIT:
-        told.append(
+        clauses.append(
             f"on {verdict.strongly_felt:.2%} of the surface the force is strongly felt to be "
             f"another one, on {verdict.patch:.2%} in one patch"
         )
     if verdict.p99_n > TAIL_LIMIT:
-        told.append(f"one force in a hundred is off by {verdict.p99_n:.2g} N or more")
+        clauses.append(f"one force in a hundred is off by {verdict.p99_n:.2g} N or more")
     if not verdict.ghost_n < JUDGED:
-        told.append(f"in free space there are forces of up to {verdict.ghost_n:.2g} N")
-    return told
+        clauses.append(f"in free space there are forces of up to {verdict.ghost_n:.2g} N")
+    return clauses

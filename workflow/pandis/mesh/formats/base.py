@@ -99,12 +99,12 @@ def words(line):
 
     Other spaces than those of ASCII part nothing.
     """
-    found = line.split() if line.isascii() else re.findall(r"[^ \t\v\f]+", line)
+    parts = line.split() if line.isascii() else re.findall(r"[^ \t\v\f]+", line)
     if "#" in line:
-        for place, word in enumerate(found):
+        for place, word in enumerate(parts):
             if word.startswith("#"):
-                return found[:place]
-    return found
+                return parts[:place]
+    return parts
 
 
 def triangles(vertices, polygons, where, first=0):

@@ -52,8 +52,8 @@ def read(path, folder=None):
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         if isinstance(error, FormatError):
             raise
-        said = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
-        raise FormatError(f"its JSON is no scene of glTF ({said[:100]}); {AGAIN}") from error
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        raise FormatError(f"its JSON is no scene of glTF ({reason[:100]}); {AGAIN}") from error
 
 
 def _glb(data):
