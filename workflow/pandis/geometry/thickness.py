@@ -9,8 +9,8 @@ from pandis.geometry.frame import UNIT_SIDE
 _SAME = 1e-6
 #: Steps of a shrinking ball; each brings it to the nearest point of the surface seen so far.
 _STEPS = 60
-#: Below a wall the matter is at most this many inscribed radii thick: two under a plate, three in the
-#: middle of a triangular bar, four where two faces meet at 70°.
+#: Below a wall the matter is at most this many inscribed radii thick: two under a plate, three in
+#: the middle of a triangular bar, four where two faces meet at 70°.
 WALL = 4.0
 
 
