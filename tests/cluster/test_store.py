@@ -45,7 +45,12 @@ class Door:
     def _welcome(self, door):
         with suppress(OSError):
             while True:
-                guest, store = door.accept()[0], socket.create_connection(self.behind)
+                guest = door.accept()[0]
+                try:
+                    store = socket.create_connection(self.behind)
+                except OSError:  # it has been shut since
+                    guest.close()
+                    raise
                 self._links += [guest, store]
                 for one, other in ((guest, store), (store, guest)):
                     threading.Thread(target=self._pass_on, args=(one, other), daemon=True).start()

@@ -4,7 +4,9 @@ import subprocess
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
+from pandis.grids.fit import Level, Targets, fit
 from pandis.native import spline as native
 from pandis.native.spline import Lattice, SparseSpline, block_count, kept_nodes, pack
 
@@ -128,3 +130,18 @@ def test_the_source_has_no_warnings():
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only"]
     done = subprocess.run([*command, source], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_fit_gives_the_same_bits_whatever_threads_blas_has():
+    """With 22³ unknowns a BLAS shares an inner product out, and adds in another order."""
+    lattice, rng = Lattice(22), np.random.default_rng(5)
+    points = inside(lattice, 3000)
+    distance = np.linalg.norm(points, axis=1)
+    targets = Targets(points, distance - 0.7, points / distance[:, None], rng.random(3000))
+    level = Level(lattice, np.arange(22**3))
+    fits = []
+    for threads in (1, 2, 4):
+        with threadpool_limits(threads, user_api="blas"):
+            fits.append(fit([level], [np.zeros(22**3)], targets, 2, 4)[0])
+    assert np.array_equal(fits[0], fits[1])
+    assert np.array_equal(fits[0], fits[2])

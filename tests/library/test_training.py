@@ -326,6 +326,15 @@ def test_seed_and_options_matter(samples, tmp_path):
     assert not same(one, other)
 
 
+def test_numbers_after_a_training_are_those_of_before(samples, tmp_path):
+    """A step takes subnormals for zeros; a k-d tree that met that would divide for ever."""
+    least = np.full(1, np.nextafter(0.0, 1.0))
+    trained = trainer(samples, tmp_path, steps=3)
+    assert (least > 0).all()
+    trained.run(silent_progress)
+    assert (least > 0).all()
+
+
 def test_budget_in_seconds_records_its_steps(samples, tmp_path):
     arrays, attributes = trainer(samples, tmp_path, steps=None, seconds=0.5).run(silent_progress)
     assert not attributes["reproducible"]

@@ -18,7 +18,18 @@ from pandis.report.page import build, mesh_section
 from pandis.report.seal import read_seal
 from pandis.run.artifact import read_artifact
 from pandis.run.plan import Plan
-from support import ROOT, box_mesh, copy_workflow, edit, plan, results, snakemake, write_obj
+from support import (
+    ROOT,
+    box_mesh,
+    copy_workflow,
+    edit,
+    environment,
+    plan,
+    results,
+    snakemake,
+    snakemake_command,
+    write_obj,
+)
 
 FAST = ("--configfile", "config/fast.yaml")
 
@@ -101,15 +112,61 @@ def test_second_run_has_nothing_to_do(rerun):
     assert snakemake(rerun, "-j2", *FAST).stdout.count("Nothing to be done") == 1  # the default
 
 
+#: Every kind of artifact that config/config.yaml has, each as small as it can be.
+EVERY_KIND = """\
+fields: [exact, compact-auto, nearest-16, trilinear-16, trilinear-box-16, trilinear-normal-16,
+         tricubic-16, spline-auto, pandis, pandis-exact]
+samples: {surface: 20000, offsets: 20000, shallow: 20000, penetration: 20000, bent: 10000,
+          core: 5000, box: 10000, held_out: 4000}
+train:
+  pandis: {width: 32, depth: 3, omega: 15, steps: 30, batch: 1024}
+  pandis-exact: {width: 32, depth: 3, omega: 15, steps: 30, batch: 1024}
+bake: {auto: {spline: {bytes: 100000}, compact: {bytes: 60000}}}
+evaluation: {probes: 5000}
+stress: {ticks: 20000, loops: 4}
+timing: {queries: 500, cold: 3}
+hardware: {seconds: 0.5, loaded_seconds: 0.2}
+meshes:
+  bunny: {source: "pymeshlab:bunny.obj"}
+  torus: {source: "analytic:torus"}
+  chosen:
+    source: "pymeshlab:bunny10k_textured.obj"
+    fields: auto
+    budget: {force_error: 40 mN, bytes: 300000}
+"""
+
+
 @pytest.mark.full
-def test_same_bytes_on_one_core(finished, tmp_path):
-    """Another folder, no results, -j1 instead of -j2: every artifact and export is the same."""
-    folder = copy_workflow(finished, tmp_path / "again")
-    done = snakemake(folder, "-j1", "all", *FAST)
-    assert done.returncode == 0, done.stdout
-    one, other = results(finished), results(folder)
+def test_the_same_bytes_whatever_cores_and_threads_there_are(tmp_path):
+    """-j2; -j1 on one core with four threads each, another umask, HOME, locale and hash seed."""
+    made = []
+    for name, cores, before, extra in (
+        ("two", 2, (), {}),
+        (
+            "one",
+            1,
+            ("taskset", "-c", "0", "sh", "-c", 'umask 077; exec "$@"', "sh"),
+            {
+                "OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "4", "LC_ALL": "C.UTF-8",
+                "PYTHONHASHSEED": "12345", "HOME": str(tmp_path),
+            },
+        ),
+    ):  # fmt: skip
+        folder = copy_workflow(ROOT, tmp_path / name)
+        (folder / "config/every.yaml").write_text(EVERY_KIND)
+        command = snakemake_command(f"-j{cores}", "all", "--configfile", "config/every.yaml")
+        done = subprocess.run(
+            [*before, *command], cwd=folder, env=environment(**extra), check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout
+        made.append(results(folder))
+    one, other = made
     assert list(one) == list(other)
-    assert len(one) >= 16
+    default = yaml.safe_load((ROOT / "config/config.yaml").read_text())["fields"]
+    assert {re.sub(r"\d+", "16", field) for field in default} == {
+        *yaml.safe_load(EVERY_KIND)["fields"]
+    }
     assert [name for name in one if one[name] != other[name]] == []
 
 

@@ -42,6 +42,20 @@ RESTARTS = 5
 _NOT_OF_A_TRAINING = {"force_error", "tail", "missed"}
 
 
+@contextlib.contextmanager
+def _subnormals_as_zero():
+    """Compute with subnormal numbers as zeros, on this thread, and only within the body.
+
+    A processor takes many times as long for a subnormal number. Other code must not meet that
+    arithmetic: SciPy's k-d tree, for one, then divides a node for ever.
+    """
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
+
+
 class Trainer:
     """Trains one network; the same options and samples give the same bytes.
 
@@ -64,7 +78,6 @@ class Trainer:
     def __init__(self, task, samples, strata, checkpoint, log):
         options, seed = task.recipe, task.seed
         torch.set_num_threads(options.threads)
-        torch.set_flush_denormal(True)
         keep_freed_memory()
         torch.backends.cuda.matmul.allow_tf32 = False
         self.name, self.options, self.log = task.name, options, log
@@ -155,7 +168,11 @@ class Trainer:
     def _advance(self, share):
         self.optimiser.set_share(self._rate(share))
         rows = self.batches.batch(self.step)
-        loss = self._recorded(rows) if self.device == "cuda" else self._descend(rows)
+        if self.device == "cuda":
+            loss = self._recorded(rows)
+        else:
+            with _subnormals_as_zero():
+                loss = self._descend(rows)
         self.step += 1
         return loss
 

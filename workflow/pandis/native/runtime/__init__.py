@@ -20,8 +20,9 @@ else:
 
 #: What a file can hold; numbers of docs/format.md.
 NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6
-#: The flag of a point that no surface is near: see `NativeField.query_within`.
-BEYOND = 4
+#: The flags of an answer that is cut (see `pandis.h`), and of a point that no surface is near (see
+#: `NativeField.query_within`).
+CUT, BEYOND = 3, 4
 #: How a grid is interpolated.
 RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Closed forms, in the order of their numbers.
@@ -206,14 +207,15 @@ class NativeField:
         Returns
         -------
         answer : NativeAnswer
-            As of `query`; NaN, flagged 4, where no surface is within reach.
+            As of `query`; NaN, flagged 4, where no surface is within reach. A cut answer (flag
+            `CUT`) stays: the surface may be nearer than it says.
         clear : ndarray, shape (n,)
             No surface is nearer than this.
         """
         if not reach >= 0:
             raise ValueError(f"a reach is a number from 0 on, not {reach}")
         answer, clear = self._answers(points, reach)
-        beyond = np.abs(answer.distance) > reach
+        beyond = (np.abs(answer.distance) > reach) & (answer.flag != CUT)
         answer.distance[beyond], answer.normal[beyond], answer.flag[beyond] = np.nan, np.nan, BEYOND
         return answer, clear
 
