@@ -11,8 +11,6 @@ ENVS = ROOT / "workflow" / "envs"
 _ALWAYS = {"pydantic", "jaxtyping"}
 #: Stages that train, on a GPU if they are told to.
 _TRAIN = {"train", "choose"}
-#: What a family needs besides what it imports: trimesh reads 3MF through these.
-_BESIDES = {"mesh": ("lxml", "networkx")}
 
 
 def environments():
@@ -23,7 +21,7 @@ def environments():
         unused = {name: () if name in _TRAIN else ON_GPUS for name in names}
         keys = {key for name in names for key in digests.modules(name, unused[name])}
         packages = {key.removeprefix("package ") for key in keys if key.startswith("package ")}
-        packages |= _ALWAYS | set(_BESIDES.get(rules.stem, ()))
+        packages |= _ALWAYS
         wanted = sorted(pins[_key(DISTRIBUTIONS.get(name, name))] for name in packages)
         if names:
             texts[ENVS / f"{rules.stem}.yaml"] = _text(rules.name, wanted)

@@ -37,6 +37,7 @@ def edges_alone(name):
     return name == "zero-thinnest-2%"
 
 
+@pytest.mark.full
 def test_hardware_fails_every_damage(body, damaged):
     walls = open_walls(ExactField("exact", body), body.surface, SCALE, 0)
     exact = ExactField("exact", body)
@@ -48,6 +49,7 @@ def test_hardware_fails_every_damage(body, damaged):
     assert len(damaged) >= 30
 
 
+@pytest.mark.full
 def test_the_suite_fails_every_damage(body, damaged):
     suite = Suite(body, SCALE, StressOptions(ticks=2000, loops=4), 0)
     exact = ExactField("exact", body)

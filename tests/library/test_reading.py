@@ -162,6 +162,7 @@ def test_strips_of_a_ply_are_triangles(tmp_path):
     assert_valid(*orient(reading.vertices, reading.faces))
 
 
+@pytest.mark.full
 def test_a_nested_placement_is_refused_before_it_fills_the_memory(tmp_path):
     """Two children each, forty levels down: a short file that places a million million parts."""
     core = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"

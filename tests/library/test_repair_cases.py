@@ -112,6 +112,7 @@ def test_a_sheet_inside_a_box_is_named_and_left_out():
     assert volume(vertices, faces) == pytest.approx(1)
 
 
+@pytest.mark.full
 def test_debris_of_a_scan_is_named_and_left_out():
     ball = trimesh.creation.icosphere(3, 10)
     loose = ball.vertices[ball.faces[::100]] * 1.4

@@ -249,6 +249,7 @@ def test_a_mesh_inside_a_package_is_a_source_too(tmp_path, monkeypatch):
 FAST = ("--configfile", "config/fast.yaml")
 
 
+@pytest.mark.full
 def test_what_was_built_is_checked_wherever_it_lies(rerun):
     """A damaged export, a folder that was moved, one left over, and a run that ended early."""
     home = rerun / "results"
