@@ -435,6 +435,30 @@ def test_a_scene_whose_objects_move_gives_the_same_forces(files):
         assert (got.force[0] == wanted).all(), index
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_penalty_forces_asked_between_touches_change_neither(files, seed):
+    """One such call took a wall away for a third of a second, and gave it back in one tick."""
+    objects = scene_of(files, 12, seed)
+    asked, touched, penal = TouchedScene(objects), TouchedScene(objects), NativeScene(objects)
+    rng, path = np.random.default_rng(seed), wander(4000, seed)
+    pressed = 0
+    for position in path:
+        if rng.random() < 0.02:
+            which = int(rng.integers(12))
+            item = objects[which]
+            objects[which] = item._replace(translation=item.translation + rng.normal(0, 3e-4, 3))
+            for scene in (asked, touched, penal):
+                scene.move(which, objects[which])
+        if rng.random() < 0.3:
+            beside = position + rng.normal(0, rng.choice([0, 1e-3, 1e-2]), (2, 3))
+            force = asked.answer(beside).force
+            assert (force == penal.answer(beside).force).all()
+            pressed += force.any()
+        got, wanted = (scene.follow(position[None]) for scene in (asked, touched))
+        assert (got.force == wanted.force).all()
+    assert pressed > 20
+
+
 def test_a_scene_lists_what_is_touched(files):
     field, _ = opened(files, "sphere")
     pair = [placed(field, position=(x, 0, 0)) for x in (0.0, 0.08, 0.5)]

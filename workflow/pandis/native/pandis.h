@@ -477,7 +477,7 @@ typedef struct {
 /* Doubles that a scene of so many objects needs; objects that are looked at together. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
-    (4 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
+    (8 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
 
 /* Make a scene of objects and room that the caller keeps. Returns 0 or PANDIS_ERROR_POSE. */
 PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room);
@@ -487,7 +487,7 @@ PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objec
 PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object);
 
 /* The sum of the penalty forces of all objects at a point of the scene. Returns the worst flag of
- * those that were asked. */
+ * those that were asked. It changes nothing of what pandis_scene_touch answers, in whatever order they are called. */
 PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
 
 /* Give the scene a contact for each object, which the caller keeps, and begin them with a probe of a radius. Of materials,
@@ -3027,10 +3027,13 @@ static int pandis__lies(const pandis_object *o) {
     return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
 }
 
-/* A scene keeps of each object a ball around some point in which it cannot be touched: centre and
- * squared radius, in blocks, coordinate by coordinate. */
-static double *pandis__ball(const pandis_scene *scene, size_t object) {
-    return scene->room + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK + object % PANDIS_SCENE_BLOCK;
+/* A scene keeps of each object two balls in which it cannot be touched, one for penalty forces and one for
+ * contacts, whose proxies may be elsewhere: centre and squared radius, in blocks, coordinate by coordinate. */
+enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
+
+static double *pandis__ball(const pandis_scene *scene, int use, size_t object) {
+    double *balls = scene->room + (size_t)use * (PANDIS_SCENE_ROOM(scene->count) / 2);
+    return balls + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK + object % PANDIS_SCENE_BLOCK;
 }
 
 static void pandis__keep_ball(double *ball, const double *centre, double radius) {
@@ -3077,7 +3080,7 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
         if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
     }
     /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
-    pandis__keep_ball(pandis__ball(scene, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
+    pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
     return flag;
 }
 
@@ -3085,7 +3088,8 @@ PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object) {
     const double origin[3] = {0};
     if (object >= scene->count) return PANDIS_ERROR_POSE;
     int lies = pandis__lies(scene->objects + object);
-    pandis__keep_ball(pandis__ball(scene, object), origin, lies ? 0 : 1e150);
+    for (int use = PANDIS__OF_FORCES; use <= PANDIS__OF_CONTACTS; use++)
+        pandis__keep_ball(pandis__ball(scene, use, object), origin, lies ? 0 : 1e150);
     return lies ? 0 : PANDIS_ERROR_POSE;
 }
 
@@ -3094,17 +3098,20 @@ PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objec
     int error = 0;
     scene->objects = objects, scene->count = count, scene->room = room, scene->asked = 0;
     scene->contacts = NULL, scene->materials = NULL, scene->touched = 0;
-    for (size_t i = 0; i < PANDIS_SCENE_ROOM(count) / 4; i++) pandis__keep_ball(pandis__ball(scene, i), origin, 1e150);
+    for (size_t i = 0; i < PANDIS_SCENE_ROOM(count) / 8; i++) {
+        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, i), origin, 1e150);
+        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_CONTACTS, i), origin, 1e150);
+    }
     for (size_t i = 0; i < count; i++)
         if (pandis_scene_moved(scene, i)) error = PANDIS_ERROR_POSE;
     return error;
 }
 
 /* The next object, from one on, that may be touched at a point; the count, if there is none. */
-static size_t pandis__next_awake(const pandis_scene *scene, size_t from, const double *point) {
+static size_t pandis__next_awake(const pandis_scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
-        const double *ball = pandis__ball(scene, start);
+        const double *ball = pandis__ball(scene, use, start);
         int awake = from > start; /* its block has been looked at */
         for (int i = 0; i < PANDIS_SCENE_BLOCK; i++) {
             double x = point[0] - ball[i], y = point[1] - ball[i + PANDIS_SCENE_BLOCK];
@@ -3112,7 +3119,7 @@ static size_t pandis__next_awake(const pandis_scene *scene, size_t from, const d
             awake |= x * x + y * y + z * z >= ball[i + 3 * PANDIS_SCENE_BLOCK];
         }
         for (size_t i = from; awake && i < scene->count && i < start + PANDIS_SCENE_BLOCK; i++) {
-            const double *own = pandis__ball(scene, i);
+            const double *own = pandis__ball(scene, use, i);
             double x = point[0] - own[0], y = point[1] - own[PANDIS_SCENE_BLOCK];
             double z = point[2] - own[2 * PANDIS_SCENE_BLOCK];
             if (x * x + y * y + z * z >= own[3 * PANDIS_SCENE_BLOCK]) return i;
@@ -3127,7 +3134,7 @@ PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], do
     scene->asked = 0;
     for (int k = 0; k < 3; k++)
         if (!(fabs(point[k]) <= 1e100)) return PANDIS_INVALID;
-    for (size_t i = 0; (i = pandis__next_awake(scene, i, point)) < scene->count; i++)
+    for (size_t i = 0; (i = pandis__next_awake(scene, PANDIS__OF_FORCES, i, point)) < scene->count; i++)
         worst = pandis__worse(pandis__visit(scene, i, point, force), worst);
     return worst;
 }
@@ -3985,7 +3992,7 @@ PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *cont
     for (size_t i = 0; i < scene->count; i++) {
         int why = pandis_contact_open(contacts + i, scene->objects + i, radius);
         if (!why) why = pandis_scene_moved(scene, i);
-        else pandis__keep_ball(pandis__ball(scene, i), scene->probe, -1), contacts[i].budget = 0;
+        else contacts[i].budget = 0;
         if (!error) error = why;
     }
     return error;
@@ -4019,7 +4026,7 @@ PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3],
         if (!(fabs(position[k]) <= 1e100)) return PANDIS_INVALID;
         size = fmax(size, fabs(position[k]));
     }
-    for (size_t i = 0; (i = pandis__next_awake(scene, i, position)) < scene->count; i++) {
+    for (size_t i = 0; (i = pandis__next_awake(scene, PANDIS__OF_CONTACTS, i, position)) < scene->count; i++) {
         const pandis_object *o = scene->objects + i;
         pandis_contact *c = scene->contacts + i;
         pandis_touch touch;
@@ -4030,7 +4037,7 @@ PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3],
         worst = pandis__worse(flag, worst);
         scene->asked += (size_t)touch.queries;
         for (int k = 0; k < 3; k++) force[k] += touch.force[k], far = fmax(far, fabs(o->translation[k]));
-        pandis__keep_ball(pandis__ball(scene, i), position, pandis__at_ease(c, o) - 1e-12 * far);
+        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_CONTACTS, i), position, pandis__at_ease(c, o) - 1e-12 * far);
         if (!(touch.state & (PANDIS_TOUCHING | PANDIS_BEHIND))) continue;
         touch.object = (int32_t)i;
         if (touches && scene->touched < most) touches[scene->touched] = touch;

@@ -234,7 +234,7 @@ typedef struct {
 /* Doubles that a scene of so many objects needs; objects that are looked at together. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
-    (4 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
+    (8 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
 
 /* Make a scene of objects and room that the caller keeps. Returns 0 or PANDIS_ERROR_POSE. */
 PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room);
@@ -244,7 +244,7 @@ PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objec
 PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object);
 
 /* The sum of the penalty forces of all objects at a point of the scene. Returns the worst flag of
- * those that were asked. */
+ * those that were asked. It changes nothing of what pandis_scene_touch answers, in whatever order they are called. */
 PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
 
 /* Give the scene a contact for each object, which the caller keeps, and begin them with a probe of a radius. Of materials,

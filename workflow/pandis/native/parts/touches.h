@@ -8,7 +8,7 @@ PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *cont
     for (size_t i = 0; i < scene->count; i++) {
         int why = pandis_contact_open(contacts + i, scene->objects + i, radius);
         if (!why) why = pandis_scene_moved(scene, i);
-        else pandis__keep_ball(pandis__ball(scene, i), scene->probe, -1), contacts[i].budget = 0;
+        else contacts[i].budget = 0;
         if (!error) error = why;
     }
     return error;
@@ -42,7 +42,7 @@ PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3],
         if (!(fabs(position[k]) <= 1e100)) return PANDIS_INVALID;
         size = fmax(size, fabs(position[k]));
     }
-    for (size_t i = 0; (i = pandis__next_awake(scene, i, position)) < scene->count; i++) {
+    for (size_t i = 0; (i = pandis__next_awake(scene, PANDIS__OF_CONTACTS, i, position)) < scene->count; i++) {
         const pandis_object *o = scene->objects + i;
         pandis_contact *c = scene->contacts + i;
         pandis_touch touch;
@@ -53,7 +53,7 @@ PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3],
         worst = pandis__worse(flag, worst);
         scene->asked += (size_t)touch.queries;
         for (int k = 0; k < 3; k++) force[k] += touch.force[k], far = fmax(far, fabs(o->translation[k]));
-        pandis__keep_ball(pandis__ball(scene, i), position, pandis__at_ease(c, o) - 1e-12 * far);
+        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_CONTACTS, i), position, pandis__at_ease(c, o) - 1e-12 * far);
         if (!(touch.state & (PANDIS_TOUCHING | PANDIS_BEHIND))) continue;
         touch.object = (int32_t)i;
         if (touches && scene->touched < most) touches[scene->touched] = touch;
