@@ -9,7 +9,9 @@
  *     slow N          the clock stands still for 30 ms within the callback at tick N
  *     hang N          the callback does not come back from tick N for a second and a half
  *     apart N         from tick N on calls are 60 ms apart
- *     raise N         somebody presses Ctrl-C at tick N
+ *     raise N [CODE]  the process gets a signal in the callback of tick N; without a number (hexadecimal) Ctrl-C
+ *     frozen N        from tick N on positions stay as they are, though the hand lifts off at 0.1 m/s
+ *     creep N CODE    from tick N on positions creep along -x, by so many micrometres (hexadecimal) a tick
  *     weak            it says that it is a device of 1 N
  *     fast            it says that it runs at 4 kHz
  *     nan N           from tick N on positions are no numbers
@@ -24,15 +26,20 @@
  *     tired           it stands 0.2 N for long
  *     skip N          at tick N the call comes ten ticks late, and the probe has moved on
  *     late N          from tick N on a force acts eight ticks later: walls come alive
+ *
+ * What the motors were given last, and whether they are on, is written to the file that PANDIS_RECORD names: it
+ * outlives the process.
  */
 #define _GNU_SOURCE
 #include "simulated.h"
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
+#include <unistd.h>
 
 /* What tells a stand-in from a device. */
 #ifndef UNMARKED
@@ -49,6 +56,14 @@ static pthread_t thread;
 static int threaded;
 static volatile int stopping;
 static double hand[3];
+
+/* Keep what a process that dies leaves behind: the largest force, the last one, and whether the motors are on. */
+static int record = -1;
+
+static void keep(void) {
+    double kept[3] = {standin_seen.largest, length_of(standin_seen.last), simulated.output};
+    if (record >= 0 && pwrite(record, kept, sizeof kept, 0) < 0) abort();
+}
 
 static int faulty(const char *name) {
     return !strcmp(fault, name) && (fault_tick < 0 || simulated.tick >= fault_tick);
@@ -67,6 +82,7 @@ unsigned int hdInitDevice(const char *name) {
     const char *text = getenv("PANDIS_FAULT"), *place = getenv("PANDIS_PLACE"), *kind = getenv("PANDIS_STANDIN");
     memset(&standin_seen, 0, sizeof standin_seen);
     *fault = 0, fault_tick = -1, fault_code = 0;
+    if (record < 0 && getenv("PANDIS_RECORD")) record = open(getenv("PANDIS_RECORD"), O_CREAT | O_RDWR | O_CLOEXEC, 0600);
     if (text) sscanf(text, "%15s %lld %x", fault, &fault_tick, &fault_code);
     if (place) sscanf(place, "%lf %lf %lf", start, start + 1, start + 2);
     memcpy(rest, start, sizeof rest);
@@ -105,6 +121,7 @@ void hdDisableDevice(unsigned int device) {
 void hdEnable(unsigned int what) {
     standin_seen.enabled += what == HD_FORCE_OUTPUT;
     if (what == HD_FORCE_OUTPUT && is_ours(0)) simulated.output = 1;
+    keep();
 }
 
 void hdDisable(unsigned int what) {
@@ -112,6 +129,7 @@ void hdDisable(unsigned int what) {
     if (what != HD_FORCE_OUTPUT || !is_ours(0)) return;
     simulated.output = 0; /* the motors are off */
     for (int k = 0; k < 3; k++) simulated.sent[k] = standin_seen.last[k] = 0;
+    keep();
 }
 
 void hdBeginFrame(unsigned int device) {
@@ -134,6 +152,7 @@ void hdEndFrame(unsigned int device) {
     double size = length_of(simulated.sent);
     if (size > standin_seen.largest) standin_seen.largest = size;
     for (int k = 0; k < 3; k++) standin_seen.sum[k] += simulated.sent[k], standin_seen.last[k] = simulated.sent[k];
+    keep();
 }
 
 unsigned int hdCheckCalibration(void) {
@@ -154,7 +173,11 @@ static void spoil(double *values) {
     const struct timespec hang = {1, 500000000}, slow = {0, 30000000};
     if (faulty("nan")) values[1] = values[1] * 0 / 0.0;
     if (faulty("jump")) values[0] += 50;
-    if (faulty("raise") && simulated.tick == fault_tick) raise(SIGINT);
+    if (faulty("raise") && simulated.tick == fault_tick) raise(fault_code ? (int)fault_code : SIGINT);
+    static double stuck[3];
+    if (!faulty("frozen")) memcpy(stuck, values, sizeof stuck);
+    else memcpy(values, stuck, sizeof stuck), hand[0] += 1e-4;
+    if (faulty("creep")) values[0] -= 1e-3 * fault_code * (double)(simulated.tick - fault_tick);
     if (faulty("hang") && simulated.tick == fault_tick) nanosleep(&hang, NULL);
     if (faulty("slow") && simulated.tick == fault_tick) nanosleep(&slow, NULL);
 }

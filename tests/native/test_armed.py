@@ -88,6 +88,30 @@ def test_a_touch_and_go_while_the_force_comes_in_is_no_fault(files):
     assert (session.cause, session.signs) == (hdapi.DONE, 0), session.sentence
 
 
+@pytest.mark.parametrize("fault", ["frozen 60", "creep 60 14", "creep 60 64"])
+def test_an_encoder_that_sticks_or_drifts_ends_the_run(fault, run):  # noqa: F811
+    """A position that crept into the wall at 20 or 100 mm/s gave 3.3 N to the end of the run."""
+    session, _ = run(fault, limits=ARMED, ticks=400)
+    assert session.cause == hdapi.ENCODER, session.sentence
+    assert 60 < len(session.force) < 60 + 150
+    assert session.force[60].any()
+    assert session.strongest < 1.8
+    assert not session.force[-hdapi.RELEASE :].any()
+    allowed(session)
+
+
+BAD = [(name, bad) for name, _ in hdapi.Limits._fields_[:-1] for bad in (np.nan, np.inf, -1.0)]
+
+
+@pytest.mark.parametrize(("name", "bad"), BAD)
+def test_limits_that_are_none_are_refused(name, bad, run):  # noqa: F811
+    """With a damping that is no number, NaN was written to the device."""
+    session, _ = run(limits=ARMED | {name: bad})
+    assert session.cause == hdapi.LIMITS, session.sentence
+    assert len(session.force) == 0
+    assert session.model == ""  # it was not even opened
+
+
 NEVER = {
     "uncalibrated -1": (hdapi.CALIBRATION, "inkwell"),
     "update": (hdapi.CALIBRATION, "calibrate it"),

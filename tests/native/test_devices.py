@@ -6,8 +6,10 @@ No test here needs a device, or a loop that holds a rate: what is late is counte
 import ctypes
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -405,6 +407,90 @@ def test_an_interrupt_ends_the_run_and_reaches_python(stand_in, files):
     assert done.returncode != 0
     assert "KeyboardInterrupt" in done.stderr
     assert done.stdout == ""
+
+
+#: An armed run in a process of its own, which something happens to; PANDIS_RECORD outlives it.
+DIES = """
+import os, signal, sys, threading, time
+sys.path[:0] = {path!r}
+import numpy as np
+from pandis.native import device as hdapi
+from pandis.native.runtime import NativeField
+from pandis.native.scene import NativeScene, Placed
+if {faulthandler}:
+    import faulthandler
+    faulthandler.enable()
+field = NativeField({field!r})
+scene = NativeScene([Placed(field, np.eye(3), np.zeros(3), 0.05, 400.0)])
+limits = hdapi.Limits(3.3, 0, 3.3, 3.3, 1.5, 20, 0.1, 0.26, 400.0, 2.0, 0)
+order = hdapi.Order(scene, 100000, limits, 1e-3, 100, 3, 100, 100, armed=True)
+if {outside}:
+    def send():
+        while os.path.getsize({record!r}) < 24 or np.fromfile({record!r})[1] < 0.1:
+            time.sleep(0.001)
+        os.kill(os.getpid(), {number})
+    open({record!r}, "wb").close()
+    threading.Thread(target=send, daemon=True).start()
+hdapi.run_device({library!r}, "", order)
+"""
+
+
+@pytest.mark.parametrize("outside", [False, True])
+@pytest.mark.parametrize(
+    "name",
+    ["SIGSEGV", "SIGBUS", "SIGFPE", "SIGABRT", "SIGXCPU", "SIGUSR1", "SIGALRM", "SIGTERM"],
+)
+def test_a_process_that_dies_lets_go_of_the_device(name, outside, stand_in, files, tmp_path):
+    """In the callback, and from another thread: zero goes out, the motors are off, then it dies."""
+    number, record = int(getattr(signal, name)), tmp_path / "record"
+    code = DIES.format(
+        path=[str(Path(pandis.__file__).parents[1])], field=str(files["sphere"]),
+        library=str(stand_in), number=number, record=str(record), outside=outside,
+        faulthandler=name == "SIGSEGV",
+    )  # fmt: skip
+    extra = {
+        "PANDIS_FAULT": "" if outside else f"raise 60 {number:x}",
+        "PANDIS_PLACE": f"{RADIUS + 0.0005} 0 0", "PANDIS_STANDIN": HELD,
+        "PANDIS_RECORD": str(record),
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | extra, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == -number, done.stderr
+    largest, last, output = np.fromfile(record)
+    assert largest > 0.1
+    assert last == output == 0
+    assert "motors hold the last force" in done.stderr
+
+
+def test_a_second_run_is_refused_and_the_first_unharmed(run, files):
+    """It left the device armed with nobody at the wheel; on a device it crashed the process."""
+    refused = []
+
+    def others(until):
+        while not until.is_set():
+            refused.append(press(files, 10).cause)
+
+    over = threading.Event()
+    threads = [threading.Thread(target=others, args=(over,)) for _ in range(3)]
+    alone, _ = run(ticks=400)
+    for thread in threads:
+        thread.start()
+    try:
+        session, seen = run(ticks=400)
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
+    assert {hdapi.BUSY} <= set(refused) <= {hdapi.BUSY, hdapi.DONE}
+    if session.cause == hdapi.BUSY:  # one of the others was first
+        session, seen = run(ticks=400)
+    assert session.cause == alone.cause == hdapi.DONE
+    assert len(session.force) == 400
+    assert seen.enabled == 1
+    assert not any(seen.last)
+    assert "wait for its end" in session._replace(cause=hdapi.BUSY).sentence
 
 
 def test_two_runs_in_a_row(run):

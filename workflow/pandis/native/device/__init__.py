@@ -7,33 +7,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pandis.errors import PandisError
 from pandis.native.compiler import load
+from pandis.native.layout import compare_layouts
 
-#: Why a run ended: numbers of ``guard.h``.
+#: Why a run ended: names of ``guard.h``, in its order, with which `library` compares them.
+_NAMES = (
+    "DONE", "LIBRARY", "DEVICE", "ERROR", "SPEED", "NUMBER", "OVERRUN", "WATCHDOG", "GAP",
+    "INTERRUPTED", "CALIBRATION", "SWITCH", "HOT", "UNSTABLE", "BUSY", "LIMITS", "ENCODER",
+)  # fmt: skip
 (
     DONE, LIBRARY, DEVICE, ERROR, SPEED, NUMBER, OVERRUN, WATCHDOG, GAP, INTERRUPTED, CALIBRATION,
-    SWITCH, HOT, UNSTABLE,
-) = range(14)  # fmt: skip
+    SWITCH, HOT, UNSTABLE, BUSY, LIMITS, ENCODER,
+) = range(len(_NAMES))  # fmt: skip
 #: What must be held or closed for a force to be given.
 NEEDS_BUTTON, NEEDS_SWITCH = 1, 2
 #: Ticks of zero force before a failed run lets go of the device.
 RELEASE = 5
-CAUSES = {
-    DONE: "ran to its end",
-    LIBRARY: "the device's library cannot be used",
-    DEVICE: "the device does not start",
-    ERROR: "the device reported an error",
-    SPEED: "the probe was faster than the limit",
-    NUMBER: "a position or a force was no number",
-    OVERRUN: "callbacks computed longer than the deadline, several in a row",
-    WATCHDOG: "the device's scheduler made no call, or one did not come back",
-    GAP: "two calls of the device's scheduler were too far apart, or one took too long",
-    INTERRUPTED: "the program was interrupted",
-    CALIBRATION: "the device is not calibrated, or no longer",
-    SWITCH: "the safety switch was opened",
-    HOT: "a motor is too hot: let it cool, and lower the stiffness",
-    UNSTABLE: "the wall gave energy or shook, and damping did not mend it: lower the stiffness",
-}
 #: HDAPI's error codes, and what to do about them.
 ERRORS = {
     0x0100: "HD_INVALID_ENUM: the library knows no such parameter; use OpenHaptics 3",
@@ -160,7 +150,7 @@ class Session(NamedTuple):
     taken, since : ndarray, shape (n,)
         Per tick: seconds of computing, and since the last call.
     cause : int
-        Why it ended: `CAUSES`.
+        Why it ended: `DONE`, `LIBRARY`, …; `sentence` says it in words.
     code : int
         The device's error, if that is why: `ERRORS`.
     worst : float
@@ -221,10 +211,11 @@ class Session(NamedTuple):
     @property
     def sentence(self):
         """Why the run ended, in words."""
+        words = library().client_cause_words(self.cause).decode()
         if self.code:
             known = ERRORS.get(self.code, f"error {self.code:#06x}: see OpenHaptics' manual")
-            return f"{CAUSES[self.cause]}: {known}"
-        return f"{CAUSES[self.cause]}: {self.why}" if self.why else CAUSES[self.cause]
+            return f"{words}: {known}"
+        return f"{words}: {self.why}" if self.why else words
 
 
 #: What a callback that never came back may still write to.
@@ -233,9 +224,25 @@ _KEPT = []
 
 @cache
 def library():
-    """Return the compiled library with its functions' types declared."""
+    """Return the compiled library with its functions' types declared.
+
+    Raises
+    ------
+    PandisError
+        It has other structures, or other causes, than this module.
+    """
     lib = load(Path(__file__).with_name("client.c"))
+    mirrors = {
+        "guard_limits": Limits, "device_spec": Said, "simulated_spec": Simulated,
+        "client_order": _Order, "client_outcome": _Outcome,
+    }  # fmt: skip
+    compare_layouts(lib.client_layout, mirrors)
     pointer, text = ctypes.c_void_p, ctypes.c_char_p
+    for function in (lib.client_cause_name, lib.client_cause_words):
+        function.argtypes, function.restype = [ctypes.c_int], text
+    names = tuple((lib.client_cause_name(k) or b"").decode() for k in range(len(_NAMES) + 1))
+    if names != (*_NAMES, ""):
+        raise PandisError(f"causes are {names} in C, and {_NAMES} in Python; change both")
     lib.client_device.argtypes = [text, text, pointer, pointer]
     lib.client_simulated.argtypes = [*[pointer] * 5, ctypes.c_int, *[pointer] * 2]
     size = ctypes.c_size_t

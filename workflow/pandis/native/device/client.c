@@ -8,6 +8,7 @@
 #define _GNU_SOURCE
 #define PANDIS_IMPLEMENTATION
 #include "../pandis.h"
+#include "../layout.h"
 #include "bridge.h"
 #include "guard.h"
 #include "hd.h"
@@ -72,7 +73,10 @@ static struct {
 } client;
 
 static volatile sig_atomic_t client_signal;
-static int client_hung; /* a callback has not come back: its device may still be under it */
+/* One run at a time, whichever thread asks: the first has the device, and what is static here. */
+enum { CLIENT_FREE, CLIENT_TAKEN, CLIENT_HUNG }; /* hung: a callback has not come back */
+static int client_state;
+static pthread_t client_ticking; /* the thread of the last tick */
 
 static void client_note_signal(int number) { client_signal = number; }
 
@@ -120,6 +124,7 @@ static int client_tick(void *data) {
     device_state state;
     long long tick = client.beat;
     (void)data;
+    client_ticking = pthread_self();
     __atomic_store_n(&client.inside, 1, __ATOMIC_SEQ_CST);
     if (__atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG) { /* the device is let go of */
         __atomic_store_n(&client.inside, 0, __ATOMIC_SEQ_CST);
@@ -247,8 +252,9 @@ static int client_run(const device *made, const char *name, const client_order *
     pthread_t pulling;
     int pulled = 0;
     client.device = *made, client.order = *order;
-    guard_start(&client.guard, &order->limits, order->period);
     device *d = &client.device;
+    guard_start(&client.guard, &order->limits, order->period);
+    if (client.guard.cause) return outcome->cause = client.guard.cause;
     unsigned int code = d->open(d, name, &client.spec);
     if (code) {
         outcome->code = code;
@@ -266,7 +272,6 @@ static int client_run(const device *made, const char *name, const client_order *
     d->output(d, 0); /* first of all: whatever hangs, the motors are off */
     outcome->hangs = __atomic_load_n(&client.inside, __ATOMIC_SEQ_CST) &&
                      __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG;
-    if (outcome->hangs) client_hung = 1;
     if (!outcome->hangs) { /* else stopping would wait for ever */
         if (pulled) pthread_join(pulling, NULL);
         d->stop(d);
@@ -284,44 +289,98 @@ static int client_run(const device *made, const char *name, const client_order *
     return outcome->cause;
 }
 
-/* Whether a callback of an earlier run is still at it. */
-static int client_busy(client_outcome *outcome) {
+/* Take the device for a run; returns 0, or why it cannot be had. */
+static int client_begin(client_outcome *outcome) {
+    int state = CLIENT_FREE;
     memset(outcome, 0, sizeof *outcome);
     outcome->armed_at = -1;
-    if (!client_hung && !__atomic_load_n(&client.inside, __ATOMIC_SEQ_CST)) {
+    if (__atomic_compare_exchange_n(&client_state, &state, CLIENT_TAKEN, 0, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST)) {
         memset(&client, 0, sizeof client);
         return 0;
     }
-    client_fail(outcome, CAUSE_WATCHDOG, "the last run's callback has never come back: start anew");
-    return 1;
+    if (state == CLIENT_TAKEN) return client_fail(outcome, CAUSE_BUSY, "");
+    return client_fail(outcome, CAUSE_WATCHDOG, "the last run's callback has never come back: start anew");
+}
+
+/* Let another run begin, unless a callback of this one may still be at it. */
+static int client_end(const client_outcome *outcome) {
+    __atomic_store_n(&client_state, outcome->hangs ? CLIENT_HUNG : CLIENT_FREE, __ATOMIC_SEQ_CST);
+    return outcome->cause;
+}
+
+/* Signals of which a program ends or stops. Those of the first row are intercepted, those of the second unless the
+ * program has other plans for them: the run ends with zero force, and then they are given to whom they were meant for. */
+static const int client_orderly[] = {SIGINT,  SIGTERM, SIGHUP,  SIGQUIT, SIGTSTP, /* up to here always */
+                                     SIGUSR1, SIGUSR2, SIGALRM, SIGXCPU, SIGTTIN, SIGTTOU, SIGVTALRM, SIGPROF};
+/* Signals after which nothing can be relied on: zero goes out from within them. */
+static const int client_fatal[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
+enum {
+    CLIENT_ALWAYS = 5,
+    CLIENT_ORDERLY = sizeof client_orderly / sizeof *client_orderly,
+    CLIENT_FATAL = sizeof client_fatal / sizeof *client_fatal
+};
+static struct sigaction client_before[CLIENT_ORDERLY + CLIENT_FATAL];
+
+/* Switch the motors off, and let the signal do what it would have done. */
+static void client_die(int number) {
+    const double zero[3] = {0};
+    device *d = &client.device;
+    /* a frame of this very thread is ended with zero; one of another thread is not ours to touch */
+    if (__atomic_load_n(&client.inside, __ATOMIC_SEQ_CST) && pthread_equal(client_ticking, pthread_self()))
+        d->write(d, zero, NULL);
+    d->output(d, 0);
+    for (int k = 0; k < CLIENT_FATAL; k++)
+        if (client_fatal[k] == number) sigaction(number, client_before + CLIENT_ORDERLY + k, NULL);
+    raise(number);
+}
+
+static void client_intercept(void) {
+    struct sigaction note, die;
+    memset(&note, 0, sizeof note), memset(&die, 0, sizeof die);
+    client_signal = 0, note.sa_handler = client_note_signal;
+    die.sa_handler = client_die, die.sa_flags = SA_ONSTACK;
+    for (int k = 0; k < CLIENT_ORDERLY; k++) {
+        sigaction(client_orderly[k], NULL, client_before + k);
+        if (k < CLIENT_ALWAYS || client_before[k].sa_handler == SIG_DFL) sigaction(client_orderly[k], &note, NULL);
+    }
+    for (int k = 0; k < CLIENT_FATAL; k++) sigaction(client_fatal[k], &die, client_before + CLIENT_ORDERLY + k);
+}
+
+static void client_give_back(void) {
+    for (int k = 0; k < CLIENT_ORDERLY; k++) sigaction(client_orderly[k], client_before + k, NULL);
+    for (int k = 0; k < CLIENT_FATAL; k++) sigaction(client_fatal[k], client_before + CLIENT_ORDERLY + k, NULL);
+    if (client_signal) raise(client_signal);
+}
+
+/* What nothing here can prevent, told before a force is sent. */
+static void client_warn(void) {
+    fputs("pandis: forces are sent from now on. If this process is killed (SIGKILL) or halted (SIGSTOP, a debugger), the\n"
+          "motors hold the last force: keep the device's switch or its plug within reach.\n", stderr);
 }
 
 /* Run an order on OpenHaptics, or on what stands in for it: what such a library calls itself must say so.
- * While it runs signals that would end or stop the program end it with zero force, and are then given to whom
- * they were meant for. */
+ * While it runs, signals that would end or stop the program end it with zero force first. */
 int client_device(const char *library, const char *name, const client_order *order, client_outcome *outcome) {
     hd_api found;
     device made;
-    static const int signals[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP};
-    enum { SIGNALS = sizeof signals / sizeof *signals };
-    struct sigaction note, before[SIGNALS];
-    if (client_busy(outcome)) return outcome->cause;
-    memset(&found, 0, sizeof found), memset(&note, 0, sizeof note);
+    if (client_begin(outcome)) return outcome->cause;
+    memset(&found, 0, sizeof found);
     void *held = dlopen(library, RTLD_NOW | RTLD_LOCAL);
-    if (!held) return client_fail(outcome, CAUSE_LIBRARY, dlerror());
-    for (size_t k = 0; k < sizeof hd_names / sizeof *hd_names; k++) {
-        void *function = dlsym(held, hd_names[k]);
-        if (!function) return client_fail(outcome, CAUSE_LIBRARY, dlerror());
-        memcpy((char *)&found + k * sizeof function, &function, sizeof function); /* as POSIX has it */
+    if (!held) client_fail(outcome, CAUSE_LIBRARY, dlerror());
+    for (size_t k = 0; !outcome->cause && k < sizeof hd_functions / sizeof *hd_functions; k++) {
+        void *function = dlsym(held, hd_functions[k].name);
+        if (!function) client_fail(outcome, CAUSE_LIBRARY, dlerror());
+        else memcpy((char *)&found + hd_functions[k].at, &function, sizeof function); /* as POSIX has it */
     }
+    if (outcome->cause) return client_end(outcome);
     hd_device(&found, &made);
     outcome->stand_in = dlsym(held, "pandis_stand_in") != NULL;
-    client_signal = 0, note.sa_handler = client_note_signal;
-    for (int k = 0; k < SIGNALS; k++) sigaction(signals[k], &note, before + k);
-    int cause = client_run(&made, name, order, outcome);
-    for (int k = 0; k < SIGNALS; k++) sigaction(signals[k], before + k, NULL);
-    if (client_signal) raise(client_signal);
-    return cause;
+    client.device = made; /* for a signal that comes before the run does */
+    if (order->armed) client_warn();
+    client_intercept();
+    client_run(&made, name, order, outcome);
+    client_give_back();
+    return client_end(outcome);
 }
 
 /* Run an order on the simulated device: `start` (3,), and per tick of the order where the hand would
@@ -330,13 +389,59 @@ int client_device(const char *library, const char *name, const client_order *ord
 int client_simulated(const simulated_spec *spec, const double *start, const double *rest, const double *press,
                      double *path, int clock, const client_order *order, client_outcome *outcome) {
     device made;
-    if (client_busy(outcome)) return outcome->cause;
+    if (client_begin(outcome)) return outcome->cause;
     outcome->simulated = 1;
     simulated_prepare(spec, start, rest, press, order->ticks);
     simulated.path = path;
     simulated_device(&made);
     if (clock) made.write = simulated_write_and_move, made.next = NULL;
-    return client_run(&made, NULL, order, outcome);
+    client_run(&made, NULL, order, outcome);
+    return client_end(outcome);
+}
+
+#define CLIENT_CAUSE(name, words) {#name, words},
+static const struct {
+    const char *name, *words;
+} client_causes[] = {GUARD_CAUSES(CLIENT_CAUSE)};
+
+/* The name of a cause, and what it means; NULL beyond the last one. */
+const char *client_cause_name(int cause) { return cause >= 0 && cause < CAUSES ? client_causes[cause].name : NULL; }
+
+const char *client_cause_words(int cause) { return cause >= 0 && cause < CAUSES ? client_causes[cause].words : NULL; }
+
+/* How the structures lie that a binding in another language mirrors. */
+const layout_entry *client_layout(void) {
+    static const layout_entry entries[] = {
+        LAYOUT_TYPE(guard_limits), LAYOUT(guard_limits, force), LAYOUT(guard_limits, continuous),
+        LAYOUT(guard_limits, step), LAYOUT(guard_limits, impulse), LAYOUT(guard_limits, speed),
+        LAYOUT(guard_limits, ramp), LAYOUT(guard_limits, damping), LAYOUT(guard_limits, friction),
+        LAYOUT(guard_limits, stiffness), LAYOUT(guard_limits, most_damping), LAYOUT(guard_limits, needs),
+        LAYOUT_TYPE(device_spec), LAYOUT(device_spec, model), LAYOUT(device_spec, force),
+        LAYOUT(device_spec, continuous), LAYOUT(device_spec, speed), LAYOUT(device_spec, impulse),
+        LAYOUT(device_spec, rate), LAYOUT(device_spec, low), LAYOUT(device_spec, high),
+        LAYOUT(device_spec, has_switch),
+        LAYOUT_TYPE(simulated_spec), LAYOUT(simulated_spec, mass), LAYOUT(simulated_spec, damping),
+        LAYOUT(simulated_spec, friction), LAYOUT(simulated_spec, encoder), LAYOUT(simulated_spec, force),
+        LAYOUT(simulated_spec, impulse), LAYOUT(simulated_spec, speed), LAYOUT(simulated_spec, hand_stiffness),
+        LAYOUT(simulated_spec, hand_damping), LAYOUT(simulated_spec, period), LAYOUT(simulated_spec, wall),
+        LAYOUT(simulated_spec, delay),
+        LAYOUT_TYPE(client_order), LAYOUT(client_order, scene), LAYOUT(client_order, limits),
+        LAYOUT(client_order, period), LAYOUT(client_order, deadline), LAYOUT(client_order, overruns),
+        LAYOUT(client_order, gap), LAYOUT(client_order, patience), LAYOUT(client_order, expected),
+        LAYOUT(client_order, armed), LAYOUT(client_order, ticks), LAYOUT(client_order, positions),
+        LAYOUT(client_order, forces), LAYOUT(client_order, taken), LAYOUT(client_order, since),
+        LAYOUT(client_order, proxies), LAYOUT(client_order, bridge), LAYOUT(client_order, between),
+        LAYOUT(client_order, every), LAYOUT(client_order, held),
+        LAYOUT_TYPE(client_outcome), LAYOUT(client_outcome, cause), LAYOUT(client_outcome, code),
+        LAYOUT(client_outcome, stand_in), LAYOUT(client_outcome, simulated), LAYOUT(client_outcome, hangs),
+        LAYOUT(client_outcome, ticks), LAYOUT(client_outcome, worst), LAYOUT(client_outcome, strongest),
+        LAYOUT(client_outcome, steepest), LAYOUT(client_outcome, fastest), LAYOUT(client_outcome, added),
+        LAYOUT(client_outcome, cut), LAYOUT(client_outcome, slowed), LAYOUT(client_outcome, damped),
+        LAYOUT(client_outcome, armed_at), LAYOUT(client_outcome, signs), LAYOUT(client_outcome, spec),
+        LAYOUT(client_outcome, limits), LAYOUT(client_outcome, why),
+        LAYOUT_END,
+    };
+    return entries;
 }
 
 /* What a program needs to make a bridge, in its own room: doubles, as many as `bridge_room` says. */

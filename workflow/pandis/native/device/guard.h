@@ -14,6 +14,9 @@
  *    given that much on average.
  * 6. Slew: limited is what is added in a tick. Any share of the last force may go at once, up to the
  *    device's own limit of change.
+ * 7. What goes out is a number and within the limit. Else it is zero, and the run ends.
+ *
+ * Limits that are no finite numbers from 0 on are refused before anything is sent.
  */
 #ifndef GUARD_H
 #define GUARD_H
@@ -22,25 +25,32 @@
 #include "energy.h"
 #include "shaking.h"
 
+#include <float.h>
 #include <string.h>
 
-/* Why a run ended. */
-enum {
-    CAUSE_DONE = 0,
-    CAUSE_LIBRARY = 1,      /* the library cannot be loaded, or lacks a function */
-    CAUSE_DEVICE = 2,       /* no such device, another one, or it does not start */
-    CAUSE_ERROR = 3,        /* the device has reported an error: its code */
-    CAUSE_SPEED = 4,        /* the probe went faster than the limit */
-    CAUSE_NUMBER = 5,       /* a position or a force was no number */
-    CAUSE_OVERRUN = 6,      /* callbacks computed longer than the deadline, several in a row */
-    CAUSE_WATCHDOG = 7,     /* the callback was not called, or did not come back */
-    CAUSE_GAP = 8,          /* two calls were too far apart, or one took as long */
-    CAUSE_INTERRUPTED = 9,  /* somebody has stopped the program */
-    CAUSE_CALIBRATION = 10, /* the device is not calibrated, or no longer */
-    CAUSE_SWITCH = 11,      /* its safety switch was opened */
-    CAUSE_HOT = 12,         /* a motor is too hot */
-    CAUSE_UNSTABLE = 13     /* the wall gave energy or shook, and damping did not mend it */
-};
+/* Why a run ended, by name and in words: the only list of them. */
+#define GUARD_CAUSES(CAUSE)                                                                                   \
+    CAUSE(DONE, "ran to its end")                                                                             \
+    CAUSE(LIBRARY, "the device's library cannot be used")                                                     \
+    CAUSE(DEVICE, "the device does not start")                                                                \
+    CAUSE(ERROR, "the device reported an error")                                                              \
+    CAUSE(SPEED, "the probe was faster than the limit")                                                       \
+    CAUSE(NUMBER, "a position or a force was no number, or a force was beyond the limit")                     \
+    CAUSE(OVERRUN, "callbacks computed longer than the deadline, several in a row")                           \
+    CAUSE(WATCHDOG, "the device's scheduler made no call, or one did not come back")                          \
+    CAUSE(GAP, "two calls of the device's scheduler were too far apart, or one took too long")                \
+    CAUSE(INTERRUPTED, "the program was interrupted")                                                         \
+    CAUSE(CALIBRATION, "the device is not calibrated, or no longer")                                          \
+    CAUSE(SWITCH, "the safety switch was opened")                                                             \
+    CAUSE(HOT, "a motor is too hot: let it cool, and lower the stiffness")                                    \
+    CAUSE(UNSTABLE, "the wall gave energy or shook, and damping did not mend it: lower the stiffness")        \
+    CAUSE(BUSY, "another run of this process drives a device: wait for its end")                              \
+    CAUSE(LIMITS, "a limit is not a finite number from 0 on")                                                 \
+    CAUSE(ENCODER, "positions and velocities of the device contradict each other: an encoder is stuck or drifts")
+
+#define GUARD_NAME(name, words) CAUSE_##name,
+enum { GUARD_CAUSES(GUARD_NAME) CAUSES };
+#undef GUARD_NAME
 
 /* What must be held or closed for a force to be given. */
 enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
@@ -52,6 +62,9 @@ enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
 #define GUARD_HOT 0.9        /* of a motor's largest temperature */
 #define GUARD_WARM 10.0      /* s over which the motors' load is averaged */
 #define GUARD_CHECK 100      /* ticks between two looks at the calibration */
+#define GUARD_DRIFT 7e-4     /* m by which a position may leave the way that its velocities make, ... */
+#define GUARD_LAG 0.02       /* ... and s by which velocities may come late ... */
+#define GUARD_FORGET 0.1     /* ... within the last so many s */
 
 typedef struct {
     double force, continuous; /* largest, and for long, N; continuous 0: not known */
@@ -69,6 +82,7 @@ typedef struct {
     guard_limits limits;
     double period; /* s */
     double position[3], sent[3], velocity[3];
+    double reported[3], drift[3], quick; /* the device's velocity; position less the way by it; speed, m/s */
     double carried[3]; /* how far what is touched has moved since the last tick: the wall is where it is */
     double ticks, given; /* all of them; those since it was armed */
     double now, trouble; /* s since the start; since when something is wrong; below zero: nothing is */
@@ -83,16 +97,23 @@ typedef struct {
     double share;              /* of the whole force, by the ramp */
 } guard;
 
+static void guard_end(guard *g, int cause) {
+    if (!g->cause) g->cause = cause;
+}
+
+/* Begin with limits; the run ends at once where one of them is no limit. */
 static void guard_start(guard *g, const guard_limits *limits, double period) {
+    const double all[] = {limits->force,   limits->continuous, limits->step,      limits->impulse,
+                          limits->speed,   limits->ramp,       limits->damping,   limits->friction,
+                          limits->stiffness, limits->most_damping};
     memset(g, 0, sizeof *g);
+    for (size_t k = 0; k < sizeof all / sizeof *all; k++)
+        if (!(all[k] >= 0 && all[k] <= DBL_MAX)) guard_end(g, CAUSE_LIMITS);
+    if (!(period > 0 && period <= DBL_MAX)) guard_end(g, CAUSE_LIMITS);
     g->limits = *limits, g->period = period;
     g->trouble = g->times[0] = g->times[1] = -1e9;
     g->armed_at = -1;
     shaking_start(&g->shaking);
-}
-
-static void guard_end(guard *g, int cause) {
-    if (!g->cause) g->cause = cause;
 }
 
 /* What the device itself has against a force, before any field is asked. */
@@ -120,6 +141,19 @@ static void guard_observe(guard *g, const double *position, double dt) {
     g->load += (share < 1 ? share : 1) * (size * size - g->load);
     if (g->fastest < length / dt) g->fastest = length / dt;
     if (length / dt > g->limits.speed) guard_end(g, CAUSE_SPEED);
+}
+
+/* Compare the way since the last tick with the one that the device's velocities make. A stuck encoder does not
+ * move though the device does, and a drifting one moves by itself. Velocities that are no numbers tell nothing. */
+static void guard_compare(guard *g, const device_state *state, double dt) {
+    double kept = fmax(0, 1 - dt / GUARD_FORGET), way[3];
+    for (int k = 0; k < 3; k++) {
+        way[k] = (g->reported[k] + state->velocity[k]) / 2;
+        g->drift[k] = kept * g->drift[k] + state->position[k] - g->position[k] - way[k] * dt;
+    }
+    double speed = fmax(length_of(g->velocity), length_of(way));
+    g->quick = fmax(kept * g->quick, speed);
+    if (length_of(g->drift) > GUARD_DRIFT + GUARD_LAG * g->quick) guard_end(g, CAUSE_ENCODER);
 }
 
 /* Something is wrong as long as energy is missing in this contact, or the probe shakes. */
@@ -173,9 +207,9 @@ static void guard_cut(guard *g, double *force) {
     g->cut++, g->at_most = 1;
 }
 
-/* Limit what is added to a share of the last force, and the whole change. */
+/* Limit what is added to a share of the last force, and the whole change, by the time that has gone. */
 static void guard_slew(guard *g, double *force, double part) {
-    const double most = g->limits.step * part; /* calls that catch up add no more than the time that has gone */
+    const double most = g->limits.step * part, steepest = g->limits.impulse * part;
     double last = length_of(g->sent), along = 0, added[3], change[3], share = 0;
     for (int k = 0; k < 3; k++) along += force[k] * g->sent[k];
     if (last > 0) share = fmin(1, fmax(0, along / (last * last)));
@@ -187,9 +221,9 @@ static void guard_slew(guard *g, double *force, double part) {
     }
     for (int k = 0; k < 3; k++) change[k] = force[k] - g->sent[k];
     double step = length_of(change);
-    if (step > g->limits.impulse) {
-        for (int k = 0; k < 3; k++) force[k] = g->sent[k] + change[k] * (g->limits.impulse / step);
-        step = g->limits.impulse, g->slowed++;
+    if (step > steepest) {
+        for (int k = 0; k < 3; k++) force[k] = g->sent[k] + change[k] * (steepest / step);
+        step = steepest, g->slowed++;
     }
     g->added = fmax(g->added, more), g->steepest = fmax(g->steepest, step);
 }
@@ -206,13 +240,20 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
     return g->armed;
 }
 
+/* Whatever was computed: what goes out is a number and within the limit, or nothing does, and the run ends. */
+static void guard_close(guard *g, double *force) {
+    if (length_of(force) <= g->limits.force * (1 + 1e-9)) return; /* not so for NaN */
+    guard_end(g, CAUSE_NUMBER);
+    force[0] = force[1] = force[2] = 0;
+}
+
 /* Turn a force that is wanted into one that may be sent; zero once there is a cause. `since`: s since the
  * last tick. */
 static void guard_pass(guard *g, const device_state *state, double since, int armed, double *force) {
     double dt = since > g->period ? since : g->period; /* calls that catch up are no fast probe */
     double part = fmin(1, fmax(0, since / g->period));
     if (!(length_of(force) <= 1e100)) guard_end(g, CAUSE_NUMBER);
-    if (!g->cause && g->ticks > 0) guard_observe(g, state->position, dt);
+    if (!g->cause && g->ticks > 0) guard_observe(g, state->position, dt), guard_compare(g, state, dt);
     int troubled = !g->cause && guard_troubled(g);
     if (g->cause || !guard_armed(g, state, force, armed)) {
         force[0] = force[1] = force[2] = 0;
@@ -231,7 +272,9 @@ static void guard_pass(guard *g, const device_state *state, double since, int ar
         g->strongest = fmax(g->strongest, length_of(force));
         g->given += part;
     }
+    guard_close(g, force);
     memcpy(g->position, state->position, sizeof g->position);
+    memcpy(g->reported, state->velocity, sizeof g->reported);
     memcpy(g->sent, force, sizeof g->sent);
     g->ticks++;
 }

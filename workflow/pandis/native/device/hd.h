@@ -9,6 +9,7 @@
 #include "device.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -65,7 +66,7 @@ typedef struct {
 
 typedef unsigned int (*hd_callback)(void *data);
 
-/* The functions, and their names in the same order. */
+/* The functions of the library. */
 typedef struct {
     unsigned int (*init_device)(const char *name);
     void (*disable_device)(unsigned int device);
@@ -86,11 +87,28 @@ typedef struct {
     void (*stop)(void);
 } hd_api;
 
-static const char *const hd_names[] = {
-    "hdInitDevice",     "hdDisableDevice", "hdEnable",      "hdDisable",      "hdBeginFrame",
-    "hdEndFrame",       "hdGetDoublev",    "hdGetIntegerv", "hdGetBooleanv",  "hdSetDoublev",
-    "hdGetString",      "hdGetError",      "hdCheckCalibration", "hdScheduleAsynchronous",
-    "hdUnschedule",     "hdStartScheduler", "hdStopScheduler",
+/* Where each of the library's functions belongs. */
+static const struct {
+    size_t at;
+    const char *name;
+} hd_functions[] = {
+    {offsetof(hd_api, init_device), "hdInitDevice"},
+    {offsetof(hd_api, disable_device), "hdDisableDevice"},
+    {offsetof(hd_api, enable), "hdEnable"},
+    {offsetof(hd_api, disable), "hdDisable"},
+    {offsetof(hd_api, begin_frame), "hdBeginFrame"},
+    {offsetof(hd_api, end_frame), "hdEndFrame"},
+    {offsetof(hd_api, get_doubles), "hdGetDoublev"},
+    {offsetof(hd_api, get_integers), "hdGetIntegerv"},
+    {offsetof(hd_api, get_booleans), "hdGetBooleanv"},
+    {offsetof(hd_api, set_doubles), "hdSetDoublev"},
+    {offsetof(hd_api, get_string), "hdGetString"},
+    {offsetof(hd_api, get_error), "hdGetError"},
+    {offsetof(hd_api, check_calibration), "hdCheckCalibration"},
+    {offsetof(hd_api, schedule), "hdScheduleAsynchronous"},
+    {offsetof(hd_api, unschedule), "hdUnschedule"},
+    {offsetof(hd_api, start), "hdStartScheduler"},
+    {offsetof(hd_api, stop), "hdStopScheduler"},
 };
 
 /* As the client, it may outlive its run. */
