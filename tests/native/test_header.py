@@ -404,7 +404,9 @@ def test_a_tree_that_goes_round_or_too_deep_is_refused(files):
 
 
 @needs_gcc
-@pytest.mark.parametrize("flags", [("-ffast-math",), ("-ffinite-math-only",), ("-mfpmath=387",)])
+@pytest.mark.parametrize(
+    "flags", [("-ffast-math",), ("-ffinite-math-only",), ("-freciprocal-math",), ("-mfpmath=387",)]
+)
 def test_it_does_not_compile_where_it_would_answer_wrongly(flags, tmp_path):
     command = ["gcc", "-std=c99", "-O2", *flags, "-I", NATIVE, "-c", HERE / "probe.c"]
     done = subprocess.run([*command, "-o", tmp_path / "p.o"], capture_output=True, check=False)

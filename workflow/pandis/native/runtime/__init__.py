@@ -1,6 +1,7 @@
 """Fields as ``pandis.h`` answers them: the binding of ``runtime.c``."""
 
 import ctypes
+import weakref
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -50,6 +51,10 @@ class NativeAnswer(NamedTuple):
 class NativeField:
     """A field in a ``.pandis`` file, answered by ``pandis.h``.
 
+    Use it in a ``with`` block, or `close` it, to let go of the file early. A copy is the field
+    itself, for nothing of it changes. A pickle holds the file's path and is refused where the file
+    has changed since; of a field made of bytes it holds the bytes.
+
     Parameters
     ----------
     source : path-like or bytes
@@ -70,7 +75,7 @@ class NativeField:
 
     def __init__(self, source: Source) -> None:
         self._library = library()
-        self._field = ctypes.create_string_buffer(self._library.runtime_field_bytes())
+        self._begin(None)
         if isinstance(source, bytes):
             self.path, self._bytes = Path("field.pandis"), np.frombuffer(source, np.uint8)
             if self._bytes.ctypes.data % 8:  # hardly ever; of a large mesh a copy is a gigabyte
@@ -79,18 +84,68 @@ class NativeField:
             error = self._library.pandis_open(self._field, self._bytes.ctypes.data, size)
         else:
             self.path = Path(source)
+            self._bytes, self._stamp = None, _stamp(self.path)
             error = self._library.pandis_open_file(self._field, str(source).encode())
-        self._lender = None
         if error:
-            self._field, why = None, self._library.pandis_error(error).decode()
+            self._opened, why = None, self._library.pandis_error(error).decode()
             raise ArtifactError(f"{self.path}: {why}")
         numbers = (ctypes.c_double * 4)()
         self._library.runtime_frame(self._field, numbers)
         self.frame = Frame(tuple(numbers[:3]), numbers[3])
 
+    def _begin(self, lender):
+        """Make room for a field in C, which reads the bytes of another one, or its own."""
+        self._opened = ctypes.create_string_buffer(self._library.runtime_field_bytes())
+        self._closed, self._lender, self._borrowers = False, lender, weakref.WeakSet()
+        if lender is not None:
+            lender._borrowers.add(self)
+
+    @property
+    def _field(self):
+        if self._closed:
+            raise ValueError(f"{self.path}: this field has been closed")
+        return self._opened
+
+    def close(self) -> None:
+        """Let go of the file, also for what `placed` and `moving` have made of this field.
+
+        Asked again, a closed field raises ValueError; scenes that hold it get no answer from it.
+        No other thread may be asking it meanwhile.
+        """
+        for borrower in list(self._borrowers):
+            borrower.close()
+        if not self._closed and self._opened is not None:
+            self._library.pandis_close(self._opened)
+        self._closed = True
+
+    def __enter__(self) -> "NativeField":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def __del__(self):
-        if getattr(self, "_field", None):
-            self._library.pandis_close(self._field)
+        if getattr(self, "_opened", None):
+            self.close()
+
+    def __repr__(self) -> str:
+        if self._closed:
+            return f"<{type(self).__name__} {self.path}, closed>"
+        kind = ("network", "grid", "spline", "mesh", "shape", "compact mesh")[self.kind - 1]
+        return f"<{type(self).__name__} {self.path}: {kind}, {self.bytes:,} bytes>"
+
+    def __copy__(self) -> "NativeField":
+        return self
+
+    def __deepcopy__(self, memory: object) -> "NativeField":
+        return self
+
+    def __reduce__(self):
+        if self._lender is not None:
+            raise TypeError(f"{self.path}: pickle the field that this one was made of")
+        if self._bytes is not None:
+            return NativeField, (self._bytes.tobytes(),)
+        return _reopened, (self.path.absolute(), self._stamp)
 
     def placed(self, frame: Frame) -> "NativeField":
         """Return the field as it would be, had its mesh come in other units and at another place.
@@ -103,8 +158,7 @@ class NativeField:
         """
         other = object.__new__(NativeField)
         other._library, other.path, other.frame = self._library, self.path, frame
-        other._field = ctypes.create_string_buffer(self._library.runtime_field_bytes())
-        other._lender = self  # whose bytes it reads
+        other._begin(self)
         numbers = (ctypes.c_double * 4)(*frame.centre, frame.scale)
         self._library.runtime_place(other._field, self._field, numbers)
         return other
@@ -295,8 +349,15 @@ class NativeField:
         Parameters
         ----------
         k : float
-            Stiffness, force per mesh unit.
+            Stiffness, force per mesh unit: a finite number from 0 on.
+
+        Raises
+        ------
+        ValueError
+            ``k`` is another number.
         """
+        if not 0 <= k < np.inf:
+            raise ValueError(f"k is a finite number from 0 on, not {k}")
         points = _rows(points)
         forces, flags = np.empty_like(points), np.empty(len(points), np.uint8)
         self._library.runtime_forces(
@@ -345,9 +406,14 @@ class MovingField(NativeField):
         if not room:
             raise ValueError(f"{field.path}: only an exact mesh has vertices that can move")
         self._library, self.path, self.frame = field._library, field.path, field.frame
-        self._field = ctypes.create_string_buffer(self._library.runtime_field_bytes())
-        self._lender = field
+        self._begin(field)
         self._open(room)
+
+    def __copy__(self):
+        raise TypeError("a mesh that moves has no copy: make another one with moving()")
+
+    def __deepcopy__(self, memory):
+        return self.__copy__()
 
     def _open(self, room):
         """Take room (bytes) for one shape, and make it that of the lender."""
@@ -387,8 +453,26 @@ class MovingField(NativeField):
         return vertices
 
 
+def _stamp(path):
+    """Return what tells whether a file is still the one it was; None if it is not there."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_size, status.st_mtime_ns
+
+
+def _reopened(path, stamp):
+    """Open a file that a pickle names."""
+    if _stamp(path) != stamp:
+        raise ArtifactError(f"{path}: it has changed since the field was pickled, or is gone")
+    return NativeField(path)
+
+
 def _rows(points):
     """Return points as an array (n, 3) of doubles; one point may come as (3,)."""
+    if np.iscomplexobj(points):
+        raise ValueError("points must be real numbers")
     array = np.ascontiguousarray(points, np.float64)
     if array.shape == (3,):
         return array[None]
