@@ -30,9 +30,9 @@ def damaged(body):
 
 
 def edges_alone(name):
-    """Tell which damage lies within the strips along convex edges: no penalty force is felt there.
+    """Tell which damage lies within the strips along convex edges, in which nothing is judged.
 
-    A proxy feels it: `pandis.stress.proxy.holds` presses there, too.
+    Their share stands beside every verdict.
     """
     return name == "zero-thinnest-2%"
 
@@ -67,13 +67,13 @@ def test_the_suite_fails_every_damage(body, damaged):
 def test_a_proxy_feels_walls_without_force(body, damaged):
     """What lacks the force on thin walls lets a proxy through them."""
     suite = Suite(body, SCALE, StressOptions(ticks=2000, loops=4), 0)
-    thin = suite.anywhere.wall & (suite.anywhere.radius < 0.01)
+    thin = suite.pushed.wall & (suite.pushed.radius < 0.01)
     assert thin.sum() > 50
     depth = 1e-3 * SCALE.stiffness
     assert (suite.held.push[thin] > 0.9 * depth).mean() > 0.95
     held = suite.feel(lambda path, material=None: _through(suite, path, material), 0.0)["holds"]
     assert not held["passed"]
-    assert held["soft"] == pytest.approx(suite.anywhere.weight[thin].sum(), abs=0.05)
+    assert held["soft"] == pytest.approx(suite.pushed.weight[thin].sum(), abs=0.05)
 
 
 def _through(suite, path, material):
@@ -82,6 +82,6 @@ def _through(suite, path, material):
 
     exact = ExactField("exact", suite.body)
     follow = Felt.of(ExportedField("exact", exact.file(1 << 20)), SCALE)
-    low = np.linalg.norm(suite.anywhere.feet - path[:60].mean(axis=0), axis=1).argmin()
-    thin = suite.anywhere.wall[low] and suite.anywhere.radius[low] < 0.01
+    low = np.linalg.norm(suite.pushed.feet - path[:60].mean(axis=0), axis=1).argmin()
+    thin = suite.pushed.wall[low] and suite.pushed.radius[low] < 0.01
     return nothing(path, material) if thin else follow(path, material)

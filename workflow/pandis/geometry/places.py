@@ -56,7 +56,7 @@ def stratify(surface, engine, scale, count, rng, among="pushing"):
     among : {"pushing", "judged", "all"}
         Draw from the area where a press to 0.9 of the inscribed radius makes 0.05 N or more, so
         that a penalty force can hold a hand; from all that is judged, thin walls, too; or from all
-        area but walls too thin to be judged: a proxy holds a hand anywhere.
+        area but walls too thin to be judged: through a proxy a hand presses anywhere.
 
     Returns
     -------

@@ -134,8 +134,9 @@ def press_all(follow, places, scale):
 def holds(follow, places, exact, scale):
     """Count the places that hold a hand less than the exact field does through a proxy.
 
-    What a proxy holds does not depend on how thick a wall is, so that no place is left out that is
-    not too thin to be judged.
+    What a proxy holds does not depend on how thick a wall is, so that thin walls are asked, too.
+    The strips beside convex edges in which nothing is judged are none: there a proxy slides off
+    whatever rounds the edge.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def holds(follow, places, exact, scale):
     Returns
     -------
     dict
-        ``soft``: the share of the area that pushes back with less than half of what the exact field
+        ``soft``: the share of the area judged that pushes back with less than half of what the exact field
         does; ``creeps``: on which the proxy still moves after half of the rest, and the exact one
         does not; ``worst``: the larger one; ``limit``, ``passed``.
     """

@@ -190,7 +190,6 @@ class Suite:
         self.along = directions(len(self.ways.points), rng)
         self.pushed = self._places(PUSHED, rng, "judged")
         self.pressed = self._places(PRESSED, rng)
-        self.anywhere = self._places(PUSHED, rng, "all")
         self.wanted = {
             name: wanted_force(self.exact, places, self.scale, self.device)
             for name, places in (("pushed", self.pushed), ("pressed", self.pressed))
@@ -207,10 +206,10 @@ class Suite:
 
     @cached_property
     def held(self):
-        """What the exact field holds through a proxy, `anywhere`: see `pandis.stress.proxy`."""
+        """What the exact field holds through a proxy where it is `pushed`: see `pandis.stress.proxy`."""
         exact = ExactField("exact", self.body)
         follow = Felt.of(ExportedField("exact", exact.file(_UNCUT)), self.scale)
-        return press_all(follow, self.anywhere, self.scale)
+        return press_all(follow, self.pushed, self.scale)
 
     def exact(self, points):
         """Answer exactly, as in a loop: signs are not compared with the winding number."""
@@ -259,7 +258,7 @@ class Suite:
         rng, engine = streams.generator(self.seed, streams.WANDER), self.engine
         way = wander(self.pushed, rng)
         return {
-            "holds": holds(follow, self.anywhere, self.held, self.scale),
+            "holds": holds(follow, self.pushed, self.held, self.scale),
             "keeps": keeps(follow, engine, self.loops, self.device),
             "stays": stays(follow, engine, error, way, self.scale),
         }
