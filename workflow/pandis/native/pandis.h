@@ -3414,6 +3414,7 @@ static int pandis__nearest_in_front(const pandis__plane *planes, int count, cons
 #define PANDIS__LEAST_HOVER 2e-6
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
 #define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
+#define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
 #define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
 #define PANDIS__TRUSTED 0.8      /* share of an approximate distance to what is felt that is free */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
@@ -3543,10 +3544,10 @@ static void pandis__lifted(const pandis__proxy *p, const double *place, double l
     for (int i = 0; i < p->count; i++) {
         double height = pandis__height(p->plane + i, place);
         lacks[i] = height < lift ? lift - (height > 0 ? height : 0) : 0;
-        for (int j = 0; j < i; j++) { /* of two that face each other, the one that is farther does not count */
+        for (int j = 0; j < i; j++) { /* of two that are nearly one, or face each other, the farther does not count */
             double along = pandis__dot(p->plane[i].normal, p->plane[j].normal);
-            if (along > -0.5 || fmin(lacks[i], lacks[j]) > (1 - PANDIS__NEAR) * lift) continue;
-            lacks[lacks[i] < lacks[j] ? i : j] = 0;
+            int facing = along <= -0.5 && fmin(lacks[i], lacks[j]) <= (1 - PANDIS__NEAR) * lift;
+            if (facing || along > PANDIS__ALIKE) lacks[lacks[i] < lacks[j] ? i : j] = 0;
         }
     }
     for (int i = 0; i < p->count; i++)
@@ -3605,6 +3606,30 @@ static int pandis__regain(pandis__proxy *p) {
     return pandis__widen(p);
 }
 
+/* Begin the chain of balls anew, from the proxy upwards: each overlaps with the one below it, and the lowest reaches the
+ * proxy but for a sliver. It is looked from no higher than that chain reaches. 0: no answer. */
+static int pandis__climb(pandis__proxy *p) {
+    pandis_contact *c = p->state;
+    double at[3], lift = PANDIS__SLIVER, reached = 0;
+    for (double more = 3; lift <= PANDIS__HOVER && more > 1.2 && p->queries < c->budget;) {
+        pandis__look look;
+        pandis__lifted(p, p->x, lift, at);
+        if (!pandis__look_at(p, at, &look)) return 0;
+        double gap = reached > 0 ? pandis__between(at, p->ball) - p->ball[3] : pandis__between(at, p->x) - PANDIS__SLIVER;
+        if (look.free > 0 && gap <= look.free * (1 + 1e-9)) {
+            pandis__take_ball(p, &look);
+            reached = lift;
+        } else if (reached > 0) {
+            more = sqrt(more);
+        } else {
+            break;
+        }
+        lift = more * reached;
+    }
+    if (reached > 0) c->lift = reached;
+    return 1;
+}
+
 /* How the proxy may go in a step. */
 typedef struct {
     double travel;           /* along the surface, at most */
@@ -3614,7 +3639,7 @@ typedef struct {
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active, held, stuck, turned, refused, lost, narrow; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
+    int active, held, stuck, turned, refused, lost, narrow, climbed; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
                               * how often another wall was in the way; how often a step
                               * would have led away from the probe; how often a ball did not join the last one, or did
                               * not reach the proxy's place */
@@ -3708,6 +3733,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
             pandis__learn(p, &look, p->x, 0);
             return 1;
         }
+        if (!joined && way->active && !way->climbed++) return pandis__climb(p);
         if (!joined && way->active) way->shrink *= 0.3;
         if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
         double gap = pandis__between(target, at) - look.free;
@@ -3759,20 +3785,33 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     return 1;
 }
 
+/* Which way to go from the proxy, so that a plane is nearer than the others beside the proxy: those rise twice as fast.
+ * Returns 0 if there is no such way. */
+static int pandis__towards(const pandis__proxy *p, const pandis__plane *plane, double *up) {
+    memcpy(up, plane->normal, 3 * sizeof *up);
+    for (int turn = 0; turn < 3 * PANDIS__PLANES; turn++) {
+        double rise = pandis__dot(plane->normal, up), least = 1.5 * rise;
+        const double *lowest = NULL;
+        for (int j = 0; j < p->count; j++) {
+            const double *normal = p->plane[j].normal;
+            if (pandis__dot(normal, plane->normal) > PANDIS__ALIKE) continue;
+            double other = pandis__dot(normal, up) + fmax(0, pandis__height(p->plane + j, p->x)) / p->state->lift;
+            if (other < least) least = other, lowest = normal;
+        }
+        if (!lowest || !(rise > 0)) break;
+        double more = 2 * rise - pandis__dot(lowest, up);
+        for (int k = 0; k < 3; k++) up[k] += more * lowest[k];
+    }
+    return pandis__dot(plane->normal, up) > 0 && pandis__normalise(up);
+}
+
 /* Look once more at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it was
  * another, -1 if there was no answer. */
-static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, int active) {
+static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane) {
     const pandis__plane held = *plane;
-    const double *facing = NULL;
     pandis__look look;
-    double at[3], up[3], cross[3], least = 0.9;
-    for (int j = 0; j < p->count; j++) { /* the plane that is turned away most */
-        double c = pandis__dot(p->plane[j].normal, held.normal);
-        if ((active >> j & 1) && c < least) least = c, facing = p->plane[j].normal;
-    }
-    for (int k = 0; k < 3; k++)
-        up[k] = facing ? (1 - 2 * least) * held.normal[k] + (2 - least) * facing[k] : held.normal[k];
-    if (!pandis__normalise(up)) return 0;
+    double at[3], up[3], cross[3];
+    if (!pandis__towards(p, &held, up)) return 0;
     for (int k = 0; k < 3; k++) at[k] = p->x[k] + p->state->lift * up[k];
     if (!pandis__look_at(p, at, &look)) return -1;
     pandis__cross(look.normal, held.normal, cross);
@@ -3792,7 +3831,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
         if (!(way->active >> i & 1) || !(rests || distant)) continue;
-        int other = pandis__look_again(p, held + i, count == p->count ? way->active : 0);
+        int other = pandis__look_again(p, held + i);
         if (other < 0) return -1;
         changed += rests ? other : 1;
     }
@@ -3946,7 +3985,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
 
     double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
     double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0};
+    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);

@@ -9,6 +9,7 @@
 #define PANDIS__LEAST_HOVER 2e-6
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
 #define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
+#define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
 #define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
 #define PANDIS__TRUSTED 0.8      /* share of an approximate distance to what is felt that is free */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
@@ -138,10 +139,10 @@ static void pandis__lifted(const pandis__proxy *p, const double *place, double l
     for (int i = 0; i < p->count; i++) {
         double height = pandis__height(p->plane + i, place);
         lacks[i] = height < lift ? lift - (height > 0 ? height : 0) : 0;
-        for (int j = 0; j < i; j++) { /* of two that face each other, the one that is farther does not count */
+        for (int j = 0; j < i; j++) { /* of two that are nearly one, or face each other, the farther does not count */
             double along = pandis__dot(p->plane[i].normal, p->plane[j].normal);
-            if (along > -0.5 || fmin(lacks[i], lacks[j]) > (1 - PANDIS__NEAR) * lift) continue;
-            lacks[lacks[i] < lacks[j] ? i : j] = 0;
+            int facing = along <= -0.5 && fmin(lacks[i], lacks[j]) <= (1 - PANDIS__NEAR) * lift;
+            if (facing || along > PANDIS__ALIKE) lacks[lacks[i] < lacks[j] ? i : j] = 0;
         }
     }
     for (int i = 0; i < p->count; i++)
