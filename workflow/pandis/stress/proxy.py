@@ -148,9 +148,9 @@ def holds(follow, places, exact, scale):
     Returns
     -------
     dict
-        ``soft``: the share of the area judged that pushes back with less than half of what the exact field
-        does; ``creeps``: on which the proxy still moves after half of the rest, and the exact one
-        does not; ``worst``: the larger one; ``limit``, ``passed``.
+        ``soft``: the share of the area judged that pushes back with less than half of what the
+        exact field does; ``creeps``: on which the proxy still moves after half of the rest, and the
+        exact one does not; ``worst``: the larger one; ``limit``, ``passed``.
     """
     pressed = press_all(follow, places, scale)
     soft = ~(pressed.push >= HOLDS * exact.push)  # NaN is no force either

@@ -206,7 +206,7 @@ class Suite:
 
     @cached_property
     def held(self):
-        """What the exact field holds through a proxy where it is `pushed`: see `pandis.stress.proxy`."""
+        """What the exact field holds through a proxy, at the points pushed into."""
         exact = ExactField("exact", self.body)
         follow = Felt.of(ExportedField("exact", exact.file(_UNCUT)), self.scale)
         return press_all(follow, self.pushed, self.scale)
