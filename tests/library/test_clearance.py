@@ -21,7 +21,7 @@ def margins(error, flag=OK):
         distance = ENGINE.distance_and_normal(points)[0]
         return distance + error(points), np.full(len(points), flag, np.uint8)
 
-    return clearance(answer, ENGINE)[6:]
+    return clearance(answer, ENGINE)[6:8]
 
 
 def test_a_narrow_peak_between_the_points_is_climbed():
@@ -49,3 +49,15 @@ def test_a_ghost_contact_counts_in_both():
     measured, bound = margins(ghost)
     assert measured >= MORE * 0.05
     assert bound >= MORE * 0.05
+
+
+def test_bounds_tell_how_near_a_surface_is():
+    """A field that is flagged from 0.02 above its surface on, and knows no more than that."""
+
+    def answer(points):
+        distance = ENGINE.distance_and_normal(points)[0]
+        flag = np.where(distance > 0.02, BOUND, OK).astype(np.uint8)
+        return np.where(distance > 0.02, 0.02 + 0.2 * (distance - 0.02), distance), flag
+
+    height = clearance(answer, ENGINE)[8]
+    assert 0.95 * 0.02 < height <= 0.02

@@ -1,7 +1,7 @@
-"""A proxy comes along: pressed into a corner and led out again, it is where it belongs.
+"""A proxy comes along: pressed, led aside and lifted off, it is where it belongs.
 
-The judge is a closed form. In front of three walls at right angles, the place nearest to a probe is
-known, and how far friction may keep the proxy from it.
+The judges are closed forms. In front of three walls at right angles, the place nearest to a probe
+is known, and how far friction may keep the proxy from it; around a torus, whether a way is free.
 """
 
 from functools import cache
@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pandis.errors import PandisError
 from pandis.export.native import export_native
+from pandis.fields.base import INVALID
 from pandis.fields.compact import CompactField
 from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
@@ -90,3 +92,64 @@ def test_out_of_a_corner_of_three_walls(kind, turned, friction, radius):
                 off = np.linalg.norm(1e3 * steps.proxy[-1] @ turn - nearest)
                 assert off <= NEAR + friction * against * (1 + 1e-6), (deep, out, end)
                 assert (steps.queries <= 26).all()
+
+
+def torus_distance(points):
+    """Return the signed distance (n,) to the torus of the tests, mesh units."""
+    return np.hypot(np.hypot(points[:, 0], points[:, 1]) - 1.0, points[:, 2]) - 0.4
+
+
+def torus_place(rng):
+    """Return a point of it and its normal."""
+    round_, along = rng.uniform(0, 2 * np.pi, 2)
+    out = np.array([np.cos(along), np.sin(along), 0])
+    normal = np.cos(round_) * out + np.array([0, 0, np.sin(round_)])
+    return out + 0.4 * normal, normal
+
+
+@pytest.mark.parametrize("kind", ["exact", "compact", "spline", "tricubic", "trilinear-normal"])
+@pytest.mark.parametrize("radius", [0.0, 0.01, 0.05, 0.09])
+def test_a_ball_that_is_lifted_off_is_not_left_behind(kind, radius, files):
+    """One of 1.5 mm stayed behind in free air, and pulled at an armed device with 3.3 N.
+
+    The largest is 0.92 of the height (of the unit frame) up to which grids and splines are made.
+    """
+    field, rng = NativeField(files[kind]), np.random.default_rng(1)
+    mm, ball = 1.4 / 50, radius / field.frame.scale  # of an object of 100 mm
+    placed = Placed(field, np.eye(3), np.zeros(3), 1e-3 / mm, 400.0)
+    tried = 0
+    while tried < 30:
+        foot, normal = torus_place(rng)
+        side = np.linalg.svd(normal[None])[2][1]
+        above = foot + (ball + 3 * mm) * normal
+        pressed = foot + (ball - 2 * mm) * normal
+        aside = pressed + 3 * mm * side
+        end = aside + 30 * mm * normal
+        up = np.linspace(aside + 6 * mm * normal, end, 60)
+        if (torus_distance(up) < ball + mm).any():
+            continue  # on its way it meets the torus again
+        tried += 1
+        path = way(*(place / mm for place in (above, pressed, aside, end))) * 1e-3
+        steps = NativeContact(placed, ball / mm * 1e-3).follow(path, TICK)
+        assert np.linalg.norm(steps.proxy[-1] - path[-1]) < 1e-9, tried
+        assert not steps.force[-1].any()
+
+
+@pytest.mark.parametrize("kind", ["spline", "tricubic", "trilinear-normal", "trilinear-gradient"])
+def test_a_ball_larger_than_what_is_known_around_a_field_is_refused(kind, files):
+    field = NativeField(files[kind])
+    placed = Placed(field, np.eye(3), np.zeros(3), 1.0, 400.0)
+    NativeContact(placed, 0.09 / field.frame.scale)
+    with pytest.raises(PandisError, match="smaller radius"):
+        NativeContact(placed, 0.11 / field.frame.scale)
+
+
+@pytest.mark.parametrize(("setting", "value"), [("budget", 7), ("slide", -1.0), ("slide", np.nan)])
+def test_settings_out_of_their_ranges_give_no_force(setting, value, files):
+    """With a budget of 1 to 3 every step began anew: a proxy stuck for ever in free space."""
+    contact = NativeContact(Placed(NativeField(files["exact"]), np.eye(3), np.zeros(3), 1.0, 400.0))
+    path = np.array([[2.0, 0, 0], [1.3, 0, 0], [1.2, 0, 0]])
+    setattr(contact.settings, setting, value)
+    steps = contact.follow(path, TICK)
+    assert (steps.flag == INVALID).all()
+    assert not steps.force.any()

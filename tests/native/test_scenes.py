@@ -108,7 +108,7 @@ def resealed(data, safe):
     (count,) = struct.unpack_from("<I", made, 36)
     names = [struct.unpack_from("<4sIQQ", made, 256 + 24 * k) for k in range(count)]
     start = next(start for name, _, start, _ in names if name == b"SAFE")
-    made[start : start + 64] = struct.pack("<8d", *safe)
+    made[start : start + 72] = struct.pack("<9d", *safe)
     made[24:28] = struct.pack("<I", zlib.crc32(made[32:]))
     return bytes(made)
 
@@ -116,7 +116,7 @@ def resealed(data, safe):
 def test_the_margin_is_what_keeps_contacts(files):
     """A field whose distances are too large is left asleep where its file says nothing of it."""
     data = files["gradient"].read_bytes()
-    wrong = NativeField(resealed(data, [-0.9, -0.9, -0.9, 0.9, 0.9, 0.9, 0.0, 0.0]))
+    wrong = NativeField(resealed(data, [-0.9, -0.9, -0.9, 0.9, 0.9, 0.9, 0.0, 0.0, 0.0]))
     objects = [place(wrong, np.random.default_rng(7), 0.1, 0.0)]
     points = walk(20_000, np.random.default_rng(8), 0.05)
     scene = NativeScene(objects)
@@ -133,11 +133,13 @@ def test_a_file_that_says_nothing_is_always_asked(fields):
 @pytest.mark.parametrize(
     "safe",
     [
-        [-0.9] * 3 + [0.9] * 3 + [-1e-9, 0.0],
-        [-0.9] * 3 + [0.9] * 3 + [0.0, np.nan],
-        [0.9] * 3 + [-0.9] * 3 + [0.0, 0.0],
-        [np.nan] * 3 + [0.9] * 3 + [0.0, 0.0],
-        [-0.9] * 3 + [np.inf] * 3 + [0.0, 0.0],
+        [-0.9] * 3 + [0.9] * 3 + [-1e-9, 0.0, 0.0],
+        [-0.9] * 3 + [0.9] * 3 + [0.0, np.nan, 0.0],
+        [0.9] * 3 + [-0.9] * 3 + [0.0, 0.0, 0.0],
+        [np.nan] * 3 + [0.9] * 3 + [0.0, 0.0, 0.0],
+        [-0.9] * 3 + [np.inf] * 3 + [0.0, 0.0, 0.0],
+        [-0.9] * 3 + [0.9] * 3 + [0.0, 0.0, -1e-9],
+        [-0.9] * 3 + [0.9] * 3 + [0.0, 0.0, np.nan],
     ],
 )
 def test_a_clearance_that_cannot_be_is_refused(safe, files):
@@ -318,7 +320,7 @@ def test_a_scene_with_penalty_forces_alone_has_no_proxies(tried):
 
 def test_a_scene_that_loses_contacts_fails(tried, tmp_path):
     found, *_ = tried
-    data = resealed(found[0].read_bytes(), [-0.1, -0.1, -0.1, 0.1, 0.1, 0.1, 0.0, 0.0])
+    data = resealed(found[0].read_bytes(), [-0.1] * 3 + [0.1] * 3 + [0.0] * 3)
     found[0].write_bytes(data)  # so small a box: nearly all of it is left out
     options = SceneTask(objects=[own | COMMON for own in OBJECTS], ticks=5000, speed=0.5)
     with pytest.raises(PandisError, match=r"scene table: .* export it again"):

@@ -15,6 +15,8 @@ POINTS = 60_000
 HEIGHTS = 1e-4, 0.5
 #: Sampling can miss the worst case: its result is multiplied by MORE, and ROUNDING is added.
 MORE, ROUNDING = 1.5, 1e-9
+#: Likewise for heights, by this factor; no point of the box is farther from a surface in it.
+LESS, _FARTHEST = 0.98, 4.0
 #: The worst points are starts of a search for worse ones nearby: how many, rounds, tries in each,
 #: and how far away they lie at first and how much nearer from round to round.
 _STARTS, _ROUNDS, _TRIES, _FAR, _NEARER = 64, 10, 12, 0.03, 0.6
@@ -31,12 +33,13 @@ def clearance(answer, engine, seed=0):
 
     Returns
     -------
-    ndarray, shape (8,)
-        Lowest and highest corner of the surface's box, and two margins (unit frame). No contact
-        lies further outside of the surface than the first, or nearer to a point than its distance
-        less a margin: the first, or the second where the distance is flagged as a bound. Both
-        margins are measured, not proved: at the points that were looked at, and those that a
-        search from the worst of them has found, with half as much to spare.
+    ndarray, shape (9,)
+        Lowest and highest corner of the surface's box, two margins, and a height (unit frame). No
+        contact lies further outside of the surface than the first margin, or nearer to a point than
+        its distance less a margin: the first, or the second where the distance is flagged as a
+        bound. No surface is nearer than the height to a point of the box whose distance is flagged
+        as a bound and positive. All three are measured, not proved: at the points that were looked
+        at, and those that a search from the worst of them has found, with something to spare.
     """
     rng = np.random.default_rng(seed)
     box = rng.uniform(-1, 1, (POINTS, 3))
@@ -49,19 +52,22 @@ def clearance(answer, engine, seed=0):
     every = np.concatenate([box, near])
 
     def measure(points, known=None):
-        """Return by what each margin is passed at points: three columns (n, 3)."""
+        """Return by what each margin is passed at points, and how near bounds are: (n, 4)."""
         exact, distance, flag = known or (
             engine.distance_and_normal(points, check=False)[0],
             *answer(points),
         )
         free = (exact > 0) & np.isfinite(distance)
         off = [np.where(free & (flag == kind), distance - exact, 0.0) for kind in (OK, BOUND)]
-        return np.column_stack([np.where(free & (distance < 0), exact, 0.0), *off])
+        bound = free & (flag == BOUND) & (distance > 0)
+        near = np.where(bound, _FARTHEST - exact, 0.0)
+        return np.column_stack([np.where(free & (distance < 0), exact, 0.0), *off, near])
 
     excess = measure(every, (exact, distance, flag))
-    ghost, *over = (_worst(measure, every, column, index, rng)
-                    for index, column in enumerate(excess.T))  # fmt: skip
-    return np.array([*engine.bounds.ravel(), *(MORE * (ghost + most) + ROUNDING for most in over)])
+    ghost, *over, near = (_worst(measure, every, column, index, rng)
+                          for index, column in enumerate(excess.T))  # fmt: skip
+    margins = (MORE * (ghost + most) + ROUNDING for most in over)
+    return np.array([*engine.bounds.ravel(), *margins, LESS * (_FARTHEST - near)])
 
 
 def _worst(measure, points, excess, index, rng):

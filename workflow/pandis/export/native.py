@@ -56,7 +56,7 @@ def native_bytes(field, kind, provenance, weight_bits=32, safe=None):
     provenance : dict
     weight_bits : {32, 16}
         Of a network's hidden layers.
-    safe : ndarray, shape (8,), optional
+    safe : ndarray, shape (9,), optional
         From `pandis.export.clearance.clearance`; without it a scene asks the field at every tick.
 
     Raises
@@ -256,7 +256,7 @@ def _checked(field, kind, native, weight_bits, body, log):
     safe = _clearance(field, file, body)
     log(
         "a scene trusts its distances in free space to within {:.2g} of the unit frame, and where "
-        "they are flagged as bounds to within {:.2g}".format(*safe[6:])
+        "they are flagged as bounds to within {:.2g}".format(*safe[6:8])
     )
     return safe
 
@@ -264,7 +264,7 @@ def _checked(field, kind, native, weight_bits, body, log):
 def _clearance(field, file, body):
     """Return where contacts can be, and the margins of a field's distances: see `clearance`."""
     if isinstance(field, CompactField):
-        return np.array([*field.record.low, *field.record.high, *[field.record.rounding] * 2])
+        return np.array([*field.record.low, *field.record.high, *[field.record.rounding] * 2, 0.0])
     return clearance(lambda points: file.query(points)[::2], body.distance)
 
 

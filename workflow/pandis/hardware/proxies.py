@@ -18,7 +18,7 @@ from pandis.run.records.hardware import ProxyVerdict, TouchVerdict
 from pandis.streams import PRESSES, generator
 
 #: Queries that a tick may take, at least and at most; the share of the deadline that they fit into.
-LEAST, MOST, SHARE = 6, 24, 0.5
+LEAST, MOST, SHARE = 8, 24, 0.5
 #: Largest angle between a press and the normal, rad.
 _SLANT = 0.3
 

@@ -108,7 +108,8 @@ enum {
     PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
     PANDIS_ERROR_LARGE = 11, /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
     PANDIS_ERROR_VERTEX = 12, /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
-    PANDIS_ERROR_KIND = 13 /* a grid of forces, which knows no distance outside, cannot have a contact */
+    PANDIS_ERROR_KIND = 13, /* a grid of forces, which knows no distance outside, cannot have a contact */
+    PANDIS_ERROR_RADIUS = 14 /* of a probe: larger than what the field knows of free space around its surface */
 };
 
 enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };
@@ -246,7 +247,7 @@ typedef struct {
     size_t size;
     int kind, mapped;
     double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
-    double low[3], high[3], margin[2]; /* see pandis__measure; unit frame */
+    double low[3], high[3], margin[2], height; /* see pandis__measure; unit frame */
     const uint8_t *regions;            /* of each face, in the field's own order; NULL: not said */
     union {
         pandis__network network;
@@ -376,7 +377,8 @@ typedef struct {
 
 /* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
  * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
- * longer than `steepest`. Walls hold as they do without it, for it only adds. Slopes up to about 0.65 are followed; on
+ * longer than `steepest`. Walls hold as they do without it, for it only adds; `steepest` is
+ * 15 at most, or steps answer PANDIS_INVALID. Slopes up to about 0.65 are followed; on
  * steeper ones the proxy falls behind. */
 typedef struct {
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
@@ -413,7 +415,7 @@ typedef struct {
     double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
                     * the force at ridges */
     int32_t budget; /* queries after which a step ends, two more at most, and one of `regions`; what is left goes on in
-                     * the next one */
+                     * the next one. At least 8: with fewer, steps answer PANDIS_INVALID, for each would begin anew */
     int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
     const pandis_texture *texture; /* of the surface; NULL: none */
     const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
@@ -444,8 +446,10 @@ typedef struct {
     int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
-/* Begin a contact with a probe of a radius (scene lengths). Returns 0, PANDIS_ERROR_POSE (of the object, or the radius), or
- * PANDIS_ERROR_KIND: a grid of forces knows no distance outside. */
+/* Begin a contact with a probe of a radius (scene lengths): any on meshes, compact meshes, closed forms and networks; on
+ * splines and grids at most 0.95 of the height over the surface up to which they are made, 1 mm of 100 by default. Returns
+ * 0, PANDIS_ERROR_POSE (of the object, or the radius is no number from 0 on), PANDIS_ERROR_KIND: a grid of forces knows no
+ * distance outside, or PANDIS_ERROR_RADIUS. */
 PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius);
 
 /* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes
@@ -3488,6 +3492,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         /* and how far the surface is at least: what a spline covers goes so far beyond it */
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
+        if (inside && distance > 0) free = fmax(free, f->height);
     }
     look->face = answer.face, look->region = answer.region;
     if (p->state->texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
@@ -3887,10 +3892,28 @@ static void pandis__pull(const pandis_contact *c, const pandis_object *o, const 
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
 
+/* The largest probe (unit frame) that finds its way back: where the field tells no more than that the surface is at least
+ * so far away, a larger one would know of no free space. */
+static double pandis__widest(const pandis_field *f) {
+    if (f->kind == PANDIS_SPLINE) return 0.95 * fmax(f->height, f->as.spline.outside);
+    return f->kind == PANDIS_GRID ? 0.95 * f->height : 1e100;
+}
+
+#define PANDIS__LEAST_BUDGET 8
+#define PANDIS__STEEPEST 15.0
+
+/* Whether a contact's settings are in their ranges. */
+static int pandis__sound(const pandis_contact *c, const pandis_field *f, double per) {
+    const pandis_texture *t = c->texture;
+    if (t && !(t->most >= 0 && t->steepest >= 0 && t->steepest <= PANDIS__STEEPEST)) return 0;
+    return c->budget >= PANDIS__LEAST_BUDGET && c->slide >= 0 && c->radius >= 0 && c->radius * per <= pandis__widest(f);
+}
+
 PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius) {
     memset(contact, 0, sizeof *contact);
     if (!pandis__lies(object) || !(radius >= 0 && radius <= 1e100)) return PANDIS_ERROR_POSE;
     if (!pandis__knows_distance(object->field)) return PANDIS_ERROR_KIND;
+    if (radius > pandis__widest(object->field) * object->scale / object->field->scale) return PANDIS_ERROR_RADIUS;
     contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = contact->region = -1, contact->materials = 1;
     contact->slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
     return 0;
@@ -3969,7 +3992,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
-    if (!pandis__unit(f, point, probe) || !(dt > 0)) return PANDIS_INVALID;
+    if (!pandis__unit(f, point, probe) || !(dt > 0) || !pandis__sound(contact, f, per)) return PANDIS_INVALID;
     if (!material) material = &smooth;
     else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
@@ -4432,13 +4455,16 @@ static int pandis__open_shape(pandis_field *f) {
 
 /* Where the surface lies: the box around it; and two margins, measured: nothing outside of that box is touched
  * further off than the first, nor before the probe has gone the distance less a margin: the first, or
- * the second where the answer is flagged as a bound. Without the section nothing is known. */
+ * the second where the answer is flagged as a bound; and a height, nearer than which no surface is where an answer in
+ * the box is flagged so and positive. Without the section nothing is known. */
 static int pandis__measure(pandis_field *f) {
-    const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 8, sizeof(double));
+    const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
         f->margin[k] = bounds ? pandis__f64(bounds + 48 + 8 * k) : (double)INFINITY;
         if (!(f->margin[k] >= 0)) return 0;
     }
+    f->height = bounds ? pandis__f64(bounds + 64) : 0;
+    if (!(f->height >= 0 && f->height <= 1e30)) return 0;
     for (int k = 0; k < 3; k++) {
         f->low[k] = bounds ? pandis__f64(bounds + 8 * k) : -1;
         f->high[k] = bounds ? pandis__f64(bounds + 24 + 8 * k) : 1;
@@ -4605,6 +4631,7 @@ PANDIS_API const char *pandis_error(int error) {
                    "-ffast-math and its parts";
         case PANDIS_ERROR_LARGE:
             return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
+        case PANDIS_ERROR_RADIUS: return "the probe is larger than the field knows free space around its surface: take a smaller radius";
         case PANDIS_ERROR_KIND: return "a grid of forces knows no distance outside, so it has no contact";
         case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";

@@ -106,9 +106,15 @@ class SurfaceOptions(MaterialOptions):
 class ContactOptions(SurfaceOptions):
     """How a device feels the object, and with which probe."""
 
-    radius: float = Field(0.0, ge=0, le=0.1, description="of the probe, m; 0: a point")
-    queries: Annotated[int, Field(ge=6, le=1000)] | None = Field(
+    radius: float = Field(
+        0.0,
+        ge=0,
+        le=0.1,
+        description="of the probe, m; 0: a point. On splines and grids at most 0.95 of the height "
+        "up to which they are made (`bake.outside`): 1 mm of an object of 100",
+    )
+    queries: Annotated[int, Field(ge=8, le=1000)] | None = Field(
         None,
         description="queries of the field that a tick may take; what is left goes on in the next "
-        "one. null: as many as fit into half of `hardware.deadline` on this machine, from 6 to 24",
+        "one. null: as many as fit into half of `hardware.deadline` on this machine, from 8 to 24",
     )

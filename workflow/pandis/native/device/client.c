@@ -308,49 +308,7 @@ static int client_end(const client_outcome *outcome) {
     return outcome->cause;
 }
 
-/* Signals of which a program ends or stops. Those of the first row are intercepted, those of the second unless the
- * program has other plans for them: the run ends with zero force, and then they are given to whom they were meant for. */
-static const int client_orderly[] = {SIGINT,  SIGTERM, SIGHUP,  SIGQUIT, SIGTSTP, /* up to here always */
-                                     SIGUSR1, SIGUSR2, SIGALRM, SIGXCPU, SIGTTIN, SIGTTOU, SIGVTALRM, SIGPROF};
-/* Signals after which nothing can be relied on: zero goes out from within them. */
-static const int client_fatal[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
-enum {
-    CLIENT_ALWAYS = 5,
-    CLIENT_ORDERLY = sizeof client_orderly / sizeof *client_orderly,
-    CLIENT_FATAL = sizeof client_fatal / sizeof *client_fatal
-};
-static struct sigaction client_before[CLIENT_ORDERLY + CLIENT_FATAL];
-
-/* Switch the motors off, and let the signal do what it would have done. */
-static void client_die(int number) {
-    const double zero[3] = {0};
-    device *d = &client.device;
-    /* a frame of this very thread is ended with zero; one of another thread is not ours to touch */
-    if (__atomic_load_n(&client.inside, __ATOMIC_SEQ_CST) && pthread_equal(client_ticking, pthread_self()))
-        d->write(d, zero, NULL);
-    d->output(d, 0);
-    for (int k = 0; k < CLIENT_FATAL; k++)
-        if (client_fatal[k] == number) sigaction(number, client_before + CLIENT_ORDERLY + k, NULL);
-    raise(number);
-}
-
-static void client_intercept(void) {
-    struct sigaction note, die;
-    memset(&note, 0, sizeof note), memset(&die, 0, sizeof die);
-    client_signal = 0, note.sa_handler = client_note_signal;
-    die.sa_handler = client_die, die.sa_flags = SA_ONSTACK;
-    for (int k = 0; k < CLIENT_ORDERLY; k++) {
-        sigaction(client_orderly[k], NULL, client_before + k);
-        if (k < CLIENT_ALWAYS || client_before[k].sa_handler == SIG_DFL) sigaction(client_orderly[k], &note, NULL);
-    }
-    for (int k = 0; k < CLIENT_FATAL; k++) sigaction(client_fatal[k], &die, client_before + CLIENT_ORDERLY + k);
-}
-
-static void client_give_back(void) {
-    for (int k = 0; k < CLIENT_ORDERLY; k++) sigaction(client_orderly[k], client_before + k, NULL);
-    for (int k = 0; k < CLIENT_FATAL; k++) sigaction(client_fatal[k], client_before + CLIENT_ORDERLY + k, NULL);
-    if (client_signal) raise(client_signal);
-}
+#include "signals.h"
 
 /* What nothing here can prevent, told before a force is sent. */
 static void client_warn(void) {
@@ -399,59 +357,4 @@ int client_simulated(const simulated_spec *spec, const double *start, const doub
     return client_end(outcome);
 }
 
-#define CLIENT_CAUSE(name, words) {#name, words},
-static const struct {
-    const char *name, *words;
-} client_causes[] = {GUARD_CAUSES(CLIENT_CAUSE)};
-
-/* The name of a cause, and what it means; NULL beyond the last one. */
-const char *client_cause_name(int cause) { return cause >= 0 && cause < CAUSES ? client_causes[cause].name : NULL; }
-
-const char *client_cause_words(int cause) { return cause >= 0 && cause < CAUSES ? client_causes[cause].words : NULL; }
-
-/* How the structures lie that a binding in another language mirrors. */
-const layout_entry *client_layout(void) {
-    static const layout_entry entries[] = {
-        LAYOUT_TYPE(guard_limits), LAYOUT(guard_limits, force), LAYOUT(guard_limits, continuous),
-        LAYOUT(guard_limits, step), LAYOUT(guard_limits, impulse), LAYOUT(guard_limits, speed),
-        LAYOUT(guard_limits, ramp), LAYOUT(guard_limits, damping), LAYOUT(guard_limits, friction),
-        LAYOUT(guard_limits, stiffness), LAYOUT(guard_limits, most_damping), LAYOUT(guard_limits, needs),
-        LAYOUT_TYPE(device_spec), LAYOUT(device_spec, model), LAYOUT(device_spec, force),
-        LAYOUT(device_spec, continuous), LAYOUT(device_spec, speed), LAYOUT(device_spec, impulse),
-        LAYOUT(device_spec, rate), LAYOUT(device_spec, low), LAYOUT(device_spec, high),
-        LAYOUT(device_spec, has_switch),
-        LAYOUT_TYPE(simulated_spec), LAYOUT(simulated_spec, mass), LAYOUT(simulated_spec, damping),
-        LAYOUT(simulated_spec, friction), LAYOUT(simulated_spec, encoder), LAYOUT(simulated_spec, force),
-        LAYOUT(simulated_spec, impulse), LAYOUT(simulated_spec, speed), LAYOUT(simulated_spec, hand_stiffness),
-        LAYOUT(simulated_spec, hand_damping), LAYOUT(simulated_spec, period), LAYOUT(simulated_spec, wall),
-        LAYOUT(simulated_spec, delay),
-        LAYOUT_TYPE(client_order), LAYOUT(client_order, scene), LAYOUT(client_order, limits),
-        LAYOUT(client_order, period), LAYOUT(client_order, deadline), LAYOUT(client_order, overruns),
-        LAYOUT(client_order, gap), LAYOUT(client_order, patience), LAYOUT(client_order, expected),
-        LAYOUT(client_order, armed), LAYOUT(client_order, ticks), LAYOUT(client_order, positions),
-        LAYOUT(client_order, forces), LAYOUT(client_order, taken), LAYOUT(client_order, since),
-        LAYOUT(client_order, proxies), LAYOUT(client_order, bridge), LAYOUT(client_order, between),
-        LAYOUT(client_order, every), LAYOUT(client_order, held),
-        LAYOUT_TYPE(client_outcome), LAYOUT(client_outcome, cause), LAYOUT(client_outcome, code),
-        LAYOUT(client_outcome, stand_in), LAYOUT(client_outcome, simulated), LAYOUT(client_outcome, hangs),
-        LAYOUT(client_outcome, ticks), LAYOUT(client_outcome, worst), LAYOUT(client_outcome, strongest),
-        LAYOUT(client_outcome, steepest), LAYOUT(client_outcome, fastest), LAYOUT(client_outcome, added),
-        LAYOUT(client_outcome, cut), LAYOUT(client_outcome, slowed), LAYOUT(client_outcome, damped),
-        LAYOUT(client_outcome, armed_at), LAYOUT(client_outcome, signs), LAYOUT(client_outcome, spec),
-        LAYOUT(client_outcome, limits), LAYOUT(client_outcome, why),
-        LAYOUT_END,
-    };
-    return entries;
-}
-
-/* What a program needs to make a bridge, in its own room: doubles, as many as `bridge_room` says. */
-size_t bridge_bytes(void) { return sizeof(bridge); }
-
-size_t bridge_room(size_t count) { return bridge_doubles(count); }
-
-void bridge_open(bridge *b, pandis_poses *poses, size_t count, double *room) { bridge_begin(b, poses, count, room); }
-
-void bridge_take(bridge *b, double *sums) { bridge_read(b, sums); }
-
-/* What goes with the frame of poses that is handed over next: a `bridge_frame` for each object. */
-double *bridge_next(const bridge *b) { return (double *)(void *)(b->frames + (size_t)b->poses->writing * b->count); }
+#include "binding.h"

@@ -12,10 +12,28 @@ static void pandis__pull(const pandis_contact *c, const pandis_object *o, const 
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
 
+/* The largest probe (unit frame) that finds its way back: where the field tells no more than that the surface is at least
+ * so far away, a larger one would know of no free space. */
+static double pandis__widest(const pandis_field *f) {
+    if (f->kind == PANDIS_SPLINE) return 0.95 * fmax(f->height, f->as.spline.outside);
+    return f->kind == PANDIS_GRID ? 0.95 * f->height : 1e100;
+}
+
+#define PANDIS__LEAST_BUDGET 8
+#define PANDIS__STEEPEST 15.0
+
+/* Whether a contact's settings are in their ranges. */
+static int pandis__sound(const pandis_contact *c, const pandis_field *f, double per) {
+    const pandis_texture *t = c->texture;
+    if (t && !(t->most >= 0 && t->steepest >= 0 && t->steepest <= PANDIS__STEEPEST)) return 0;
+    return c->budget >= PANDIS__LEAST_BUDGET && c->slide >= 0 && c->radius >= 0 && c->radius * per <= pandis__widest(f);
+}
+
 PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius) {
     memset(contact, 0, sizeof *contact);
     if (!pandis__lies(object) || !(radius >= 0 && radius <= 1e100)) return PANDIS_ERROR_POSE;
     if (!pandis__knows_distance(object->field)) return PANDIS_ERROR_KIND;
+    if (radius > pandis__widest(object->field) * object->scale / object->field->scale) return PANDIS_ERROR_RADIUS;
     contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = contact->region = -1, contact->materials = 1;
     contact->slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
     return 0;
@@ -94,7 +112,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
-    if (!pandis__unit(f, point, probe) || !(dt > 0)) return PANDIS_INVALID;
+    if (!pandis__unit(f, point, probe) || !(dt > 0) || !pandis__sound(contact, f, per)) return PANDIS_INVALID;
     if (!material) material = &smooth;
     else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;

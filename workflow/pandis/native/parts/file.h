@@ -108,13 +108,16 @@ static int pandis__open_shape(pandis_field *f) {
 
 /* Where the surface lies: the box around it; and two margins, measured: nothing outside of that box is touched
  * further off than the first, nor before the probe has gone the distance less a margin: the first, or
- * the second where the answer is flagged as a bound. Without the section nothing is known. */
+ * the second where the answer is flagged as a bound; and a height, nearer than which no surface is where an answer in
+ * the box is flagged so and positive. Without the section nothing is known. */
 static int pandis__measure(pandis_field *f) {
-    const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 8, sizeof(double));
+    const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
         f->margin[k] = bounds ? pandis__f64(bounds + 48 + 8 * k) : (double)INFINITY;
         if (!(f->margin[k] >= 0)) return 0;
     }
+    f->height = bounds ? pandis__f64(bounds + 64) : 0;
+    if (!(f->height >= 0 && f->height <= 1e30)) return 0;
     for (int k = 0; k < 3; k++) {
         f->low[k] = bounds ? pandis__f64(bounds + 8 * k) : -1;
         f->high[k] = bounds ? pandis__f64(bounds + 24 + 8 * k) : 1;
@@ -281,6 +284,7 @@ PANDIS_API const char *pandis_error(int error) {
                    "-ffast-math and its parts";
         case PANDIS_ERROR_LARGE:
             return "the network is wider or deeper than pandis.h was compiled for: see PANDIS_MOST_WIDTH";
+        case PANDIS_ERROR_RADIUS: return "the probe is larger than the field knows free space around its surface: take a smaller radius";
         case PANDIS_ERROR_KIND: return "a grid of forces knows no distance outside, so it has no contact";
         case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";

@@ -3,7 +3,7 @@ typedef struct {
     size_t size;
     int kind, mapped;
     double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
-    double low[3], high[3], margin[2]; /* see pandis__measure; unit frame */
+    double low[3], high[3], margin[2], height; /* see pandis__measure; unit frame */
     const uint8_t *regions;            /* of each face, in the field's own order; NULL: not said */
     union {
         pandis__network network;
@@ -133,7 +133,8 @@ typedef struct {
 
 /* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
  * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
- * longer than `steepest`. Walls hold as they do without it, for it only adds. Slopes up to about 0.65 are followed; on
+ * longer than `steepest`. Walls hold as they do without it, for it only adds; `steepest` is
+ * 15 at most, or steps answer PANDIS_INVALID. Slopes up to about 0.65 are followed; on
  * steeper ones the proxy falls behind. */
 typedef struct {
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
@@ -170,7 +171,7 @@ typedef struct {
     double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
                     * the force at ridges */
     int32_t budget; /* queries after which a step ends, two more at most, and one of `regions`; what is left goes on in
-                     * the next one */
+                     * the next one. At least 8: with fewer, steps answer PANDIS_INVALID, for each would begin anew */
     int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
     const pandis_texture *texture; /* of the surface; NULL: none */
     const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
@@ -201,8 +202,10 @@ typedef struct {
     int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
-/* Begin a contact with a probe of a radius (scene lengths). Returns 0, PANDIS_ERROR_POSE (of the object, or the radius), or
- * PANDIS_ERROR_KIND: a grid of forces knows no distance outside. */
+/* Begin a contact with a probe of a radius (scene lengths): any on meshes, compact meshes, closed forms and networks; on
+ * splines and grids at most 0.95 of the height over the surface up to which they are made, 1 mm of 100 by default. Returns
+ * 0, PANDIS_ERROR_POSE (of the object, or the radius is no number from 0 on), PANDIS_ERROR_KIND: a grid of forces knows no
+ * distance outside, or PANDIS_ERROR_RADIUS. */
 PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius);
 
 /* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes

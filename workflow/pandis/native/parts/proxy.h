@@ -83,6 +83,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         /* and how far the surface is at least: what a spline covers goes so far beyond it */
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
+        if (inside && distance > 0) free = fmax(free, f->height);
     }
     look->face = answer.face, look->region = answer.region;
     if (p->state->texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);

@@ -20,7 +20,8 @@ enum {
     PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
     PANDIS_ERROR_LARGE = 11, /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
     PANDIS_ERROR_VERTEX = 12, /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
-    PANDIS_ERROR_KIND = 13 /* a grid of forces, which knows no distance outside, cannot have a contact */
+    PANDIS_ERROR_KIND = 13, /* a grid of forces, which knows no distance outside, cannot have a contact */
+    PANDIS_ERROR_RADIUS = 14 /* of a probe: larger than what the field knows of free space around its surface */
 };
 
 enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };

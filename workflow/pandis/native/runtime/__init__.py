@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 from pandis.errors import ArtifactError
 from pandis.geometry.frame import Frame
 from pandis.native.runtime.binding import library
+from pandis.native.runtime.pickles import reopened, stamp
+from pandis.native.runtime.points import as_rows
 from pandis.native.threads import SMALL, in_threads
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    from pandis.native.runtime import moving
 else:
     ArrayLike = object  # NumPy's own names what a type checker knows, and not what NumPy takes
 
@@ -84,7 +88,7 @@ class NativeField:
             error = self._library.pandis_open(self._field, self._bytes.ctypes.data, size)
         else:
             self.path = Path(source)
-            self._bytes, self._stamp = None, _stamp(self.path)
+            self._bytes, self._stamp = None, stamp(self.path)
             error = self._library.pandis_open_file(self._field, str(source).encode())
         if error:
             self._opened, why = None, self._library.pandis_error(error).decode()
@@ -145,7 +149,7 @@ class NativeField:
             raise TypeError(f"{self.path}: pickle the field that this one was made of")
         if self._bytes is not None:
             return NativeField, (self._bytes.tobytes(),)
-        return _reopened, (self.path.absolute(), self._stamp)
+        return reopened, (self.path.absolute(), self._stamp)
 
     def placed(self, frame: Frame) -> "NativeField":
         """Return the field as it would be, had its mesh come in other units and at another place.
@@ -163,7 +167,7 @@ class NativeField:
         self._library.runtime_place(other._field, self._field, numbers)
         return other
 
-    def moving(self) -> "MovingField":
+    def moving(self) -> "moving.MovingField":
         """Return a `MovingField` of this one, which must be an exact mesh.
 
         Raises
@@ -171,6 +175,8 @@ class NativeField:
         ValueError
             The field is of another kind: it has no vertices that could move.
         """
+        from pandis.native.runtime.moving import MovingField
+
         return MovingField(self)
 
     @property
@@ -218,7 +224,7 @@ class NativeField:
 
         Where an answer is cut, that is proved; elsewhere it is the distance without its sign.
         """
-        points = _rows(points)
+        points = as_rows(points)
         clear = np.empty(len(points))
         where = points.ctypes.data, len(points), clear.ctypes.data
         self._library.runtime_clear(self._field, *where)
@@ -230,7 +236,7 @@ class NativeField:
         Of an exact mesh, and of a compact one with ``export.original_faces``; -1 elsewhere, and
         where there is no answer.
         """
-        points = _rows(points)
+        points = as_rows(points)
         faces = np.empty(len(points), np.int32)
         where = points.ctypes.data, len(points), faces.ctypes.data
         self._library.runtime_faces(self._field, *where)
@@ -241,7 +247,7 @@ class NativeField:
 
         Of an exact and of a compact mesh whose source names materials.
         """
-        points = _rows(points)
+        points = as_rows(points)
         regions = np.empty(len(points), np.int32)
         where = points.ctypes.data, len(points), regions.ctypes.data
         self._library.runtime_regions(self._field, *where)
@@ -284,7 +290,7 @@ class NativeField:
         return self._answers(points, -1.0)[0]
 
     def _answers(self, points, reach):
-        points = _rows(points)
+        points = as_rows(points)
         count = len(points)
         answer = NativeAnswer(np.empty(count), np.empty((count, 3)), np.empty(count, np.uint8))
         clear = np.empty(count)
@@ -293,7 +299,7 @@ class NativeField:
         return answer, clear
 
     def _query(self, points, slopes=False):
-        points = _rows(points)
+        points = as_rows(points)
         count = len(points)
         answer = NativeAnswer(np.empty(count), np.empty((count, 3)), np.empty(count, np.uint8))
         lengths = np.empty(count) if slopes else None
@@ -332,7 +338,7 @@ class NativeField:
         return self._derivatives(points)[1]
 
     def _derivatives(self, points):
-        points = _rows(points)
+        points = as_rows(points)
         count = len(points)
         gradients, hessians = np.empty((count, 3)), np.empty((count, 3, 3))
 
@@ -358,7 +364,7 @@ class NativeField:
         """
         if not 0 <= k < np.inf:
             raise ValueError(f"k is a finite number from 0 on, not {k}")
-        points = _rows(points)
+        points = as_rows(points)
         forces, flags = np.empty_like(points), np.empty(len(points), np.uint8)
         self._library.runtime_forces(
             self._field, points.ctypes.data, len(points), k, forces.ctypes.data, flags.ctypes.data
@@ -378,7 +384,7 @@ class NativeField:
         ``cold``: before each of them other work empties the caches. ``reach``: as `query_within`
         asks; ``follow``: as `follow` does.
         """
-        points = _rows(points)
+        points = as_rows(points)
         if not len(points) or queries < 1:
             raise ValueError("at least one point and one query are needed")
         taken, other = np.empty(queries), np.zeros(CACHES if cold else 0, np.uint8)
@@ -388,94 +394,3 @@ class NativeField:
             other.ctypes.data, len(other),
         )  # fmt: skip
         return taken
-
-
-class MovingField(NativeField):
-    """An exact mesh whose vertices move: answers as a field of the new shape would.
-
-    Parameters
-    ----------
-    field : NativeField
-        Of kind MESH; it lends its faces, and stays as it is.
-    """
-
-    _NO_SHAPE = "a vertex is no finite number, or too far away: the old shape stays"
-
-    def __init__(self, field: NativeField) -> None:
-        room = field._library.pandis_refit_room(field._field)
-        if not room:
-            raise ValueError(f"{field.path}: only an exact mesh has vertices that can move")
-        self._library, self.path, self.frame = field._library, field.path, field.frame
-        self._begin(field)
-        self._open(room)
-
-    def __copy__(self):
-        raise TypeError("a mesh that moves has no copy: make another one with moving()")
-
-    def __deepcopy__(self, memory):
-        return self.__copy__()
-
-    def _open(self, room):
-        """Take room (bytes) for one shape, and make it that of the lender."""
-        self._room = np.empty(room // 8)
-        lender = self._lender._field
-        self._library.pandis_refit_open(self._field, lender, self._room.ctypes.data)
-
-    def refit(self, vertices: ArrayLike) -> float:
-        """Move the vertices.
-
-        Parameters
-        ----------
-        vertices : ndarray, shape (V, 3), mesh units
-            In the order of ``mesh.zarr.zip``. The frame stays as it is: points beyond its box are
-            answered, and flagged as bounds.
-
-        Returns
-        -------
-        float
-            The seconds that it took.
-
-        Raises
-        ------
-        ValueError
-            There are more or fewer, or one is no finite number; the old shape stays.
-        """
-        vertices = self._checked(vertices)
-        taken = self._library.runtime_refit_time(self._field, vertices.ctypes.data)
-        if taken < 0:
-            raise ValueError(self._NO_SHAPE)
-        return taken
-
-    def _checked(self, vertices):
-        vertices, count = _rows(vertices), self._library.runtime_vertices(self._lender._field)
-        if len(vertices) != count:
-            raise ValueError(f"the mesh has {count:,} vertices, not {len(vertices):,}")
-        return vertices
-
-
-def _stamp(path):
-    """Return what tells whether a file is still the one it was; None if it is not there."""
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_size, status.st_mtime_ns
-
-
-def _reopened(path, stamp):
-    """Open a file that a pickle names."""
-    if _stamp(path) != stamp:
-        raise ArtifactError(f"{path}: it has changed since the field was pickled, or is gone")
-    return NativeField(path)
-
-
-def _rows(points):
-    """Return points as an array (n, 3) of doubles; one point may come as (3,)."""
-    if np.iscomplexobj(points):
-        raise ValueError("points must be real numbers")
-    array = np.ascontiguousarray(points, np.float64)
-    if array.shape == (3,):
-        return array[None]
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise ValueError(f"points must be an array of shape (n, 3), not {array.shape}")
-    return array

@@ -4,7 +4,8 @@ import ctypes
 
 import numpy as np
 
-from pandis.native.runtime import ArrayLike, MovingField
+from pandis.native.runtime import ArrayLike
+from pandis.native.runtime.moving import MovingField
 
 
 class SharedField(MovingField):
