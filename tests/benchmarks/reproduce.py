@@ -26,8 +26,8 @@ sys.path.insert(0, str(ROOT / "tests"))
 from pandis.run.artifact import read_artifact
 from support import copy_workflow, environment, results, snakemake_command
 
-#: By which share the mean error of a field's force may differ on another machine: of networks of the
-#: paper's loss, which training carries furthest, of other networks, and of all else.
+#: By which share the mean error of a field's force may differ on another machine: of networks of
+#: the paper's loss, which training carries furthest, of other networks, and of all else.
 TOLERANCES = {"pandis": 0.25, "pandis-exact": 0.03, "": 1e-3}
 
 #: By name: cores that Snakemake may use, what stands before the command, environment.
