@@ -187,7 +187,7 @@ def test_a_refused_mesh_costs_itself_alone_and_a_complete_run_makes_the_report_a
     for message in (
         "refused: odd: meshes.odd.stress.ticks: Input should be greater than or equal to 1000",
         "refused: gone: meshes.gone.source: there is no file 'gone.obj'",
-        "the mesh is open: 4 boundary edges",
+        "the mesh lies in one plane",
         "about the 1 that could be built; left out, with the reason: odd, gone, sheet",
     ):
         assert message in done.stdout
