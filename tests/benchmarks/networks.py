@@ -24,6 +24,7 @@ from bodies import UNIT
 from pandis.export.clearance import clearance
 from pandis.export.native import native_bytes
 from pandis.fields.exact import ExactField
+from pandis.fields.exported import ExportedField
 from pandis.fields.siren import SirenField
 from pandis.geometry.body import Body
 from pandis.geometry.physical import Scale
@@ -82,7 +83,7 @@ def missing_share(body, size, data):
     """Return the share of the force on a body that a file leaves out, as `presses.py` asks it."""
     exact, native = ExactField("exact", body), NativeField(data)
     walls = open_walls(exact, body.surface, Scale(size, 400.0), 0)
-    return compare(lambda points: native.force(points, 1.0), walls).missing
+    return compare(ExportedField("network", native), walls).missing
 
 
 def main(folder, *words):

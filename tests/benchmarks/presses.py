@@ -21,6 +21,7 @@ from common import SCANS, load, write
 
 from pandis.errors import PandisError
 from pandis.fields.exact import ExactField
+from pandis.fields.exported import ExportedField
 from pandis.geometry.body import Body
 from pandis.geometry.frame import UNIT_SIDE, Frame
 from pandis.geometry.physical import Scale
@@ -108,7 +109,7 @@ def main(wanted, networks=None):
         for kind in (*KINDS, NETWORK) if trained.exists() else KINDS:
             rng = np.random.default_rng(0)
             field = NativeField(trained) if kind == NETWORK else field_of(body, kind)
-            missing = compare(lambda p, f=field: f.force(p, 1.0), walls).missing
+            missing = compare(ExportedField(kind, field), walls).missing
             on_it = places_on(vertices, faces, lambda c: np.ones(len(c), bool), SURFACE, rng)[0]
             error = float(np.abs(field.query(on_it).distance).max()) * metres
             row = {"shape": shape, "field": kind, "missing": missing, "error_mm": 1e3 * error}

@@ -234,7 +234,7 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane) {
     const pandis__plane held = *plane;
     pandis__look look;
     double at[3], up[3], cross[3];
-    if (!pandis__towards(p, &held, up)) return 0;
+    if (!pandis__towards(p, &held, up)) memcpy(up, held.normal, sizeof up);
     for (int k = 0; k < 3; k++) at[k] = p->x[k] + p->state->lift * up[k];
     if (!pandis__look_at(p, at, &look)) return -1;
     pandis__cross(look.normal, held.normal, cross);
@@ -273,7 +273,8 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
     /* queries after which a small rest waits for the next step: more of them if the last steps came no further */
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
-    for (;;) {
+    /* each turn asks the field, or ends the step; that none does neither is made sure of */
+    for (int turn = 0; turn < 4 * c->budget; turn++) {
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
             if (!way->active || way->held || c->sticks || c->settled > 8 || p->queries + 3 > c->budget) return 1;
@@ -294,5 +295,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
         if (!pandis__hop(p, way, probe, target)) return 0;
         if (way->stuck) return 1;
     }
+    way->held = 1;
+    return 1;
 }
 
