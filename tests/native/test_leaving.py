@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import trimesh
+from igl.copyleft.cgal import mesh_boolean
 from scipy.spatial.transform import Rotation
 
 from pandis.errors import PandisError
@@ -153,3 +155,26 @@ def test_settings_out_of_their_ranges_give_no_force(setting, value, files):
     steps = contact.follow(path, TICK)
     assert (steps.flag == INVALID).all()
     assert not steps.force.any()
+
+
+@pytest.mark.parametrize("tilt", [0.4, 0.6, 0.8, 1.0])
+def test_a_step_in_a_sharp_corner_ends(tilt):
+    """Where no way led nearer to a wall that was to be looked at again, one never did."""
+    around = np.array([0.2, 2.4, 4.2])
+    edges = np.column_stack(
+        [np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.full(3, np.cos(tilt))]
+    )
+    points = np.concatenate([np.zeros((1, 3)), 120 * edges])
+    cone = trimesh.Trimesh(points, [[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]], process=False)
+    block = trimesh.creation.box((100, 100, 100)).apply_translation((0, 0, 10))
+    arrays = [(np.asarray(m.vertices, float), np.asarray(m.faces, np.int64)) for m in (block, cone)]
+    vertices, faces, _ = mesh_boolean(*arrays[0], *arrays[1], "minus")
+    body = Body.open(opened(trimesh.Trimesh(vertices, faces, process=False)).mesh)
+    data = export_native(ExactField("exact", body), "exact", {}, 32, body, lambda text: None)
+    placed = Placed(NativeField(data), np.eye(3), np.zeros(3), 1e-3, 400.0)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        pressed = rng.normal(0, 1, 3) - [0, 0, 1]
+        path = way(np.array([0, 0, 25.0]), pressed, pressed + rng.normal(0, 4, 3)) * 1e-3
+        steps = NativeContact(placed).follow(path, TICK)
+        assert (steps.queries <= 26).all()
