@@ -94,9 +94,9 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
 
     def fake_package():
         """Another version of a package that the mesh stage imports."""
-        folder = workspace / "newer/trimesh-99.0.dist-info"
+        folder = workspace / "newer/lxml-99.0.dist-info"
         folder.mkdir(parents=True)
-        (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: trimesh\nVersion: 99.0\n")
+        (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: lxml\nVersion: 99.0\n")
 
     truncate = home / "export/nearest-12.onnx"
     code = "workflow/pandis/geometry/trajectories.py"
@@ -157,7 +157,7 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
         {
             "another version of a package": (
                 fake_package,
-                r"mesh.zarr.zip +stale: code changed \(package trimesh\)",
+                r"mesh.zarr.zip +stale: code changed \(package lxml\)",
             ),
         },
     )

@@ -260,9 +260,10 @@ class Checker:
     def _digest(self, name):
         if name not in self._digests:
             path = Path(name)
+            made = Path(self.plan.folder) in path.parents  # a source has no provenance
             try:
                 # an export that is damaged is another fault than one that has changed
-                if self._provenance(path) is None or not name.endswith(".zarr.zip"):
+                if not made or self._provenance(path) is None or path.suffix != ".zip":
                     self._digests[name] = file_digest(path)
             except (PandisError, OSError):
                 self._digests[name] = None
