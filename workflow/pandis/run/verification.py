@@ -260,10 +260,11 @@ class Checker:
     def _digest(self, name):
         if name not in self._digests:
             path = Path(name)
-            made = Path(self.plan.folder) in path.parents  # a source has no provenance
+            # a source has no provenance, even if it ends as an export does
+            is_result = Path(self.plan.folder) in path.parents
             try:
                 # an export that is damaged is another fault than one that has changed
-                if not made or self._provenance(path) is None or path.suffix != ".zip":
+                if not is_result or self._provenance(path) is None or path.suffix != ".zip":
                     self._digests[name] = file_digest(path)
             except (PandisError, OSError):
                 self._digests[name] = None
