@@ -422,7 +422,7 @@ typedef struct {
     /* the state, in the object's unit frame */
     int32_t state, planes, sticks, settled, close, stalled, face, region;
     pandis_object object; /* as it lay in the last step */
-    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
+    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
 } pandis_contact;
 
 /* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the
@@ -3339,7 +3339,8 @@ PANDIS_API double pandis_by_region(const void *patches, const double point[3], i
 }
 /* ---------------------------------------------------------------- planes that a proxy touches */
 
-#define PANDIS__PLANES 4 /* three that are kept, and the one of the last look */
+#define PANDIS__KEPT 8   /* planes from step to step: all walls of a corner, for which three hold the proxy changes with the probe */
+#define PANDIS__PLANES 9 /* and the one of the last look */
 
 /* A piece of the surface near a proxy, taken as flat: what is free lies where normal . x >= offset (unit frame). */
 typedef struct {
@@ -3382,25 +3383,33 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
+/* Whether a set of planes, by their bits, gives the point: all others lie behind it. */
+static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *goal, double *y) {
+    int active = 0;
+    if (!pandis__onto(planes, which, size, goal, y)) return 0;
+    for (int i = 0; i < size; i++) active |= 1 << which[i];
+    for (int i = 0; i < count; i++)
+        if (!(active >> i & 1) && pandis__height(planes + i, y) < -1e-13) return 0;
+    return active;
+}
+
 /* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. With planes
  * that nothing satisfies together, the last one, which was looked at last, decides. */
 static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
-    static const int sets[14][4] = {{1, 0}, {1, 1}, {1, 2}, {1, 3}, {2, 0, 1}, {2, 0, 2}, {2, 1, 2}, {2, 0, 3},
-                                    {2, 1, 3}, {2, 2, 3}, {3, 0, 1, 2}, {3, 0, 1, 3}, {3, 0, 2, 3}, {3, 1, 2, 3}};
-    double slack = 1e-13;
-    int behind = 0;
+    int which[3], active = 0, behind = 0;
     for (int i = 0; i < count; i++) behind |= pandis__height(planes + i, goal) < 0;
     memcpy(y, goal, 3 * sizeof *y);
     if (!behind) return 0;
-    for (int s = 0; s < 14; s++) {
-        const int *which = sets[s] + 1;
-        int active = 0, good = 1;
-        for (int i = 0; i < sets[s][0]; i++) good &= which[i] < count, active |= 1 << which[i];
-        if (!good || !pandis__onto(planes, which, sets[s][0], goal, y)) continue;
-        for (int i = 0; good && i < count; i++)
-            good = active >> i & 1 || pandis__height(planes + i, y) >= -slack;
-        if (good) return active;
-    }
+    for (int i = 0; i < count; i++)
+        if (which[0] = i, (active = pandis__gives(planes, count, which, 1, goal, y))) return active;
+    for (int j = 1; j < count; j++)
+        for (int i = 0; i < j; i++)
+            if (which[0] = i, which[1] = j, (active = pandis__gives(planes, count, which, 2, goal, y))) return active;
+    for (int k = 2; k < count; k++)
+        for (int j = 1; j < k; j++)
+            for (int i = 0; i < j; i++)
+                if (which[0] = i, which[1] = j, which[2] = k, (active = pandis__gives(planes, count, which, 3, goal, y)))
+                    return active;
     int last = count - 1;
     memcpy(y, goal, 3 * sizeof *y);
     double under = pandis__height(planes + last, goal);
@@ -3416,6 +3425,7 @@ static int pandis__nearest_in_front(const pandis__plane *planes, int count, cons
 
 #define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
 #define PANDIS__LEAST_HOVER 2e-6
+#define PANDIS__FARTHEST 2         /* lifts: no point is looked from that is farther away from the place */
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
 #define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
 #define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
@@ -3511,9 +3521,9 @@ static void pandis__drop(pandis__proxy *p, int index) {
 }
 
 /* Forget what the last look shows to be no surface here: planes from which the surface bends away (the new foot is
- * behind them, or, where they meet, not in front of them), those through a place that is free, and those seen from too far
- * away. */
-static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, const double *place, double height) {
+ * behind them, or, where they meet, not in front of them; seen from inside it may be so in any corner), those through a
+ * place that is free, and those seen from too far away. */
+static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
     double stale = PANDIS__STALE * PANDIS__HOVER;
     for (int i = p->count - 1; i >= 0; i--) {
         const pandis__plane *old = p->plane + i;
@@ -3525,7 +3535,7 @@ static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, const do
         double ahead = pandis__dot(old->normal, between);
         int bent = angle < 0.1 ? ahead <= 1e-3 * angle * apart : ahead < -PANDIS__BEHIND;
         int open = height > p->tolerance && pandis__height(old, place) < height / 2;
-        if (same || bent || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
+        if (same || (bent && !inside) || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
     }
 }
 
@@ -3535,45 +3545,50 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    pandis__forget(p, &seen, place, height);
+    for (int i = 0; i < p->count && fabs(look->distance) < PANDIS__BEHIND; i++) /* of so near a face, maybe a fold */
+        if (pandis__dot(p->plane[i].normal, seen.normal) < -PANDIS__ALIKE && pandis__height(p->plane + i, seen.foot) < PANDIS__BEHIND)
+            return;
+    pandis__forget(p, &seen, look->distance < -PANDIS__BEHIND, place, height);
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
     if (p->field->regions || !p->state->regions) p->state->region = look->region; /* else it is asked for once a step */
 }
 
-/* Where to look from, to see whether the proxy can be at a place: as high over all planes near it as `lift`, or between
- * them, where they face each other. */
-static void pandis__lifted(const pandis__proxy *p, const double *place, double lift, double *at) {
-    double lacks[PANDIS__PLANES], up[3] = {0}, share = 0, far = INFINITY;
-    for (int i = 0; i < p->count; i++) {
-        double height = pandis__height(p->plane + i, place);
-        lacks[i] = height < lift ? lift - (height > 0 ? height : 0) : 0;
-        for (int j = 0; j < i; j++) { /* of two that are nearly one, or face each other, the farther does not count */
-            double along = pandis__dot(p->plane[i].normal, p->plane[j].normal);
-            int facing = along <= -0.5 && fmin(lacks[i], lacks[j]) <= (1 - PANDIS__NEAR) * lift;
-            if (facing || along > PANDIS__ALIKE) lacks[lacks[i] < lacks[j] ? i : j] = 0;
-        }
-    }
-    for (int i = 0; i < p->count; i++)
-        for (int k = 0; k < 3; k++) up[k] += lacks[i] * p->plane[i].normal[k];
-    for (int i = 0; i < p->count; i++) { /* planes that are nearly one lift no higher than one does */
-        double lifts = pandis__dot(up, p->plane[i].normal);
-        if (lacks[i] > 0 && lifts > 0) share = fmax(share, fmin(1, lacks[i] / lifts));
-    }
-    double length = share * sqrt(pandis__dot(up, up));
-    for (int i = 0; i < p->count && length > 0; i++) { /* half of the way to a plane that faces it */
-        double height = pandis__height(p->plane + i, place);
-        double along = share * pandis__dot(up, p->plane[i].normal) / length;
-        if (along < 0 && !(lacks[i] > 0) && height >= 0) far = fmin(far, height / (1 - along));
-    }
-    if (length > far) share *= far / length;
-    for (int k = 0; k < 3; k++) at[k] = place[k] + share * up[k];
-}
-
 static double pandis__between(const double *a, const double *b) {
     double off[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
     return sqrt(pandis__dot(off, off));
+}
+
+/* Where to look from, to see whether the proxy can be at a place: the nearest point to it that is `lift` above all planes,
+ * twice as high above those unlike `nearest`, if that is not NULL. Where planes meet at a sharp angle, or face each other,
+ * that would be far away, or nowhere: there it is less high. */
+static void pandis__lifted(const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
+    pandis__plane raised[PANDIS__PLANES];
+    double height = lift;
+    memcpy(at, place, 3 * sizeof *at);
+    if (p->count == 1) {
+        double more = fmax(0, lift - fmax(0, pandis__height(p->plane, place)));
+        for (int k = 0; k < 3; k++) at[k] += more * p->plane[0].normal[k];
+        return;
+    }
+    for (int turn = 0; turn < 12; turn++) {
+        double up[3], lacks = 0;
+        for (int i = 0; i < p->count; i++) {
+            const pandis__plane *plane = p->plane + i;
+            int twice = nearest && pandis__dot(plane->normal, nearest) < PANDIS__ALIKE;
+            raised[i] = *plane;
+            raised[i].offset += (twice ? 2 : 1) * height + fmin(0, pandis__height(plane, place));
+        }
+        pandis__nearest_in_front(raised, p->count, place, up);
+        for (int i = 0; i < p->count; i++) lacks = fmax(lacks, -pandis__height(raised + i, up));
+        double far = pandis__between(up, place), most = PANDIS__FARTHEST * lift;
+        if (lacks < 0.01 * height && far <= most * (1 + 1e-9)) {
+            memcpy(at, up, sizeof up);
+            return;
+        }
+        height *= lacks < 0.01 * height ? fmax(0.3, fmin(0.9, most / far)) : 0.7;
+    }
 }
 
 static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
@@ -3587,16 +3602,53 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
 #define PANDIS__GAP 5e-4     /* between a ball and the place in an edge or a corner from which it is seen */
 #define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
 
+/* Whether a look tells of a wall that is nearer than all planes which are known. */
+static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
+    double least = INFINITY;
+    for (int i = 0; i < p->count; i++) least = fmin(least, pandis__height(p->plane + i, look->at));
+    return p->count && look->distance < least - 0.1 * fabs(least) - PANDIS__BEHIND;
+}
+
+/* Begin the chain of balls anew, from the proxy upwards: each overlaps with the one below it, and the lowest reaches the
+ * proxy but for a sliver. It ends at the height from which it is looked, or where too much of an edge would not be seen
+ * from. 0: no answer; 2: a wall was met that was not known. */
+static int pandis__climb(pandis__proxy *p) {
+    pandis_contact *c = p->state;
+    double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
+    for (int failed = 0; failed < 2 && p->queries < c->budget;) {
+        pandis__look look;
+        pandis__lifted(p, p->x, NULL, lift, at);
+        if (!pandis__look_at(p, at, &look)) return 0;
+        if (p->flat && pandis__unknown(p, &look)) {
+            pandis__learn(p, &look, p->x, 0);
+            return 2;
+        }
+        double away = pandis__between(at, p->x);
+        double gap = reached > 0 ? pandis__between(at, p->ball) - p->ball[3] : away - PANDIS__SLIVER;
+        if (look.free > 0 && gap <= look.free * (1 + 1e-9) && away <= look.free + PANDIS__GAP) {
+            pandis__take_ball(p, &look);
+            if (lift >= c->lift) return 1;
+            /* between planes through the proxy, the next ball that overlaps is larger by so much */
+            double sine = fmin(0.5, look.free / fmax(away, PANDIS__SMALL));
+            reached = lift, lift *= 0.99 * (1 + sine) / (1 - sine);
+        } else {
+            if (!(reached > 0)) return 1;
+            failed++, lift = sqrt(lift * reached);
+        }
+        lift = fmin(lift, c->lift);
+    }
+    if (reached > 0) c->lift = reached;
+    return 1;
+}
+
 /* Take a larger ball, above where the proxy is. 0: no answer. */
 static int pandis__widen(pandis__proxy *p) {
     pandis__look look;
     double at[3];
-    for (double lift = PANDIS__HOVER; p->ball[3] < lift / 4 && lift > PANDIS__LEAST_HOVER; lift /= 4) {
-        pandis__lifted(p, p->x, lift, at);
-        if (!pandis__look_at(p, at, &look)) return 0;
-        /* it reaches the proxy, or nearly so in a corner */
-        if (look.free > p->ball[3] && pandis__between(at, p->x) <= 2 * look.free) pandis__take_ball(p, &look);
-    }
+    pandis__lifted(p, p->x, NULL, PANDIS__HOVER, at);
+    if (!pandis__look_at(p, at, &look)) return 0;
+    if (!(look.free > p->ball[3] && pandis__between(at, p->x) <= look.free + PANDIS__GAP)) return pandis__climb(p);
+    pandis__take_ball(p, &look);
     return 1;
 }
 
@@ -3611,30 +3663,6 @@ static int pandis__regain(pandis__proxy *p) {
     return pandis__widen(p);
 }
 
-/* Begin the chain of balls anew, from the proxy upwards: each overlaps with the one below it, and the lowest reaches the
- * proxy but for a sliver. It is looked from no higher than that chain reaches. 0: no answer. */
-static int pandis__climb(pandis__proxy *p) {
-    pandis_contact *c = p->state;
-    double at[3], lift = PANDIS__SLIVER, reached = 0;
-    for (double more = 3; lift <= PANDIS__HOVER && more > 1.2 && p->queries < c->budget;) {
-        pandis__look look;
-        pandis__lifted(p, p->x, lift, at);
-        if (!pandis__look_at(p, at, &look)) return 0;
-        double gap = reached > 0 ? pandis__between(at, p->ball) - p->ball[3] : pandis__between(at, p->x) - PANDIS__SLIVER;
-        if (look.free > 0 && gap <= look.free * (1 + 1e-9)) {
-            pandis__take_ball(p, &look);
-            reached = lift;
-        } else if (reached > 0) {
-            more = sqrt(more);
-        } else {
-            break;
-        }
-        lift = more * reached;
-    }
-    if (reached > 0) c->lift = reached;
-    return 1;
-}
-
 /* How the proxy may go in a step. */
 typedef struct {
     double travel;           /* along the surface, at most */
@@ -3644,7 +3672,7 @@ typedef struct {
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active, held, stuck, turned, refused, lost, narrow, climbed; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
+    int active, held, stuck, turned, refused, lost, narrow, climbed, confirmed; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
                               * how often another wall was in the way; how often a step
                               * would have led away from the probe; how often a ball did not join the last one, or did
                               * not reach the proxy's place */
@@ -3679,7 +3707,18 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
         return pandis__between(target, p->x);
     }
     if (way->active) {
-        step = pandis__rubbed(p->state, way, step, pandis__between(way->goal, probe));
+        pandis__plane touched[PANDIS__PLANES];
+        double place[3];
+        int count = 0;
+        for (int i = 0; i < p->count; i++)
+            if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) touched[count++] = p->plane[i];
+        if (count < p->count) { /* it rubs only on what it touches */
+            pandis__nearest_in_front(touched, count, probe, place);
+            double far = pandis__between(place, p->x), free = pandis__rubbed(p->state, way, far, pandis__between(place, probe));
+            step = fmin(step, free);
+        } else {
+            step = pandis__rubbed(p->state, way, step, pandis__between(way->goal, probe));
+        }
         if (step > way->travel) step = way->travel, way->held = 1;
     }
     double share = wanted > 0 ? step / wanted : 0;
@@ -3717,37 +3756,60 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
     return 1;
 }
 
+/* Begin with what the surface is where the proxy is; it comes out, where it has sunk in by a sliver. 0: no answer. */
+static int pandis__emerge(pandis__proxy *p) {
+    pandis__look look;
+    if (!pandis__look_at(p, p->x, &look)) return 0;
+    if (p->flat && look.distance < 0 && look.distance > -PANDIS__SLIVER) memcpy(p->x, look.foot, sizeof look.foot);
+    p->count = 0;
+    pandis__learn(p, &look, p->x, 0);
+    return 1;
+}
+
+/* Put the proxy in front of all planes, where it is behind them by a sliver. */
+static void pandis__come_out(pandis__proxy *p) {
+    double place[3], behind = 0;
+    for (int i = 0; i < p->count; i++) behind = fmin(behind, pandis__height(p->plane + i, p->x));
+    if (behind > -PANDIS__BEHIND || behind < -PANDIS__SLIVER) return;
+    pandis__nearest_in_front(p->plane, p->count, p->x, place);
+    if (pandis__between(place, p->x) < PANDIS__FARTHEST * PANDIS__SLIVER) memcpy(p->x, place, sizeof place);
+}
+
 /* Try to bring the proxy to a target. 0: there was no answer. */
 static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     pandis_contact *c = p->state;
     pandis__look look;
     double at[3], place[3], step = pandis__between(target, p->x);
-    double most = way->active ? way->shrink * fmax(1.6 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
+    double most = way->active ? way->shrink * fmax(1.9 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
     if (step > most)
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
     double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
     int closely = !p->flat || c->close; /* at the place itself, not from above */
     if (!closely || over > 0.25 * c->lift) {
-        pandis__lifted(p, target, c->lift, at);
+        pandis__lifted(p, target, NULL, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
         int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
-        if (!joined && way->active && way->lost++ < 2) { /* a wall that is not known, or not any more */
+        if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) { /* a wall that is not known, or not any more */
             double before = 0; /* the ball has to lie in front of it: else it is a wall's other side */
             for (int k = 0; k < 3; k++) before += (p->ball[k] - look.foot[k]) * look.normal[k];
             if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, &look)) return 0;
             pandis__learn(p, &look, p->x, 0);
             return 1;
         }
-        if (!joined && way->active && !way->climbed++) return pandis__climb(p);
-        if (!joined && way->active) way->shrink *= 0.3;
+        int reaches = pandis__between(p->ball, p->x) <= p->ball[3] + PANDIS__GAP;
+        if (!joined && way->active && !(reaches && way->shrink > 0.02) && !way->climbed++) {
+            int climbed = pandis__climb(p);
+            way->climbed = climbed == 1, way->shrink = 1;
+            return climbed;
+        }
+        if (!joined && way->active) way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
         if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
         double gap = pandis__between(target, at) - look.free;
-        if (gap > (closely ? look.free : PANDIS__GAP) && way->narrow++ < 6) { /* another wall is near: between them, and lower in the edge */
-            if (gap < look.free) c->lift = fmax(c->lift * fmax(0.4, PANDIS__GAP / gap), PANDIS__HOVER / 64);
+        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) { /* another wall is near: between them, and lower in the edge */
+            c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
             pandis__learn(p, &look, p->x, 0);
             return 1;
         }
-        if (look.free < 0.5 * c->lift) c->lift = fmax(look.free, PANDIS__HOVER / 64);
         pandis__take_ball(p, &look);
         height = look.free - pandis__between(target, at); /* of the target, at least */
     }
@@ -3755,7 +3817,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         pandis__learn(p, &look, target, height);
         if (!pandis__look_at(p, target, &look)) return 0;
         height = look.distance;
-        if (height > -PANDIS__SLIVER) look.at[0] = (double)NAN; /* nothing new */
+        if (height > (p->flat ? -PANDIS__BEHIND : -PANDIS__SLIVER)) look.at[0] = (double)NAN; /* nothing new */
     }
     if (closely && height < PANDIS__HOVER) {
         if (!pandis__look_at(p, target, &look)) return 0;
@@ -3770,10 +3832,12 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     pandis__nearest_in_front(p->plane, p->count, target, place);
     if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
         pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
-        if (!way->refused++) { /* what is known does not fit: begin with what the surface is where the proxy is */
-            if (!pandis__look_at(p, p->x, &look)) return 0;
-            p->count = 0;
-            pandis__learn(p, &look, p->x, 0);
+        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, with which it goes elsewhere */
+            way->refused++;
+            return 1;
+        }
+        if (way->refused++ < 3) { /* what is known does not fit: begin with what the surface is where the proxy is */
+            if (!pandis__emerge(p)) return 0;
             c->close = 1;
             return 1;
         }
@@ -3790,55 +3854,42 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     return 1;
 }
 
-/* Which way to go from the proxy, so that a plane is nearer than the others beside the proxy: those rise twice as fast.
- * Returns 0 if there is no such way. */
-static int pandis__towards(const pandis__proxy *p, const pandis__plane *plane, double *up) {
-    memcpy(up, plane->normal, 3 * sizeof *up);
-    for (int turn = 0; turn < 3 * PANDIS__PLANES; turn++) {
-        double rise = pandis__dot(plane->normal, up), least = 1.5 * rise;
-        const double *lowest = NULL;
-        for (int j = 0; j < p->count; j++) {
-            const double *normal = p->plane[j].normal;
-            if (pandis__dot(normal, plane->normal) > PANDIS__ALIKE) continue;
-            double other = pandis__dot(normal, up) + fmax(0, pandis__height(p->plane + j, p->x)) / p->state->lift;
-            if (other < least) least = other, lowest = normal;
-        }
-        if (!lowest || !(rise > 0)) break;
-        double more = 2 * rise - pandis__dot(lowest, up);
-        for (int k = 0; k < 3; k++) up[k] += more * lowest[k];
-    }
-    return pandis__dot(plane->normal, up) > 0 && pandis__normalise(up);
-}
-
 /* Look once more at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it was
- * another, -1 if there was no answer. */
-static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane) {
+ * another, -1 if there was no answer; `height` is that of the proxy, at least, where distances tell it. */
+static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
-    double at[3], up[3], cross[3];
-    if (!pandis__towards(p, &held, up)) memcpy(up, held.normal, sizeof up);
-    for (int k = 0; k < 3; k++) at[k] = p->x[k] + p->state->lift * up[k];
+    double at[3], cross[3];
+    pandis__lifted(p, p->x, held.normal, lift, at);
     if (!pandis__look_at(p, at, &look)) return -1;
     pandis__cross(look.normal, held.normal, cross);
     for (int j = 0; j < p->count; j++)
         if (!memcmp(p->plane + j, &held, sizeof held)) pandis__drop(p, j--);
-    double height = p->flat ? look.free - p->state->lift : 0; /* of the proxy, at least */
-    pandis__learn(p, &look, p->x, height);
-    return pandis__dot(cross, cross) > 1e-18 || height > p->tolerance;
+    *height = p->flat ? look.free - pandis__between(at, p->x) : 0;
+    pandis__learn(p, &look, p->x, *height);
+    return pandis__dot(cross, cross) > 1e-18 || *height > p->tolerance;
 }
 
 /* Look again at planes that hold the proxy: where it rests, at all of them, for on a curved surface an old one may be left
- * that is none here; on its way, at those seen from far. Returns how many were others, -1 if there was no answer. */
+ * that is none here, and whether it has sunk in, where a wall is not known; on its way, at those seen from far. Returns how
+ * many were others, -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
+    double height = -1, most = -1;
     int count = p->count, changed = 0;
     memcpy(held, p->plane, sizeof held);
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
         if (!(way->active >> i & 1) || !(rests || distant)) continue;
-        int other = pandis__look_again(p, held + i);
+        /* on its way from so near that the foot is no distant one again */
+        int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
-        changed += rests ? other : 1;
+        changed += rests ? other : 1, most = fmax(most, height);
+    }
+    if (rests && !changed && most < -PANDIS__BEHIND) {
+        pandis__look look;
+        if (!pandis__look_at(p, p->x, &look)) return -1;
+        if (look.distance < -PANDIS__BEHIND) changed = 1, pandis__learn(p, &look, p->x, look.distance);
     }
     return changed;
 }
@@ -3851,15 +3902,16 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
         memcpy(p->x, probe, 3 * sizeof *probe);
         return 1;
     }
-    if (c->state == PANDIS__TOUCHES && p->ball[3] < PANDIS__HOVER / 16 && !pandis__widen(p)) return 0;
+    if (c->state == PANDIS__TOUCHES && p->ball[3] < c->lift / 16 && !pandis__widen(p)) return 0;
     /* queries after which a small rest waits for the next step: more of them if the last steps came no further */
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     /* each turn asks the field, or ends the step; that none does neither is made sure of */
     for (int turn = 0; turn < 4 * c->budget; turn++) {
+        if (p->flat) pandis__come_out(p);
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
-            if (!way->active || way->held || c->sticks || c->settled > 8 || p->queries + 3 > c->budget) return 1;
+            if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->budget) return 1;
             c->stalled = 0;
             int changed = pandis__confirm(p, way, 1);
             if (changed < 0) return 0;
@@ -3871,7 +3923,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
             return 1;
         }
-        int distant = way->active && !way->arriving && p->count > 1 ? pandis__confirm(p, way, 0) : 0;
+        int distant = way->active && !way->arriving && p->count > 1 && way->confirmed++ < 6 ? pandis__confirm(p, way, 0) : 0;
         if (distant < 0) return 0;
         if (distant) continue;
         if (!pandis__hop(p, way, probe, target)) return 0;
@@ -4001,17 +4053,19 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
-    pandis__proxy p = {contact, f, contact->radius * per - contact->sunk, 1e-11, 1, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
+    pandis__proxy p; /* but for planes that are not there */
+    p.state = contact, p.field = f, p.radius = contact->radius * per - contact->sunk, p.tolerance = 1e-11;
+    p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !contact->texture;
     if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
     p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
-    memcpy(p.plane, contact->plane, sizeof contact->plane);
-    contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
+    memcpy(p.plane, contact->plane, (size_t)p.count * sizeof *p.plane);
+    if (!contact->stalled) contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
 
     double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
     double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
@@ -4024,7 +4078,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
         return touch->flag;
     }
     if (!answered) return touch->flag = PANDIS_INVALID;
-    contact->planes = p.count < 3 ? p.count : 3;
+    contact->planes = p.count < PANDIS__KEPT ? p.count : PANDIS__KEPT;
     memcpy(contact->plane, p.plane + (p.count - contact->planes), (size_t)contact->planes * sizeof *p.plane);
     int active = way.active;
     contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;

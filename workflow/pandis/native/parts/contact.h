@@ -118,17 +118,19 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
-    pandis__proxy p = {contact, f, contact->radius * per - contact->sunk, 1e-11, 1, 1, 0, PANDIS_OK, 0, {{{0}, 0, {0}}}, NULL, NULL};
+    pandis__proxy p; /* but for planes that are not there */
+    p.state = contact, p.field = f, p.radius = contact->radius * per - contact->sunk, p.tolerance = 1e-11;
+    p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !contact->texture;
     if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
     p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
-    memcpy(p.plane, contact->plane, sizeof contact->plane);
-    contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
+    memcpy(p.plane, contact->plane, (size_t)p.count * sizeof *p.plane);
+    if (!contact->stalled) contact->lift = fmin(PANDIS__HOVER, 1.5 * contact->lift);
 
     double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
     double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
@@ -141,7 +143,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
         return touch->flag;
     }
     if (!answered) return touch->flag = PANDIS_INVALID;
-    contact->planes = p.count < 3 ? p.count : 3;
+    contact->planes = p.count < PANDIS__KEPT ? p.count : PANDIS__KEPT;
     memcpy(contact->plane, p.plane + (p.count - contact->planes), (size_t)contact->planes * sizeof *p.plane);
     int active = way.active;
     contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;

@@ -5,16 +5,53 @@
 #define PANDIS__GAP 5e-4     /* between a ball and the place in an edge or a corner from which it is seen */
 #define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
 
+/* Whether a look tells of a wall that is nearer than all planes which are known. */
+static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
+    double least = INFINITY;
+    for (int i = 0; i < p->count; i++) least = fmin(least, pandis__height(p->plane + i, look->at));
+    return p->count && look->distance < least - 0.1 * fabs(least) - PANDIS__BEHIND;
+}
+
+/* Begin the chain of balls anew, from the proxy upwards: each overlaps with the one below it, and the lowest reaches the
+ * proxy but for a sliver. It ends at the height from which it is looked, or where too much of an edge would not be seen
+ * from. 0: no answer; 2: a wall was met that was not known. */
+static int pandis__climb(pandis__proxy *p) {
+    pandis_contact *c = p->state;
+    double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
+    for (int failed = 0; failed < 2 && p->queries < c->budget;) {
+        pandis__look look;
+        pandis__lifted(p, p->x, NULL, lift, at);
+        if (!pandis__look_at(p, at, &look)) return 0;
+        if (p->flat && pandis__unknown(p, &look)) {
+            pandis__learn(p, &look, p->x, 0);
+            return 2;
+        }
+        double away = pandis__between(at, p->x);
+        double gap = reached > 0 ? pandis__between(at, p->ball) - p->ball[3] : away - PANDIS__SLIVER;
+        if (look.free > 0 && gap <= look.free * (1 + 1e-9) && away <= look.free + PANDIS__GAP) {
+            pandis__take_ball(p, &look);
+            if (lift >= c->lift) return 1;
+            /* between planes through the proxy, the next ball that overlaps is larger by so much */
+            double sine = fmin(0.5, look.free / fmax(away, PANDIS__SMALL));
+            reached = lift, lift *= 0.99 * (1 + sine) / (1 - sine);
+        } else {
+            if (!(reached > 0)) return 1;
+            failed++, lift = sqrt(lift * reached);
+        }
+        lift = fmin(lift, c->lift);
+    }
+    if (reached > 0) c->lift = reached;
+    return 1;
+}
+
 /* Take a larger ball, above where the proxy is. 0: no answer. */
 static int pandis__widen(pandis__proxy *p) {
     pandis__look look;
     double at[3];
-    for (double lift = PANDIS__HOVER; p->ball[3] < lift / 4 && lift > PANDIS__LEAST_HOVER; lift /= 4) {
-        pandis__lifted(p, p->x, lift, at);
-        if (!pandis__look_at(p, at, &look)) return 0;
-        /* it reaches the proxy, or nearly so in a corner */
-        if (look.free > p->ball[3] && pandis__between(at, p->x) <= 2 * look.free) pandis__take_ball(p, &look);
-    }
+    pandis__lifted(p, p->x, NULL, PANDIS__HOVER, at);
+    if (!pandis__look_at(p, at, &look)) return 0;
+    if (!(look.free > p->ball[3] && pandis__between(at, p->x) <= look.free + PANDIS__GAP)) return pandis__climb(p);
+    pandis__take_ball(p, &look);
     return 1;
 }
 
@@ -29,30 +66,6 @@ static int pandis__regain(pandis__proxy *p) {
     return pandis__widen(p);
 }
 
-/* Begin the chain of balls anew, from the proxy upwards: each overlaps with the one below it, and the lowest reaches the
- * proxy but for a sliver. It is looked from no higher than that chain reaches. 0: no answer. */
-static int pandis__climb(pandis__proxy *p) {
-    pandis_contact *c = p->state;
-    double at[3], lift = PANDIS__SLIVER, reached = 0;
-    for (double more = 3; lift <= PANDIS__HOVER && more > 1.2 && p->queries < c->budget;) {
-        pandis__look look;
-        pandis__lifted(p, p->x, lift, at);
-        if (!pandis__look_at(p, at, &look)) return 0;
-        double gap = reached > 0 ? pandis__between(at, p->ball) - p->ball[3] : pandis__between(at, p->x) - PANDIS__SLIVER;
-        if (look.free > 0 && gap <= look.free * (1 + 1e-9)) {
-            pandis__take_ball(p, &look);
-            reached = lift;
-        } else if (reached > 0) {
-            more = sqrt(more);
-        } else {
-            break;
-        }
-        lift = more * reached;
-    }
-    if (reached > 0) c->lift = reached;
-    return 1;
-}
-
 /* How the proxy may go in a step. */
 typedef struct {
     double travel;           /* along the surface, at most */
@@ -62,7 +75,7 @@ typedef struct {
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active, held, stuck, turned, refused, lost, narrow, climbed; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
+    int active, held, stuck, turned, refused, lost, narrow, climbed, confirmed; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
                               * how often another wall was in the way; how often a step
                               * would have led away from the probe; how often a ball did not join the last one, or did
                               * not reach the proxy's place */
@@ -97,7 +110,18 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
         return pandis__between(target, p->x);
     }
     if (way->active) {
-        step = pandis__rubbed(p->state, way, step, pandis__between(way->goal, probe));
+        pandis__plane touched[PANDIS__PLANES];
+        double place[3];
+        int count = 0;
+        for (int i = 0; i < p->count; i++)
+            if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) touched[count++] = p->plane[i];
+        if (count < p->count) { /* it rubs only on what it touches */
+            pandis__nearest_in_front(touched, count, probe, place);
+            double far = pandis__between(place, p->x), free = pandis__rubbed(p->state, way, far, pandis__between(place, probe));
+            step = fmin(step, free);
+        } else {
+            step = pandis__rubbed(p->state, way, step, pandis__between(way->goal, probe));
+        }
         if (step > way->travel) step = way->travel, way->held = 1;
     }
     double share = wanted > 0 ? step / wanted : 0;
@@ -135,37 +159,60 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
     return 1;
 }
 
+/* Begin with what the surface is where the proxy is; it comes out, where it has sunk in by a sliver. 0: no answer. */
+static int pandis__emerge(pandis__proxy *p) {
+    pandis__look look;
+    if (!pandis__look_at(p, p->x, &look)) return 0;
+    if (p->flat && look.distance < 0 && look.distance > -PANDIS__SLIVER) memcpy(p->x, look.foot, sizeof look.foot);
+    p->count = 0;
+    pandis__learn(p, &look, p->x, 0);
+    return 1;
+}
+
+/* Put the proxy in front of all planes, where it is behind them by a sliver. */
+static void pandis__come_out(pandis__proxy *p) {
+    double place[3], behind = 0;
+    for (int i = 0; i < p->count; i++) behind = fmin(behind, pandis__height(p->plane + i, p->x));
+    if (behind > -PANDIS__BEHIND || behind < -PANDIS__SLIVER) return;
+    pandis__nearest_in_front(p->plane, p->count, p->x, place);
+    if (pandis__between(place, p->x) < PANDIS__FARTHEST * PANDIS__SLIVER) memcpy(p->x, place, sizeof place);
+}
+
 /* Try to bring the proxy to a target. 0: there was no answer. */
 static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     pandis_contact *c = p->state;
     pandis__look look;
     double at[3], place[3], step = pandis__between(target, p->x);
-    double most = way->active ? way->shrink * fmax(1.6 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
+    double most = way->active ? way->shrink * fmax(1.9 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
     if (step > most)
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
     double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
     int closely = !p->flat || c->close; /* at the place itself, not from above */
     if (!closely || over > 0.25 * c->lift) {
-        pandis__lifted(p, target, c->lift, at);
+        pandis__lifted(p, target, NULL, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
         int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
-        if (!joined && way->active && way->lost++ < 2) { /* a wall that is not known, or not any more */
+        if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) { /* a wall that is not known, or not any more */
             double before = 0; /* the ball has to lie in front of it: else it is a wall's other side */
             for (int k = 0; k < 3; k++) before += (p->ball[k] - look.foot[k]) * look.normal[k];
             if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, &look)) return 0;
             pandis__learn(p, &look, p->x, 0);
             return 1;
         }
-        if (!joined && way->active && !way->climbed++) return pandis__climb(p);
-        if (!joined && way->active) way->shrink *= 0.3;
+        int reaches = pandis__between(p->ball, p->x) <= p->ball[3] + PANDIS__GAP;
+        if (!joined && way->active && !(reaches && way->shrink > 0.02) && !way->climbed++) {
+            int climbed = pandis__climb(p);
+            way->climbed = climbed == 1, way->shrink = 1;
+            return climbed;
+        }
+        if (!joined && way->active) way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
         if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
         double gap = pandis__between(target, at) - look.free;
-        if (gap > (closely ? look.free : PANDIS__GAP) && way->narrow++ < 6) { /* another wall is near: between them, and lower in the edge */
-            if (gap < look.free) c->lift = fmax(c->lift * fmax(0.4, PANDIS__GAP / gap), PANDIS__HOVER / 64);
+        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) { /* another wall is near: between them, and lower in the edge */
+            c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
             pandis__learn(p, &look, p->x, 0);
             return 1;
         }
-        if (look.free < 0.5 * c->lift) c->lift = fmax(look.free, PANDIS__HOVER / 64);
         pandis__take_ball(p, &look);
         height = look.free - pandis__between(target, at); /* of the target, at least */
     }
@@ -173,7 +220,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         pandis__learn(p, &look, target, height);
         if (!pandis__look_at(p, target, &look)) return 0;
         height = look.distance;
-        if (height > -PANDIS__SLIVER) look.at[0] = (double)NAN; /* nothing new */
+        if (height > (p->flat ? -PANDIS__BEHIND : -PANDIS__SLIVER)) look.at[0] = (double)NAN; /* nothing new */
     }
     if (closely && height < PANDIS__HOVER) {
         if (!pandis__look_at(p, target, &look)) return 0;
@@ -188,10 +235,12 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     pandis__nearest_in_front(p->plane, p->count, target, place);
     if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
         pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
-        if (!way->refused++) { /* what is known does not fit: begin with what the surface is where the proxy is */
-            if (!pandis__look_at(p, p->x, &look)) return 0;
-            p->count = 0;
-            pandis__learn(p, &look, p->x, 0);
+        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, with which it goes elsewhere */
+            way->refused++;
+            return 1;
+        }
+        if (way->refused++ < 3) { /* what is known does not fit: begin with what the surface is where the proxy is */
+            if (!pandis__emerge(p)) return 0;
             c->close = 1;
             return 1;
         }
@@ -208,55 +257,42 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     return 1;
 }
 
-/* Which way to go from the proxy, so that a plane is nearer than the others beside the proxy: those rise twice as fast.
- * Returns 0 if there is no such way. */
-static int pandis__towards(const pandis__proxy *p, const pandis__plane *plane, double *up) {
-    memcpy(up, plane->normal, 3 * sizeof *up);
-    for (int turn = 0; turn < 3 * PANDIS__PLANES; turn++) {
-        double rise = pandis__dot(plane->normal, up), least = 1.5 * rise;
-        const double *lowest = NULL;
-        for (int j = 0; j < p->count; j++) {
-            const double *normal = p->plane[j].normal;
-            if (pandis__dot(normal, plane->normal) > PANDIS__ALIKE) continue;
-            double other = pandis__dot(normal, up) + fmax(0, pandis__height(p->plane + j, p->x)) / p->state->lift;
-            if (other < least) least = other, lowest = normal;
-        }
-        if (!lowest || !(rise > 0)) break;
-        double more = 2 * rise - pandis__dot(lowest, up);
-        for (int k = 0; k < 3; k++) up[k] += more * lowest[k];
-    }
-    return pandis__dot(plane->normal, up) > 0 && pandis__normalise(up);
-}
-
 /* Look once more at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it was
- * another, -1 if there was no answer. */
-static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane) {
+ * another, -1 if there was no answer; `height` is that of the proxy, at least, where distances tell it. */
+static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
-    double at[3], up[3], cross[3];
-    if (!pandis__towards(p, &held, up)) memcpy(up, held.normal, sizeof up);
-    for (int k = 0; k < 3; k++) at[k] = p->x[k] + p->state->lift * up[k];
+    double at[3], cross[3];
+    pandis__lifted(p, p->x, held.normal, lift, at);
     if (!pandis__look_at(p, at, &look)) return -1;
     pandis__cross(look.normal, held.normal, cross);
     for (int j = 0; j < p->count; j++)
         if (!memcmp(p->plane + j, &held, sizeof held)) pandis__drop(p, j--);
-    double height = p->flat ? look.free - p->state->lift : 0; /* of the proxy, at least */
-    pandis__learn(p, &look, p->x, height);
-    return pandis__dot(cross, cross) > 1e-18 || height > p->tolerance;
+    *height = p->flat ? look.free - pandis__between(at, p->x) : 0;
+    pandis__learn(p, &look, p->x, *height);
+    return pandis__dot(cross, cross) > 1e-18 || *height > p->tolerance;
 }
 
 /* Look again at planes that hold the proxy: where it rests, at all of them, for on a curved surface an old one may be left
- * that is none here; on its way, at those seen from far. Returns how many were others, -1 if there was no answer. */
+ * that is none here, and whether it has sunk in, where a wall is not known; on its way, at those seen from far. Returns how
+ * many were others, -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
+    double height = -1, most = -1;
     int count = p->count, changed = 0;
     memcpy(held, p->plane, sizeof held);
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
         if (!(way->active >> i & 1) || !(rests || distant)) continue;
-        int other = pandis__look_again(p, held + i);
+        /* on its way from so near that the foot is no distant one again */
+        int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
-        changed += rests ? other : 1;
+        changed += rests ? other : 1, most = fmax(most, height);
+    }
+    if (rests && !changed && most < -PANDIS__BEHIND) {
+        pandis__look look;
+        if (!pandis__look_at(p, p->x, &look)) return -1;
+        if (look.distance < -PANDIS__BEHIND) changed = 1, pandis__learn(p, &look, p->x, look.distance);
     }
     return changed;
 }
@@ -269,15 +305,16 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
         memcpy(p->x, probe, 3 * sizeof *probe);
         return 1;
     }
-    if (c->state == PANDIS__TOUCHES && p->ball[3] < PANDIS__HOVER / 16 && !pandis__widen(p)) return 0;
+    if (c->state == PANDIS__TOUCHES && p->ball[3] < c->lift / 16 && !pandis__widen(p)) return 0;
     /* queries after which a small rest waits for the next step: more of them if the last steps came no further */
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     /* each turn asks the field, or ends the step; that none does neither is made sure of */
     for (int turn = 0; turn < 4 * c->budget; turn++) {
+        if (p->flat) pandis__come_out(p);
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
-            if (!way->active || way->held || c->sticks || c->settled > 8 || p->queries + 3 > c->budget) return 1;
+            if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->budget) return 1;
             c->stalled = 0;
             int changed = pandis__confirm(p, way, 1);
             if (changed < 0) return 0;
@@ -289,7 +326,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
             return 1;
         }
-        int distant = way->active && !way->arriving && p->count > 1 ? pandis__confirm(p, way, 0) : 0;
+        int distant = way->active && !way->arriving && p->count > 1 && way->confirmed++ < 6 ? pandis__confirm(p, way, 0) : 0;
         if (distant < 0) return 0;
         if (distant) continue;
         if (!pandis__hop(p, way, probe, target)) return 0;

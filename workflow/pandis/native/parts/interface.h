@@ -178,7 +178,7 @@ typedef struct {
     /* the state, in the object's unit frame */
     int32_t state, planes, sticks, settled, close, stalled, face, region;
     pandis_object object; /* as it lay in the last step */
-    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[3][7];
+    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
 } pandis_contact;
 
 /* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the

@@ -1,6 +1,7 @@
 /* ---------------------------------------------------------------- planes that a proxy touches */
 
-#define PANDIS__PLANES 4 /* three that are kept, and the one of the last look */
+#define PANDIS__KEPT 8   /* planes from step to step: all walls of a corner, for which three hold the proxy changes with the probe */
+#define PANDIS__PLANES 9 /* and the one of the last look */
 
 /* A piece of the surface near a proxy, taken as flat: what is free lies where normal . x >= offset (unit frame). */
 typedef struct {
@@ -43,25 +44,33 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
+/* Whether a set of planes, by their bits, gives the point: all others lie behind it. */
+static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *goal, double *y) {
+    int active = 0;
+    if (!pandis__onto(planes, which, size, goal, y)) return 0;
+    for (int i = 0; i < size; i++) active |= 1 << which[i];
+    for (int i = 0; i < count; i++)
+        if (!(active >> i & 1) && pandis__height(planes + i, y) < -1e-13) return 0;
+    return active;
+}
+
 /* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. With planes
  * that nothing satisfies together, the last one, which was looked at last, decides. */
 static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
-    static const int sets[14][4] = {{1, 0}, {1, 1}, {1, 2}, {1, 3}, {2, 0, 1}, {2, 0, 2}, {2, 1, 2}, {2, 0, 3},
-                                    {2, 1, 3}, {2, 2, 3}, {3, 0, 1, 2}, {3, 0, 1, 3}, {3, 0, 2, 3}, {3, 1, 2, 3}};
-    double slack = 1e-13;
-    int behind = 0;
+    int which[3], active = 0, behind = 0;
     for (int i = 0; i < count; i++) behind |= pandis__height(planes + i, goal) < 0;
     memcpy(y, goal, 3 * sizeof *y);
     if (!behind) return 0;
-    for (int s = 0; s < 14; s++) {
-        const int *which = sets[s] + 1;
-        int active = 0, good = 1;
-        for (int i = 0; i < sets[s][0]; i++) good &= which[i] < count, active |= 1 << which[i];
-        if (!good || !pandis__onto(planes, which, sets[s][0], goal, y)) continue;
-        for (int i = 0; good && i < count; i++)
-            good = active >> i & 1 || pandis__height(planes + i, y) >= -slack;
-        if (good) return active;
-    }
+    for (int i = 0; i < count; i++)
+        if (which[0] = i, (active = pandis__gives(planes, count, which, 1, goal, y))) return active;
+    for (int j = 1; j < count; j++)
+        for (int i = 0; i < j; i++)
+            if (which[0] = i, which[1] = j, (active = pandis__gives(planes, count, which, 2, goal, y))) return active;
+    for (int k = 2; k < count; k++)
+        for (int j = 1; j < k; j++)
+            for (int i = 0; i < j; i++)
+                if (which[0] = i, which[1] = j, which[2] = k, (active = pandis__gives(planes, count, which, 3, goal, y)))
+                    return active;
     int last = count - 1;
     memcpy(y, goal, 3 * sizeof *y);
     double under = pandis__height(planes + last, goal);

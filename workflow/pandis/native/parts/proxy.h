@@ -7,6 +7,7 @@
 
 #define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
 #define PANDIS__LEAST_HOVER 2e-6
+#define PANDIS__FARTHEST 2         /* lifts: no point is looked from that is farther away from the place */
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
 #define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
 #define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
@@ -102,9 +103,9 @@ static void pandis__drop(pandis__proxy *p, int index) {
 }
 
 /* Forget what the last look shows to be no surface here: planes from which the surface bends away (the new foot is
- * behind them, or, where they meet, not in front of them), those through a place that is free, and those seen from too far
- * away. */
-static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, const double *place, double height) {
+ * behind them, or, where they meet, not in front of them; seen from inside it may be so in any corner), those through a
+ * place that is free, and those seen from too far away. */
+static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
     double stale = PANDIS__STALE * PANDIS__HOVER;
     for (int i = p->count - 1; i >= 0; i--) {
         const pandis__plane *old = p->plane + i;
@@ -116,7 +117,7 @@ static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, const do
         double ahead = pandis__dot(old->normal, between);
         int bent = angle < 0.1 ? ahead <= 1e-3 * angle * apart : ahead < -PANDIS__BEHIND;
         int open = height > p->tolerance && pandis__height(old, place) < height / 2;
-        if (same || bent || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
+        if (same || (bent && !inside) || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
     }
 }
 
@@ -126,45 +127,50 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    pandis__forget(p, &seen, place, height);
+    for (int i = 0; i < p->count && fabs(look->distance) < PANDIS__BEHIND; i++) /* of so near a face, maybe a fold */
+        if (pandis__dot(p->plane[i].normal, seen.normal) < -PANDIS__ALIKE && pandis__height(p->plane + i, seen.foot) < PANDIS__BEHIND)
+            return;
+    pandis__forget(p, &seen, look->distance < -PANDIS__BEHIND, place, height);
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
     if (p->field->regions || !p->state->regions) p->state->region = look->region; /* else it is asked for once a step */
 }
 
-/* Where to look from, to see whether the proxy can be at a place: as high over all planes near it as `lift`, or between
- * them, where they face each other. */
-static void pandis__lifted(const pandis__proxy *p, const double *place, double lift, double *at) {
-    double lacks[PANDIS__PLANES], up[3] = {0}, share = 0, far = INFINITY;
-    for (int i = 0; i < p->count; i++) {
-        double height = pandis__height(p->plane + i, place);
-        lacks[i] = height < lift ? lift - (height > 0 ? height : 0) : 0;
-        for (int j = 0; j < i; j++) { /* of two that are nearly one, or face each other, the farther does not count */
-            double along = pandis__dot(p->plane[i].normal, p->plane[j].normal);
-            int facing = along <= -0.5 && fmin(lacks[i], lacks[j]) <= (1 - PANDIS__NEAR) * lift;
-            if (facing || along > PANDIS__ALIKE) lacks[lacks[i] < lacks[j] ? i : j] = 0;
-        }
-    }
-    for (int i = 0; i < p->count; i++)
-        for (int k = 0; k < 3; k++) up[k] += lacks[i] * p->plane[i].normal[k];
-    for (int i = 0; i < p->count; i++) { /* planes that are nearly one lift no higher than one does */
-        double lifts = pandis__dot(up, p->plane[i].normal);
-        if (lacks[i] > 0 && lifts > 0) share = fmax(share, fmin(1, lacks[i] / lifts));
-    }
-    double length = share * sqrt(pandis__dot(up, up));
-    for (int i = 0; i < p->count && length > 0; i++) { /* half of the way to a plane that faces it */
-        double height = pandis__height(p->plane + i, place);
-        double along = share * pandis__dot(up, p->plane[i].normal) / length;
-        if (along < 0 && !(lacks[i] > 0) && height >= 0) far = fmin(far, height / (1 - along));
-    }
-    if (length > far) share *= far / length;
-    for (int k = 0; k < 3; k++) at[k] = place[k] + share * up[k];
-}
-
 static double pandis__between(const double *a, const double *b) {
     double off[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
     return sqrt(pandis__dot(off, off));
+}
+
+/* Where to look from, to see whether the proxy can be at a place: the nearest point to it that is `lift` above all planes,
+ * twice as high above those unlike `nearest`, if that is not NULL. Where planes meet at a sharp angle, or face each other,
+ * that would be far away, or nowhere: there it is less high. */
+static void pandis__lifted(const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
+    pandis__plane raised[PANDIS__PLANES];
+    double height = lift;
+    memcpy(at, place, 3 * sizeof *at);
+    if (p->count == 1) {
+        double more = fmax(0, lift - fmax(0, pandis__height(p->plane, place)));
+        for (int k = 0; k < 3; k++) at[k] += more * p->plane[0].normal[k];
+        return;
+    }
+    for (int turn = 0; turn < 12; turn++) {
+        double up[3], lacks = 0;
+        for (int i = 0; i < p->count; i++) {
+            const pandis__plane *plane = p->plane + i;
+            int twice = nearest && pandis__dot(plane->normal, nearest) < PANDIS__ALIKE;
+            raised[i] = *plane;
+            raised[i].offset += (twice ? 2 : 1) * height + fmin(0, pandis__height(plane, place));
+        }
+        pandis__nearest_in_front(raised, p->count, place, up);
+        for (int i = 0; i < p->count; i++) lacks = fmax(lacks, -pandis__height(raised + i, up));
+        double far = pandis__between(up, place), most = PANDIS__FARTHEST * lift;
+        if (lacks < 0.01 * height && far <= most * (1 + 1e-9)) {
+            memcpy(at, up, sizeof up);
+            return;
+        }
+        height *= lacks < 0.01 * height ? fmax(0.3, fmin(0.9, most / far)) : 0.7;
+    }
 }
 
 static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
