@@ -124,20 +124,21 @@ def walk(distance, places, goals, radii, step, rounds=600):
     places, goals : ndarray, shape (n, 3)
     radii : ndarray, shape (n,)
     step : float
-        The first step; one that leads no nearer is halved.
+        The longest step; the first is a twentieth of it, and one that leads no nearer is halved.
     rounds : int
 
     Returns
     -------
     ends : ndarray, shape (n, 3)
     gains : ndarray, shape (n,)
-        Of the way's beginning, two steps and a half, how much nearer it leads for its length: the
-        sine of the angle between the pull and what the surface can hold without friction.
+        How much nearer the way leads for its length, of the first step or of the first two and a
+        half, whichever is less: the sine of the angle between the pull and what the surface can
+        hold without friction. (The first may lead into a groove, the others around an edge.)
     """
     at, goals = np.array(places, float), np.asarray(goals, float)
-    steps = np.full(len(at), float(step))
+    steps = np.full(len(at), 0.05 * step)
     begun = np.linalg.norm(goals - at, axis=1)
-    gains, gone = np.zeros(len(at)), np.zeros(len(at))
+    gains, gone, first = np.zeros(len(at)), np.zeros(len(at)), np.full(len(at), np.nan)
     for _ in range(rounds):
         busy = np.flatnonzero(steps > 1e-3 * step)
         if not len(busy):
@@ -151,8 +152,11 @@ def walk(distance, places, goals, radii, step, rounds=600):
         way = np.linalg.norm(to - here, axis=1)
         good = free & (nearer > 1e-4 * steps[busy]) & (way < 3 * steps[busy])
         at[busy[good]] = to[good]
+        new = good & np.isnan(first[busy])
+        first[busy[new]] = nearer[new] / way[new]
         early = good & (gone[busy] < 2.5 * step)
         gone[busy[early]] += way[early]
         gains[busy[early]] = (begun[busy[early]] - (left - nearer)[early]) / gone[busy[early]]
         steps[busy[~good]] /= 2
-    return at, gains
+        steps[busy[good]] = np.minimum(1.5 * steps[busy[good]], step)
+    return at, np.fmin(gains, first)

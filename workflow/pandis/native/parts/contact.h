@@ -120,6 +120,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     contact->object = *object;
     pandis__proxy p; /* but for planes that are not there */
     p.state = contact, p.field = f, p.radius = contact->radius * per - contact->sunk, p.tolerance = 1e-11;
+    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* of its lattice: where that folds faces */
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !contact->texture;

@@ -3,13 +3,14 @@
 #define PANDIS__SMALL 1e-13  /* of the unit frame: no way at all */
 #define PANDIS__ABOVE 4e-6   /* so high over a plane it is not yet there */
 #define PANDIS__GAP 5e-4     /* between a ball and the place in an edge or a corner from which it is seen */
+#define PANDIS__ASIDE 1e-3   /* lifts: so far beside it is looked again */
 #define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
 
 /* Whether a look tells of a wall that is nearer than all planes which are known. */
 static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
     double least = INFINITY;
     for (int i = 0; i < p->count; i++) least = fmin(least, pandis__height(p->plane + i, look->at));
-    return p->count && look->distance < least - 0.1 * fabs(least) - PANDIS__BEHIND;
+    return p->count && look->distance < least - 0.1 * fabs(least) - p->blur;
 }
 
 /* Begin the chain of balls anew, from the proxy upwards: each overlaps with the one below it, and the lowest reaches the
@@ -169,11 +170,16 @@ static int pandis__emerge(pandis__proxy *p) {
     return 1;
 }
 
-/* Put the proxy in front of all planes, where it is behind them by a sliver. */
+/* Put the proxy in front of all planes, where it is behind them by a sliver. Those behind which it is by more are none of
+ * the surface here, for it is free: they lie beyond an edge. */
 static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
-    for (int i = 0; i < p->count; i++) behind = fmin(behind, pandis__height(p->plane + i, p->x));
-    if (behind > -PANDIS__BEHIND || behind < -PANDIS__SLIVER) return;
+    for (int i = p->count - 1; i >= 0; i--) {
+        double height = pandis__height(p->plane + i, p->x);
+        if (height < -PANDIS__SLIVER) pandis__drop(p, i);
+        else behind = fmin(behind, height);
+    }
+    if (behind > -p->blur) return;
     pandis__nearest_in_front(p->plane, p->count, p->x, place);
     if (pandis__between(place, p->x) < PANDIS__FARTHEST * PANDIS__SLIVER) memcpy(p->x, place, sizeof place);
 }
@@ -181,14 +187,15 @@ static void pandis__come_out(pandis__proxy *p) {
 /* Try to bring the proxy to a target. 0: there was no answer. */
 static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     pandis_contact *c = p->state;
-    pandis__look look;
+    pandis__look look, near;
     double at[3], place[3], step = pandis__between(target, p->x);
     double most = way->active ? way->shrink * fmax(1.9 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
     if (step > most)
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + most / step * (target[k] - p->x[k]);
     double over = pandis__between(target, p->ball) - p->ball[3], height = 0;
     int closely = !p->flat || c->close; /* at the place itself, not from above */
-    if (!closely || over > 0.25 * c->lift) {
+    int looked = !closely || over > 0.25 * c->lift;
+    if (looked) {
         pandis__lifted(p, target, NULL, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
         int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
@@ -218,18 +225,20 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     }
     if (!closely && height < -PANDIS__SLIVER) { /* in an edge: the ball does not reach into it */
         pandis__learn(p, &look, target, height);
-        if (!pandis__look_at(p, target, &look)) return 0;
-        height = look.distance;
-        if (height > (p->flat ? -PANDIS__BEHIND : -PANDIS__SLIVER)) look.at[0] = (double)NAN; /* nothing new */
+        if (!pandis__look_at(p, target, &near)) return 0;
+        height = near.distance;
+        if (fabs(height) > p->blur) look = near; /* at the surface itself a normal may be of an edge, or a fold */
+        if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN; /* nothing new */
     }
     if (closely && height < PANDIS__HOVER) {
-        if (!pandis__look_at(p, target, &look)) return 0;
-        if (look.distance < -PANDIS__HOVER) { /* not what was expected there */
+        if (!pandis__look_at(p, target, &near)) return 0;
+        if (near.distance < -PANDIS__HOVER) { /* not what was expected there */
             way->shrink *= 0.3;
             return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, target, target);
         }
-        if (look.free > p->ball[3]) pandis__take_ball(p, &look);
-        height = look.distance;
+        if (near.free > p->ball[3]) pandis__take_ball(p, &near);
+        height = near.distance;
+        if (!p->flat || !looked || fabs(height) > p->blur) look = near;
     }
     if (look.at[0] == look.at[0]) pandis__learn(p, &look, target, height);
     pandis__nearest_in_front(p->plane, p->count, target, place);
@@ -264,6 +273,9 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, doub
     pandis__look look;
     double at[3], cross[3];
     pandis__lifted(p, p->x, held.normal, lift, at);
+    /* a little aside: on a ridge between faces every plane that touches it would be its own proof */
+    if (p->field->kind != PANDIS_SHAPE && p->flat)
+        for (int k = 0; k < 3; k++) at[k] += PANDIS__ASIDE * lift * (held.normal[(k + 1) % 3] - held.normal[(k + 2) % 3]);
     if (!pandis__look_at(p, at, &look)) return -1;
     pandis__cross(look.normal, held.normal, cross);
     for (int j = 0; j < p->count; j++)
@@ -289,10 +301,10 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
         if (other < 0) return -1;
         changed += rests ? other : 1, most = fmax(most, height);
     }
-    if (rests && !changed && most < -PANDIS__BEHIND) {
+    if (rests && !changed && most < -p->blur) {
         pandis__look look;
         if (!pandis__look_at(p, p->x, &look)) return -1;
-        if (look.distance < -PANDIS__BEHIND) changed = 1, pandis__learn(p, &look, p->x, look.distance);
+        if (look.distance < -p->blur) changed = 1, pandis__learn(p, &look, p->x, look.distance);
     }
     return changed;
 }

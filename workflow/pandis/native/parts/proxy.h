@@ -24,6 +24,7 @@ typedef struct {
     const pandis_field *field;
     double radius;            /* how far outside of the surface the walls are, less where the probe has begun nearer */
     double tolerance;         /* by which planes are compared */
+    double blur;              /* a surface so far away, or so far behind a plane, tells nothing */
     int exact;                /* its distances are those of a surface, not of an approximation */
     int flat;                 /* and that surface is the one that is felt */
     int queries, flag, count;
@@ -115,7 +116,7 @@ static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int insi
         double angle = sqrt(pandis__dot(cross, cross)), apart = sqrt(pandis__dot(between, between));
         int same = angle < fmax(1e-7, p->tolerance) && pandis__dot(old->normal, seen->normal) > 0;
         double ahead = pandis__dot(old->normal, between);
-        int bent = angle < 0.1 ? ahead <= 1e-3 * angle * apart : ahead < -PANDIS__BEHIND;
+        int bent = angle < 0.1 ? ahead <= 1e-3 * angle * apart : ahead < -p->blur;
         int open = height > p->tolerance && pandis__height(old, place) < height / 2;
         if (same || (bent && !inside) || open || pandis__dot(off, off) > stale * stale) pandis__drop(p, i);
     }
@@ -127,10 +128,13 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    for (int i = 0; i < p->count && fabs(look->distance) < PANDIS__BEHIND; i++) /* of so near a face, maybe a fold */
-        if (pandis__dot(p->plane[i].normal, seen.normal) < -PANDIS__ALIKE && pandis__height(p->plane + i, seen.foot) < PANDIS__BEHIND)
-            return;
-    pandis__forget(p, &seen, look->distance < -PANDIS__BEHIND, place, height);
+    for (int i = p->count - 1; i >= 0; i--) { /* of two that face each other without a gap one is of a fold: the nearer */
+        double gap = pandis__height(p->plane + i, seen.foot);
+        if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur) continue;
+        if (fabs(look->distance) < p->blur) return;
+        pandis__drop(p, i);
+    }
+    pandis__forget(p, &seen, look->distance < -p->blur, place, height);
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
