@@ -79,7 +79,7 @@ class Solid:
 
 
 def nearest(normals, offsets, goals):
-    """Return the points (n, 3) nearest to goals in front of planes (n, k, 3); NaN: none is known."""
+    """Return the points (n, 3) nearest to goals in front of planes (n, k, 3); NaN: none."""
     best, least = np.full_like(goals, np.nan), np.full(len(goals), np.inf)
     count = normals.shape[1]
     for which in (c for size in (0, 1, 2, 3) for c in combinations(range(count), size)):

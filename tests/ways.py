@@ -1,5 +1,7 @@
 """Ways of a probe that is pressed, slid and led away, and the shapes with which that is hard."""
 
+import itertools
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,11 +10,24 @@ from igl.copyleft.cgal import mesh_boolean
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from oracle import walk
+from pandis.geometry.frame import UNIT_SIDE
+from pandis.native.contact import Material, NativeContact
+from pandis.native.scene import Placed
+
 #: Of a block, mm; how fast a probe goes (mm/s).
 BLOCK, SPEED = 100.0, 200.0
 #: A cone's angles to its axis, the widest gap between two of its edges.
 TILTS, GAP = (0.35, 1.2), 2.6
 FRICTIONS, BUDGETS, TICKS = (0.0, 0.3, 1.0), (8, 12, 24), (2e-4, 5e-4, 1e-3, 2e-3, 5e-3)
+#: A millimetre of 100 in the unit frame; N/m; one of so many objects moves.
+MM, STIFFNESS, MOVING = UNIT_SIDE / 100, 400.0, 8
+#: How near the proxy has to come to where the walk leads, and what does not count as deep (mm).
+NEAR, DEEP = 0.05, 0.05
+#: By which friction's cone may be wider (radians): on a ridge any plane between its faces holds.
+SLANT = 0.1
+#: Seconds after which a proxy that is late is left behind.
+LATER = 1.0
 
 
 def _cut(part):
@@ -114,7 +129,7 @@ class Way:
         begin = self.foot + (radius + self.height) * self.outward
         places = np.concatenate([begin[None], self.foot + self.aside])
         parts = [begin[None]]
-        for a, b in zip(places[:-1], places[1:], strict=True):
+        for a, b in itertools.pairwise(places):
             count = max(1, int(np.ceil(np.linalg.norm(b - a) / (SPEED * self.dt))))
             parts.append(a + np.linspace(0, 1, count + 1)[1:, None] * (b - a))
         return np.concatenate(parts)
@@ -130,8 +145,8 @@ class Way:
             yield pose
 
 
-def draw(solid, where, count, rng, mm):
-    """Return ways (count) on a solid of the unit frame, mm of 1 / `mm` in its frame.
+def draw(solid, where, count, rng):
+    """Return ways (count) on a solid of the unit frame.
 
     Parameters
     ----------
@@ -159,12 +174,94 @@ def draw(solid, where, count, rng, mm):
         if rng.random() < 0.5:
             aside.append(aside[-1] + rng.uniform(2, 20) * outward + rng.normal(0, 1, 3))
         heights = 3 * 1.3 ** np.arange(12)
-        starts = foot + mm * (heights + 5 * largest)[:, None] * outward
-        free = np.flatnonzero(solid.distance(starts)[0] > (5 * largest + 1) * mm)
+        starts = foot + MM * (heights + 5 * largest)[:, None] * outward
+        free = np.flatnonzero(solid.distance(starts)[0] > (5 * largest + 1) * MM)
         if len(free):
             ways.append(Way(
-                foot / mm, outward, heights[free[0]], np.array(aside), largest,
+                foot / MM, outward, heights[free[0]], np.array(aside), largest,
                 rng.choice(FRICTIONS), int(rng.choice(BUDGETS)), rng.choice(TICKS),
-                rng.random() < 1 / 8,
+                rng.random() < 1 / MOVING,
             ))  # fmt: skip
     return ways
+
+
+class Followed:
+    """A contact along a way; lengths are those of the unit frame, in the object's frame.
+
+    Attributes
+    ----------
+    radius : float
+    probe : ndarray, shape (3,)
+        Where it ends.
+    proxies : list of ndarray, shape (n, 3)
+    over : int
+        Ticks in which a force changed by more than it may.
+    """
+
+    def __init__(self, field, way, largest):
+        self.way, self.over, self.proxies, self.radius = way, 0, [], way.radius * largest * MM
+        self._placed = Placed(field, np.eye(3), np.zeros(3), 1e-3 / MM, STIFFNESS)
+        metres, material = 1e-3 * way.radius * largest, Material(way.friction, way.friction, 0, 0)
+        self._contact = NativeContact(self._placed, metres, material=material)
+        self._contact.settings.budget = way.budget
+        path = way.path(way.radius * largest) * 1e-3
+        self.probe, self._pose, self._last = 1e3 * MM * path[-1], np.eye(4), None
+        poses = way.turns(len(path)) if way.moving else (np.eye(4),)
+        for pose, part in zip(poses, path[:, None] if way.moving else (path,), strict=True):
+            self._go(part, pose)
+        left = np.linalg.norm(self.proxies[-1][-1] - self.probe) / MM * 1e-3
+        self.rest(0.05 + 1.2 * left / self._contact.settings.slide)
+
+    def rest(self, seconds):
+        """Stay where the probe is."""
+        ticks = int(seconds / self.way.dt) + 1
+        self._go(np.repeat(self.probe[None] * 1e-3 / MM, ticks, 0), self._pose)
+
+    def _go(self, path, pose):
+        turn, at = pose[:3, :3], pose[:3, 3]
+        if (pose != self._pose).any():
+            self._contact.move(self._placed._replace(rotation=turn, translation=at))
+        steps = self._contact.follow(path @ turn.T + at, self.way.dt)
+        force, self._pose = steps.force @ turn, pose
+        self.proxies.append((steps.proxy - at) @ turn * 1e3 * MM)
+        if self._last is not None:
+            path, force = (np.concatenate(p) for p in zip(self._last, (path, force), strict=True))
+        moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        bound = STIFFNESS * (2 * moved + self._contact.settings.slide * self.way.dt)
+        changed = np.linalg.norm(np.diff(force, axis=0), axis=1)
+        self.over += int((changed > bound * (1 + 1e-6) + 1e-9).sum())
+        self._last = path[-1:], force[-1:]
+
+
+def behind(own, followed):
+    """Return how far (mm) proxies would come nearer to their probes, and whether they should."""
+    proxy, probe = (np.array(c) for c in zip(*((f.proxies[-1][-1], f.probe) for f in followed),
+                                             strict=True))  # fmt: skip
+    radius, friction = np.array([(f.radius, f.way.friction) for f in followed]).T
+    end, gain = walk(own, proxy, probe, radius, 0.02 * MM)
+    off = np.linalg.norm(end - proxy, axis=1) / MM
+    return off, (off > NEAR) & (gain > np.sin(np.arctan(friction) + SLANT))
+
+
+def judge(field, kind, solid, ways, largest):
+    """Return a `Counter` of what came of ways on one field, and how far (mm) the worst is left."""
+    error = float(np.abs(field.query(solid.points(20_000)).distance).max())
+    own = solid.distance if kind == "exact" else lambda points: field.query(points)[:2]
+    seen, followed = Counter(ways=len(ways)), [Followed(field, way, largest) for way in ways]
+    for one in followed:
+        places = np.concatenate(one.proxies)
+        deep = one.radius - solid.distance(places[:: 1 if one.way.dt > 1e-3 else 4])[0]
+        seen["passes"] += int(deep.max() > error + DEEP * MM)
+        seen["bounds"] += one.over > 0
+    late = [followed[i] for i in np.flatnonzero(behind(own, followed)[1])]
+    for one in late:
+        one.rest(LATER)
+    off, left = behind(own, late) if late else (np.zeros(0), np.zeros(0, bool))
+    seen["left"], seen["late"] = int(left.sum()), int((~left).sum())
+    return seen, off[left].max(initial=0)
+
+
+def told(seen):
+    """Return a line of what came of ways."""
+    words = {"left": "left behind", "late": "late", "passes": "passes", "bounds": "over a bound"}
+    return f"{seen['ways']} ways, " + ", ".join(f"{seen[k]} {word}" for k, word in words.items())

@@ -46,5 +46,6 @@ def test_at_rest_on_a_scan_the_proxy_is_a_local_minimum_of_the_distance(real_bun
             if touches.state[-1] & TOUCHING:
                 gains.append(gain_near(field, touches.proxy[-1] * unit, end * unit, 1e-6, rng))
         assert len(gains) > 100
-        # nor, all but always, at all; where it is, a facet of a few millionths was overlooked
-        assert (np.array(gains) > 1e-8).mean() <= 0.01
+        # where it is no minimum at all, one in fifty, a facet of a few millionths was overlooked
+        assert (np.array(gains) > 1e-8).mean() <= 0.02
+        assert max(gains) < 1e-5

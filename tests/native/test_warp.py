@@ -170,6 +170,7 @@ def test_the_program_of_the_page_runs(files, tmp_path, capsys):
 @pytest.mark.full
 def test_the_page_goes_on_in_mujoco_warp(simulator, files, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    first, second = (text for text in programs() if "mujoco" in text)
+    first = next(text for text in programs() if "mujoco import register" in text)
+    second = next(text for text in programs() if "warp.mujoco import" in text)
     ran = run(first + second, tmp_path, compact_auto=files["compact"])
     assert np.isfinite(ran["state"].qpos.numpy()).all()
