@@ -179,7 +179,7 @@ static void pandis__come_out(pandis__proxy *p) {
         if (height < -PANDIS__SLIVER) pandis__drop(p, i);
         else behind = fmin(behind, height);
     }
-    if (behind > -p->blur) return;
+    if (!p->flat || behind > -p->blur) return;
     pandis__nearest_in_front(p->plane, p->count, p->x, place);
     if (pandis__between(place, p->x) < PANDIS__FARTHEST * PANDIS__SLIVER) memcpy(p->x, place, sizeof place);
 }
@@ -323,7 +323,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     /* each turn asks the field, or ends the step; that none does neither is made sure of */
     for (int turn = 0; turn < 4 * c->budget; turn++) {
-        if (p->flat) pandis__come_out(p);
+        pandis__come_out(p);
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
             if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->budget) return 1;
