@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from pandis.evaluation.front import may_be_used
+from pandis.geometry.shares import MISSING_LIMIT
 from pandis.run.artifact import read_artifact
 from shapes import MADE
 from support import snakemake, write_obj
@@ -53,7 +54,6 @@ def test_every_run_ends_with_a_report_that_recommends_nothing_with_a_hole(worksp
         stress = read_artifact(home / "stress.zarr.zip").attributes
         assert set(stress["controls"]) == CONTROLS
         assert all(stress["controls"].values())  # each failed something
-        assert stress["failed"]["exact"] == []
         assert set(read_artifact(home / "evaluation.zarr.zip").attributes["controls"]) == CONTROLS
         for row in rows:
             if row["mesh"] != mesh or row["stress"] == "":
@@ -61,8 +61,11 @@ def test_every_run_ends_with_a_report_that_recommends_nothing_with_a_hole(worksp
             asked = ("stress", "missing_percent", "left_out_percent")
             own = {key: float(row[key]) for key in asked}
             assert own["stress"] == len(stress["failed"][row["field"]])
-            if row["field"] == "exact":
-                assert may_be_used(own)
+            if row["field"] == "exact":  # of a blade, too much is too thin to be judged
+                thin = own["left_out_percent"] > 100 * MISSING_LIMIT
+                assert stress["failed"]["exact"] == ["missing"] * thin
+                assert may_be_used(own) != thin
+                assert thin == (mesh in ("blade", "sword"))
             if own["missing_percent"] > 0.5:
                 assert "missing" in stress["failed"][row["field"]]
         followed = read_artifact(home / "trajectory.zarr.zip").attributes["followed"]

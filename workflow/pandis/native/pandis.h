@@ -454,7 +454,7 @@ PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object 
 
 /* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes
  * through the surface: free motion is followed, however thin what lies between; along the surface it takes short steps, on
- * up to three planes at once. The object may have another pose than last time: the proxy goes with it; with
+ * up to three planes at once, of the eight that it knows. The object may have another pose than last time: the proxy goes with it; with
  * another field or scale the contact begins anew. Of several materials (contact->materials) that of the region counts in
  * which the proxy lay before, the first one where there is none. Returns the flag. */
 PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
@@ -3677,10 +3677,13 @@ typedef struct {
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active, held, stuck, turned, refused, lost, narrow, climbed, confirmed; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
-                              * how often another wall was in the way; how often a step
-                              * would have led away from the probe; how often a ball did not join the last one, or did
-                              * not reach the proxy's place */
+    int active;              /* planes that hold it back, a bit for each */
+    int held;                /* `travel` or the budget does */
+    int stuck;               /* no way on was found */
+    int turned;              /* how often another wall was in the way, */
+    int refused;             /* a step would have led away from the probe, */
+    int lost, narrow;        /* a ball did not join the last one, or did not reach the proxy's place, */
+    int climbed, confirmed;  /* the chain of balls was begun anew, or distant planes were looked at again */
 } pandis__way;
 
 /* How far the proxy may go along the surface towards a place `step` away, under a pressure. */

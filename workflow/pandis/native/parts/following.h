@@ -76,10 +76,13 @@ typedef struct {
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active, held, stuck, turned, refused, lost, narrow, climbed, confirmed; /* planes that hold it back; whether `travel` or the budget does; no way on was found;
-                              * how often another wall was in the way; how often a step
-                              * would have led away from the probe; how often a ball did not join the last one, or did
-                              * not reach the proxy's place */
+    int active;              /* planes that hold it back, a bit for each */
+    int held;                /* `travel` or the budget does */
+    int stuck;               /* no way on was found */
+    int turned;              /* how often another wall was in the way, */
+    int refused;             /* a step would have led away from the probe, */
+    int lost, narrow;        /* a ball did not join the last one, or did not reach the proxy's place, */
+    int climbed, confirmed;  /* the chain of balls was begun anew, or distant planes were looked at again */
 } pandis__way;
 
 /* How far the proxy may go along the surface towards a place `step` away, under a pressure. */

@@ -210,7 +210,7 @@ PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object 
 
 /* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes
  * through the surface: free motion is followed, however thin what lies between; along the surface it takes short steps, on
- * up to three planes at once. The object may have another pose than last time: the proxy goes with it; with
+ * up to three planes at once, of the eight that it knows. The object may have another pose than last time: the proxy goes with it; with
  * another field or scale the contact begins anew. Of several materials (contact->materials) that of the region counts in
  * which the proxy lay before, the first one where there is none. Returns the flag. */
 PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
