@@ -1,12 +1,14 @@
 """Whether a proxy always comes along, judged by a walk that shares no code with it.
 
-Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/leaving.py [WAYS [SEED [NETWORKS]]]
+Usage: [PANDIS_MESHES=FOLDER] .venv/bin/python tests/benchmarks/leaving.py [WAYS [SEED [KINDS
+[NETWORKS]]]]
 
 A probe is pressed, slid and led away on objects of 100 mm: corners of 3 to 8 walls turned anyhow,
-grooves, slits, needles, a torus, and, where PANDIS_MESHES is set, three scans; and, if NETWORKS is
-a folder of `networks.py`, on its networks. Radius, friction, budget and the length of a tick are
-drawn for each way; every eighth object moves. Then the probe rests as long as `slide` allows for
-what is left, and 50 ms more. What counts against the contact is
+grooves, slits, needles, a torus, and, where PANDIS_MESHES is set, three scans, on every kind of
+field or on KINDS (`exact,compact-16`), and, if NETWORKS is a folder of `networks.py`, on those.
+Radius, friction, budget and the length of a tick are drawn for each way; every eighth object
+moves. Then the probe rests as long as `slide` allows for what is left, and 50 ms more. What
+counts against the contact is
 
     left     a walk in small steps from the proxy towards the probe, outside of the field's own
              surface, comes nearer than friction explains, even a second later
@@ -63,17 +65,19 @@ def meshes(rng, corners):
         yield (name, *load(SCANS[name]), None)
 
 
-def main(wanted=2000, seed=0, networks=None):
+def main(wanted=2000, seed=0, kinds="", networks=None):
     """Follow all ways; print a row for each shape and field; return whether anything was wrong."""
     rng, wrong = np.random.default_rng(seed), Counter()
+    asked = {kind: KINDS[kind] for kind in kinds.split(",") if kind} or KINDS
+    whole = sum(share for share, _ in asked.values())
     listed = list(meshes(rng, max(1, wanted // 20_000)))
     for name, vertices, faces, where in listed:
         body, solid = Body(vertices, faces.astype(np.int32), UNIT), Solid(vertices, faces)
         trained = Path(networks or ".") / f"{name}.pandis"
-        kinds = KINDS | ({NETWORK: (NETWORK_SHARE, 5.0)} if networks and trained.exists() else {})
-        for kind, (share, largest) in kinds.items():
+        fields = asked | ({NETWORK: (NETWORK_SHARE, 5.0)} if networks and trained.exists() else {})
+        for kind, (share, largest) in fields.items():
             field = NativeField(trained) if kind == NETWORK else field_of(body, kind)
-            ways = draw(solid, where, max(1, round(wanted * share / len(listed))), rng)
+            ways = draw(solid, where, max(1, round(wanted * share / whole / len(listed))), rng)
             seen, worst = judge(field, kind, solid, ways, largest)
             wrong += seen
             print(f"{name}, {kind}: {told(seen)}, {worst:.2g} mm at most", flush=True)
@@ -83,4 +87,4 @@ def main(wanted=2000, seed=0, networks=None):
 
 if __name__ == "__main__":
     given = sys.argv[1:]
-    sys.exit(main(*map(int, given[:2]), *given[2:3]))
+    sys.exit(main(*map(int, given[:2]), *given[2:4]))
