@@ -179,7 +179,7 @@ static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
     for (int i = p->count - 1; i >= 0; i--) {
         double height = pandis__height(p->plane + i, p->x);
-        if (height < -PANDIS__SLIVER) pandis__drop(p, i);
+        if (height < (p->flat ? -PANDIS__SLIVER : -2 * PANDIS__GAP)) pandis__drop(p, i);
         else behind = fmin(behind, height);
     }
     if (!p->flat || behind > -p->blur) return;
