@@ -220,7 +220,7 @@ def _threemf(data, rng):
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as folder:
             parts = [(name, folder.read(name)) for name in folder.namelist()]
-    except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError, RuntimeError):
+    except (zipfile.BadZipFile, ValueError, OSError, RuntimeError):
         return _bytes(data, rng)
     models = [at for at, (name, _) in enumerate(parts) if name.endswith(".model")]
     at = models[_at(rng, len(models))] if models and rng.random() < 0.85 else _at(rng, len(parts))

@@ -83,7 +83,7 @@ class _Package:
     def __init__(self, data):
         try:
             self.zip = zipfile.ZipFile(io.BytesIO(data))
-        except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        except (zipfile.BadZipFile, ValueError, RuntimeError) as error:
             raise Refused(f"no package: {error}") from None
         self.names = {"/" + name.lstrip("/").lower(): name for name in self.zip.namelist()}
         self.models, self.meshes, self.sizes = {}, {}, {}
@@ -95,7 +95,7 @@ class _Package:
         try:
             return self.zip.read(self.names[name.lower()])
         except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, ValueError,
-                NotImplementedError, OSError) as error:  # fmt: skip
+                OSError) as error:  # fmt: skip
             raise Refused(f"{name} cannot be unpacked: {error}") from None
 
     def start(self):

@@ -3424,10 +3424,8 @@ static int pandis__nearest_in_front(const pandis__plane *planes, int count, cons
  * the surface are planes, each through the foot of a point that was looked at. */
 
 #define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
-#define PANDIS__LEAST_HOVER 2e-6
-#define PANDIS__FARTHEST 2         /* lifts: no point is looked from that is farther away from the place */
+#define PANDIS__FARTHEST 2       /* lifts: no point is looked from that is farther away from the place */
 #define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
-#define PANDIS__NEAR 0.05        /* lifts: two planes that are so near are both touched */
 #define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
 #define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
 #define PANDIS__TRUSTED 0.8      /* share of an approximate distance to what is felt that is free */

@@ -42,10 +42,10 @@ _UNITS = {
     "meter": "m",
 }  # fmt: skip
 _LARGEST = 1 << 30
-#: What a damaged package raises, wherever it is damaged.
+#: What a damaged package raises, wherever it is damaged; a RuntimeError for compressions and
+#: encryptions that zipfile does not know.
 DAMAGED = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError,
-    NotImplementedError, RuntimeError,
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError,
 )  # fmt: skip
 
 
