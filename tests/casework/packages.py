@@ -15,7 +15,7 @@ _START = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 def mesh_xml(points, faces):
     """Return a 3MF's mesh."""
     rows = ["<mesh><vertices>"]
-    rows += ['<vertex x="{:g}" y="{:g}" z="{:g}"/>'.format(*point) for point in points]
+    rows += ['<vertex x="{:.17g}" y="{:.17g}" z="{:.17g}"/>'.format(*point) for point in points]
     rows.append("</vertices><triangles>")
     rows += ['<triangle v1="{}" v2="{}" v3="{}"/>'.format(*face) for face in faces]
     return "".join([*rows, "</triangles></mesh>"])

@@ -12,6 +12,7 @@ import pytest
 import trimesh
 
 from cases import CASES, Reads, mutations
+from casework.packages import model, package
 from counter import Refused, count
 from pandis.errors import PandisError
 from pandis.geometry.shapes import find_shape
@@ -40,10 +41,16 @@ def test_formats(tmp_path, ending):
     assert_valid(*clean(reading.vertices, reading.faces))
 
 
-def test_obj_is_read_to_the_last_bit(tmp_path):
+@pytest.mark.parametrize("form", ["obj", "3mf"])
+def test_coordinates_are_read_to_the_last_bit(tmp_path, form):
     vertices, faces = octahedron()
     vertices = vertices * np.pi + 1e-17
-    reading, _ = read_mesh("o", write_obj(tmp_path / "o.obj", vertices, faces))
+    path = tmp_path / f"o.{form}"
+    if form == "obj":
+        write_obj(path, vertices, faces)
+    else:
+        path.write_bytes(package({"/3D/3dmodel.model": model({1: (vertices, faces)}, [1])}))
+    reading, _ = read_mesh("o", path)
     assert reading.vertices.tobytes() == vertices.tobytes()
     assert np.array_equal(reading.faces, faces)
 
