@@ -203,14 +203,14 @@ class Followed:
         self._placed = Placed(field, np.eye(3), np.zeros(3), 1e-3 / MM, STIFFNESS)
         metres, material = 1e-3 * way.radius * largest, Material(way.friction, way.friction, 0, 0)
         self._contact = NativeContact(self._placed, metres, material=material)
-        self._contact.settings.budget = way.budget
+        self._contact.set(budget=way.budget)
         path = way.path(way.radius * largest) * 1e-3
         self.probe, self._pose, self._last = 1e3 * MM * path[-1], np.eye(4), None
         poses = way.turns(len(path)) if way.moving else (np.eye(4),)
         for pose, part in zip(poses, path[:, None] if way.moving else (path,), strict=True):
             self._go(part, pose)
         left = np.linalg.norm(self.proxies[-1][-1] - self.probe) / MM * 1e-3
-        self.rest(0.05 + 1.2 * left / self._contact.settings.slide)
+        self.rest(0.05 + 1.2 * left / self._contact.options.slide)
 
     def rest(self, seconds):
         """Stay where the probe is."""
@@ -227,7 +227,7 @@ class Followed:
         if self._last is not None:
             path, force = (np.concatenate(p) for p in zip(self._last, (path, force), strict=True))
         moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        bound = STIFFNESS * (2 * moved + self._contact.settings.slide * self.way.dt)
+        bound = STIFFNESS * (2 * moved + self._contact.options.slide * self.way.dt)
         changed = np.linalg.norm(np.diff(force, axis=0), axis=1)
         self.over += int((changed > bound * (1 + 1e-6) + 1e-9).sum())
         self._last = path[-1:], force[-1:]

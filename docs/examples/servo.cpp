@@ -69,13 +69,15 @@ void keep_time() {
 int main(int count, char **words) {
     if (count < 3) return std::puts("usage: servo FIELD.pandis STIFFNESS(N/m)"), 2;
     pandis_field field;                                      // opened before the loop: this takes long
-    if (int error = pandis_open_file(&field, words[1])) return std::puts(pandis_error(error)), 1;
+    if (const pandis_error error = pandis_open_file(&field, words[1])) return std::puts(pandis_error_text(error)), 1;
     const double unit = 0.10 / pandis_longest_side(&field);  // the longest side is to be 10 cm
     const double stiffness = std::atof(words[2]);            // N/m
     const pandis_object object = {&field, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}, unit, stiffness};  // in metres
     const pandis_material surface = {0.4, 0.3, 0, 0.1};      // friction at rest and sliding; damping, drag
+    pandis_contact_options options = pandis_contact_defaults(&object);
+    options.materials = &surface, options.material_count = 1;
     pandis_contact contact;
-    const bool has_proxy = pandis_contact_open(&contact, &object, 0) == 0;
+    const bool has_proxy = pandis_contact_open(&contact, &object, &options) == PANDIS_SUCCESS;
     if (!has_proxy) std::puts("no proxy: this field gives its penalty force");
     Probe probe = {};
     if (!level_place(&field, 0.004 / unit, probe.guide)) return std::puts("nothing to stand on: 4 mm are needed"), 1;
@@ -91,11 +93,11 @@ int main(int count, char **words) {
     for (int tick = 0; tick < 2000; tick++) {
         std::this_thread::sleep_until(due += period);        // an absolute deadline: no drift
         const auto begin = clock::now();
-        int flag;
+        pandis_flag flag;
         if (has_proxy) {
             const double place[3] = {probe.position[0] * unit, probe.position[1] * unit, probe.position[2] * unit};
             pandis_touch touch;
-            flag = pandis_contact_step(&contact, &object, place, 1e-3, &surface, &touch);
+            flag = pandis_contact_step(&contact, &object, place, 1e-3, &touch);
             std::copy(touch.force, touch.force + 3, force);
         } else {
             flag = pandis_force(&field, probe.position, stiffness * unit, force);

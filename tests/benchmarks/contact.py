@@ -64,7 +64,7 @@ def followed(field, body, path, error):
     held = (touches.state & TOUCHING) > 0
     changed = np.linalg.norm(np.diff(touches.force, axis=0), axis=1)
     moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    bound = STIFF * (2 * moved + contact.settings.slide * 1e-3)
+    bound = STIFF * (2 * moved + contact.options.slide * 1e-3)
     places = touches.proxy[::EVERY] / METRES
     deep = -body.distance.distance_and_normal(places, check=False)[0] * METRES
     us = 1e6 * touches.seconds[held]

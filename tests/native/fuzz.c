@@ -17,18 +17,18 @@ static const double points[][3] = {
 
 /* Move the vertices of a mesh, to where they may be anything, and ask it. */
 static void move(const pandis_field *field) {
-    size_t room = pandis_handover_room(field), count = 3 * (size_t)field->as.mesh.vertex_count;
+    size_t room = pandis_handover_room(field), count = 3 * pandis_vertex_count(field);
     double *where = (double *)malloc(count * sizeof *where);
     void *bytes = malloc(room);
     pandis_handover shared;
     pandis_field moving;
     pandis_answer answer;
-    if (where && bytes && !pandis_handover_open(&shared, field, bytes)) {
+    if (where && bytes && !pandis_handover_open(&shared, field, bytes, room)) {
         for (int turn = 0; turn < 4; turn++) {
             static const double stretch[4] = {1, 0.3, -1e12, 0};
             for (size_t i = 0; i < count; i++)
                 where[i] = i % 3 == (size_t)turn ? stretch[turn] * field->as.mesh.vertices[i] : field->as.mesh.vertices[i];
-            int error = pandis_handover_refit(&shared, where);
+            int error = pandis_handover_refit(&shared, where, count / 3);
             if (pandis_handover_take(&shared, &moving) != (!error || !turn)) abort();
             for (size_t i = 0; i < sizeof points / sizeof *points; i++) pandis_query(&moving, points[i], &answer);
         }

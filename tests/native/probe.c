@@ -39,8 +39,8 @@ int main(int count, char **names) {
     fclose(file);
     for (int i = 2; i < count; i++) {
         pandis_field field;
-        int error = pandis_open_file(&field, names[i]);
-        if (error) return printf("%s: %s\n", names[i], pandis_error(error)), 1;
+        pandis_error error = pandis_open_file(&field, names[i]);
+        if (error) return printf("%s: %s\n", names[i], pandis_error_text(error)), 1;
         unsigned long long h = 1469598103934665603ull;
         counting = 1;
         for (size_t k = 0; k < points; k++) {

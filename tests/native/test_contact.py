@@ -192,7 +192,7 @@ def test_random_motion_never_takes_the_proxy_inside(files, name, ticks):
     contact = NativeContact(placed(field), material=Material(0.3, 0.2, 0.5, 0.1))
     touches = contact.follow(path)
     assert np.isfinite(touches.force).all()
-    assert touches.queries.max() <= contact.settings.budget + 2
+    assert touches.queries.max() <= contact.options.budget + 2
     held = (touches.state & TOUCHING) > 0
     assert held.mean() > 0.01
     inside = field.query(field.frame.to_mesh(touches.proxy * UNIT_SIDE / 0.1)).distance * unit
@@ -207,7 +207,7 @@ def test_the_force_changes_by_no_more_than_its_bound(files):
     path = sum(0.03 * rng.normal(size=3) * np.sin(rng.uniform(1, 6, 3) * turns) for _ in range(6))
     path[0] = 0.5
     contact = NativeContact(placed(field, stiffness=1000.0))
-    slide = contact.settings.slide
+    slide = contact.options.slide
     force = contact.follow(path, dt=1e-3).force
     moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
     changed = np.linalg.norm(np.diff(force, axis=0), axis=1)

@@ -419,15 +419,15 @@ OPENS = """
 #include "pandis.h"
 int main(int count, char **words) {
     pandis_field field;
-    int error = count < 2 ? 0 : pandis_open_file(&field, words[1]);
-    puts(pandis_error(error));
-    return error;
+    pandis_error error = count < 2 ? PANDIS_SUCCESS : pandis_open_file(&field, words[1]);
+    puts(pandis_error_text(error));
+    return -error;
 }
 """
 
 
 def opened_by(compiler, flags, path, folder):
-    """Compile a program with flags, and return the error with which it opens a file.
+    """Compile a program with flags, and return the error, without its sign, of opening a file.
 
     10, which says that arithmetic is broken, if it does not even compile for that.
     """
@@ -572,7 +572,7 @@ def test_what_a_program_may_ask_of_a_field(name, files, fields, tmp_path):
     lines = subprocess.run(
         [program, files[name]], capture_output=True, text=True, check=True
     ).stdout.splitlines()
-    assert lines[0] == "9"  # bytes that do not begin at a multiple of 8
+    assert lines[0] == "-9"  # bytes that do not begin at a multiple of 8
     kind, size, longest, *bounds = lines[1].split()
     assert int(kind) == {"box": 5, "sphere": 5, "trilinear": 2, "spline": 3, "network": 1}[name]
     assert int(size) == files[name].stat().st_size

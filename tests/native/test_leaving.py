@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 
 from pandis.errors import PandisError
 from pandis.export.native import export_native
-from pandis.fields.base import INVALID
 from pandis.fields.compact import CompactField
 from pandis.fields.exact import ExactField
 from pandis.geometry.body import Body
@@ -147,14 +146,13 @@ def test_a_ball_larger_than_what_is_known_around_a_field_is_refused(kind, files)
 
 
 @pytest.mark.parametrize(("setting", "value"), [("budget", 7), ("slide", -1.0), ("slide", np.nan)])
-def test_settings_out_of_their_ranges_give_no_force(setting, value, files):
+def test_options_beyond_their_ranges_are_refused(setting, value, files):
     """With a budget of 1 to 3 every step began anew: a proxy stuck for ever in free space."""
     contact = NativeContact(Placed(NativeField(files["exact"]), np.eye(3), np.zeros(3), 1.0, 400.0))
-    path = np.array([[2.0, 0, 0], [1.3, 0, 0], [1.2, 0, 0]])
-    setattr(contact.settings, setting, value)
-    steps = contact.follow(path, TICK)
-    assert (steps.flag == INVALID).all()
-    assert not steps.force.any()
+    before = bytes(contact.options)
+    with pytest.raises(PandisError, match="an option of a contact is beyond its range"):
+        contact.set(**{setting: value})
+    assert bytes(contact.options) == before
 
 
 @pytest.mark.parametrize("tilt", [0.4, 0.6, 0.8, 1.0])

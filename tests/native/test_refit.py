@@ -119,6 +119,9 @@ def test_only_an_exact_mesh_can_move(files):
             NativeField(files[name]).moving()
     lib, field = library(), NativeField(files["spline"])
     exact, other = NativeField(files["exact"]), ctypes.create_string_buffer(4096)
-    assert lib.pandis_refit_open(other, field.address, other) == 7
-    assert lib.pandis_refit_open(other, exact.address, 4) == 9
-    assert lib.pandis_refit(exact.address, None) == 7  # it was not opened to move
+    content, alignment, count = -7, -9, -16
+    room = lib.pandis_refit_room(exact.address)
+    assert lib.pandis_refit_open(other, field.address, other, 4096) == content
+    assert lib.pandis_refit_open(other, exact.address, 4, room) == alignment
+    assert lib.pandis_refit_open(other, exact.address, 8, room - 8) == count
+    assert lib.pandis_refit(exact.address, None, 0) == content  # it was not opened to move

@@ -25,7 +25,8 @@ def scene_header(name, objects, radius):
               for o in objects]  # fmt: skip
     return (
         f"/* The scene {name}, made by pandis: metres and newtons. Open its files in this order\n"
-        f" * into {prefix}_fields, then pandis_scene_open({prefix}_objects, {upper}_OBJECTS).\n"
+        f" * into {prefix}_fields, then begin a pandis_scene of the {upper}_OBJECTS objects in\n"
+        f" * {prefix}_objects (pandis_scene_open).\n"
         f" * For proxies: {prefix}_touch_open, in place of pandis_scene_touch_open. */\n"
         '#include "pandis.h"\n\n'
         f"#define {upper}_FILES {len(files)}\n"
@@ -37,21 +38,23 @@ def scene_header(name, objects, radius):
         f"{materials}"
         + _table("pandis_material *const", f"{prefix}_materials",
                  [f"{prefix}_material_{i}" for i in count])
-        + _table("int32_t", f"{prefix}_material_counts", [len(o.materials) for o in objects])
+        + _table("size_t", f"{prefix}_material_counts", [len(o.materials) for o in objects])
         + "/* heights over the surfaces, and what says which material a place is made of */\n"
         + textures
         + _table("pandis_texture *const", f"{prefix}_textures", grain)
         + _table("pandis_field *const", f"{prefix}_regions", beside)
-        + f"\nstatic inline int {prefix}_touch_open(pandis_scene *scene, "
+        + f"\nstatic inline pandis_error {prefix}_touch_open(pandis_scene *scene, "
         "pandis_contact *contacts) {\n"
-        f"    int error = pandis_scene_touch_open(scene, contacts, {prefix}_materials, "
-        f"{float(radius)!r});\n"
+        f"    pandis_contact_options options[{upper}_OBJECTS];\n"
         f"    for (int i = 0; i < {upper}_OBJECTS; i++) {{\n"
-        f"        contacts[i].materials = {prefix}_material_counts[i];\n"
-        f"        contacts[i].texture = {prefix}_textures[i];\n"
-        f"        contacts[i].regions = {prefix}_regions[i];\n"
+        f"        options[i] = pandis_contact_defaults({prefix}_objects + i);\n"
+        f"        options[i].radius = {float(radius)!r};\n"
+        f"        options[i].materials = {prefix}_materials[i];\n"
+        f"        options[i].material_count = {prefix}_material_counts[i];\n"
+        f"        options[i].texture = {prefix}_textures[i];\n"
+        f"        options[i].regions = {prefix}_regions[i];\n"
         "    }\n"
-        "    return error;\n"
+        f"    return pandis_scene_touch_open(scene, contacts, options, {upper}_OBJECTS);\n"
         "}\n"
     )  # fmt: skip
 

@@ -169,7 +169,7 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
     followed = []
     for _ in range(2):
         contact = NativeContact(placed, *feel[:3], feel.texture)
-        contact.settings.budget = feel.queries
+        contact.set(budget=feel.queries)
         followed.append(contact.follow(path, 1 / options.rate, timed=True))
     touches = followed[0]
     # the same work twice: what took longer once was another program's

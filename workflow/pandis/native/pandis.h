@@ -6,8 +6,8 @@
  *     #include "pandis.h"
  *
  *     pandis_field bunny;
- *     int error = pandis_open_file(&bunny, "bunny.pandis");
- *     if (error) return puts(pandis_error(error));
+ *     pandis_error error = pandis_open_file(&bunny, "bunny.pandis");
+ *     if (error) return puts(pandis_error_text(error));
  *     ...
  *     double force[3];                         every millisecond
  *     pandis_force(&bunny, position, stiffness, force);
@@ -19,7 +19,7 @@
  *     pandis_object objects[2] = {...};        fields and where they lie
  *     static double room[PANDIS_SCENE_ROOM(2)];
  *     pandis_scene scene;
- *     error = pandis_scene_open(&scene, objects, 2, room);
+ *     error = pandis_scene_open(&scene, objects, 2, room, PANDIS_SCENE_ROOM(2));
  *     pandis_scene_force(&scene, position, force);
  *
  * Positions and distances are in the units of the mesh that the field was made from; distances are
@@ -86,49 +86,67 @@ extern "C" {
 #define PANDIS_API extern
 #endif
 
-/* Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field covers;
- * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
- * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
- * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
- * may be too large, by some hundredths of the object: see `clear`. Next to the surface nothing was cut of all that was
- * tried when the file was made. BEYOND: of pandis_query_within alone, no surface is within its reach. */
-enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3, PANDIS_BEYOND = 4 };
+/* What is to be thought of an answer. */
+typedef enum {
+    PANDIS_OK = 0,      /* within the accuracy of the field */
+    PANDIS_BOUND = 1,   /* outside of what the field covers: the side is right, the distance an estimate that may be too large */
+    PANDIS_INVALID = 2, /* no answer: an argument is beyond its range, no finite number, or the field overflowed */
+    PANDIS_CUT = 3,     /* so many faces are about equally near (around the middle of a finely tessellated ball) that not all
+                         * were looked at: the distance may be too large, by some hundredths of the object, see
+                         * pandis_answer.clear. Next to the surface nothing was cut of all that was tried when the file was
+                         * made */
+    PANDIS_BEYOND = 4   /* of pandis_query_within alone: no surface is within its reach */
+} pandis_flag;
 
-/* Why a field cannot be opened. */
-enum {
-    PANDIS_ERROR_FILE = 1,     /* the file cannot be read */
-    PANDIS_ERROR_FORMAT = 2,   /* it is no such file */
-    PANDIS_ERROR_ENDIAN = 3,   /* its bytes are in the other order, or this machine's are */
-    PANDIS_ERROR_VERSION = 4,  /* it is of a later version, or a mesh of an earlier one */
-    PANDIS_ERROR_SIZE = 5,     /* it is shorter or longer than it says */
-    PANDIS_ERROR_CHECKSUM = 6, /* its bytes have changed */
-    PANDIS_ERROR_CONTENT = 7,  /* what it says does not fit together */
-    PANDIS_ERROR_POSE = 8,     /* an object of a scene lies nowhere: see pandis_object */
-    PANDIS_ERROR_ALIGNMENT = 9, /* the bytes do not begin at a multiple of 8 */
-    PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
-    PANDIS_ERROR_LARGE = 11, /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
-    PANDIS_ERROR_VERTEX = 12, /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
-    PANDIS_ERROR_KIND = 13, /* a grid of forces, which knows no distance outside, cannot have a contact */
-    PANDIS_ERROR_RADIUS = 14 /* of a probe: larger than what the field knows of free space around its surface */
-};
+/* Why something cannot be opened or changed. Errors are negative and flags are not, so neither is taken for the other. */
+typedef enum {
+    PANDIS_SUCCESS = 0,
+    PANDIS_ERROR_FILE = -1,        /* the file cannot be read */
+    PANDIS_ERROR_FORMAT = -2,      /* it is no such file */
+    PANDIS_ERROR_ENDIAN = -3,      /* its bytes are in the other order, or this machine's are */
+    PANDIS_ERROR_VERSION = -4,     /* it is of a later version, or a mesh of an earlier one */
+    PANDIS_ERROR_SIZE = -5,        /* it is shorter or longer than it says */
+    PANDIS_ERROR_CHECKSUM = -6,    /* its bytes have changed */
+    PANDIS_ERROR_CONTENT = -7,     /* what it says does not fit together, or this kind of field cannot do that */
+    PANDIS_ERROR_POSE = -8,        /* an object of a scene lies nowhere: see pandis_object */
+    PANDIS_ERROR_ALIGNMENT = -9,   /* the bytes do not begin at a multiple of 8 */
+    PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags under which it would answer wrongly */
+    PANDIS_ERROR_LARGE = -11,      /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
+    PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
+    PANDIS_ERROR_KIND = -13,       /* a grid of forces, which knows no distance outside, cannot have a contact */
+    PANDIS_ERROR_RADIUS = -14,     /* of a probe: larger than what the field knows of free space around its surface */
+    PANDIS_ERROR_OPTIONS = -15,    /* an option of a contact is beyond its range: see pandis_contact_options */
+    PANDIS_ERROR_COUNT = -16,      /* an array has fewer or more elements than this takes */
+    PANDIS_ERROR_HEADER = -17      /* the compiled part is of another version of this header, or was packed otherwise */
+} pandis_error;
 
-enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };
+/* What a field is. */
+typedef enum {
+    PANDIS_CLOSED = 0,
+    PANDIS_NETWORK = 1,
+    PANDIS_GRID = 2,
+    PANDIS_SPLINE = 3,
+    PANDIS_MESH = 4,
+    PANDIS_SHAPE = 5,
+    PANDIS_COMPACT = 6
+} pandis_kind;
 
-/* An answer. The slope is the length of the vector that was scaled to the normal: 1 for meshes and closed
- * forms; elsewhere about 1, and clearly less near the medial axis, where two walls are about equally near
- * and the normal is about to turn; 0 for grids of forces, which have none. */
+/* An answer to one point. */
 typedef struct {
-    double distance, normal[3], slope;
-    double clear; /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
-    int flag;
-    int32_t face; /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several
-                   * one: of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and where there is no
-                   * answer, -1 */
-    int32_t region; /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
+    double distance;  /* mesh units, negative inside */
+    double normal[3]; /* outward, of unit length */
+    double slope;     /* length of the vector that was scaled to the normal: 1 of meshes and closed forms; elsewhere about 1, and
+                       * clearly less near the medial axis, where two walls are about equally near and the normal is about to
+                       * turn; 0 of grids of forces, which have none */
+    double clear;     /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
+    pandis_flag flag;
+    int32_t face;     /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several one:
+                       * of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and without an answer, -1 */
+    int32_t region;   /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
 } pandis_answer;
 
-/* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and
- * given to another field: it makes a query faster, and changes no answer. */
+/* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and used with
+ * another field: it changes the time of a query, and no answer. */
 typedef struct {
     uint64_t room[16];
 } pandis_hint;
@@ -242,7 +260,7 @@ typedef struct {
     double size[3];
 } pandis__shape;
 
-typedef struct {
+typedef struct { /* of the implementation, but for its size: ask the functions below */
     const unsigned char *data;
     size_t size;
     int kind, mapped;
@@ -259,146 +277,213 @@ typedef struct {
     } as;
 } pandis_field;
 
-/* Open a field from bytes that the caller keeps until the end, at an address that is a multiple of
- * 8 (in C11: _Alignas(8) on the array that a tool made of a file). Everything is checked, so that no query can leave the bytes. Returns 0 or a PANDIS_ERROR. */
-PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size);
+/* ---------------------------------------------------------------- versions and errors
+ *
+ * Functions marked [rt] may be called in a loop that must keep its time: they allocate nothing, lock nothing and make no
+ * system call. Call all others before the loop. */
+
+/* [rt] The version of the part that was compiled, as PANDIS_VERSION has that of this header. */
+PANDIS_API const char *pandis_version(void);
+
+/* Whether the compiled part has the version and the structures of the header that this line is compiled with: call it once
+ * where both are built apart. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
+#define PANDIS_CHECK() \
+    pandis__check(PANDIS_VERSION, sizeof(pandis_field), sizeof(pandis_contact_options), sizeof(pandis_touch))
+PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch);
+
+/* [rt] What an error means, in a sentence that lives as long as the program. */
+PANDIS_API const char *pandis_error_text(pandis_error error);
+
+/* ---------------------------------------------------------------- fields */
+
+/* Open a field from bytes, all of which are checked, so that no query can leave them.
+ *
+ * field    filled in; closed on error
+ * data     kept by the caller until the field is closed, at a multiple of 8 (in C11: _Alignas(8) on an array)
+ * size     of the data, bytes */
+PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size);
 
 #ifndef PANDIS_NO_FILE
-/* Read a file into memory of its own; with PANDIS_MMAP defined it is mapped instead (not on Windows), and
- * must not be overwritten while it is open. The path is in UTF-8, on Windows, too. */
-PANDIS_API int pandis_open_file(pandis_field *field, const char *path);
+/* Open a file, read into memory of its own. With PANDIS_MMAP defined it is mapped instead (not on Windows), and must not be
+ * overwritten while it is open. The path is in UTF-8, on Windows, too. */
+PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path);
 #endif
+
+/* Close a field; a second time does nothing. No other thread may ask it any more. */
 PANDIS_API void pandis_close(pandis_field *field);
 
-/* What a field is (PANDIS_NETWORK ... PANDIS_SHAPE; 0 when it is closed), and its bytes. */
-PANDIS_API int pandis_kind(const pandis_field *field);
+/* [rt] What a field is: PANDIS_CLOSED after pandis_close. */
+PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field);
+
+/* [rt] Bytes of its file. */
 PANDIS_API size_t pandis_bytes(const pandis_field *field);
 
-/* A box around the surface, in mesh units (all that the field covers, if its file does not say where the
- * surface lies). */
+/* [rt] A box around the surface, mesh units; around all that the field covers, if its file does not say where the surface
+ * lies. */
 PANDIS_API void pandis_bounds(const pandis_field *field, double low[3], double high[3]);
 
-/* The name of a region (pandis_answer.region): of the material that the mesh's file gives its faces. NULL if there is no
- * such region. */
-PANDIS_API const char *pandis_region(const pandis_field *field, int region);
-
-/* The length of the longest side of the mesh that the field was made from, in its units. */
+/* [rt] The length of the longest side of the mesh that the field was made from, mesh units. */
 PANDIS_API double pandis_longest_side(const pandis_field *field);
 
-/* What the field was made from and how: a text in JSON of `*size` bytes, which does not end with a
- * zero; NULL if there is none. It lives as long as the field is open. */
+/* [rt] The name of a region (pandis_answer.region), which is the material that the mesh's file gives its faces; NULL if
+ * there is no such region. */
+PANDIS_API const char *pandis_region(const pandis_field *field, int region);
+
+/* [rt] What the field was made from and how: JSON of `*size` bytes, which does not end with a zero and lives as long as the
+ * field is open; NULL if there is none. */
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size);
 
-/* Answer one point, in mesh units. Where it is no number distance, normal and slope are NaN. */
+/* [rt] Answer one point. Without an answer (PANDIS_INVALID: a coordinate is no finite number, or beyond 1e150)
+ * distance, normal and slope are NaN.
+ *
+ * point    mesh units */
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
-/* Answer one point if the surface is nearer than `reach` (mesh units, not negative), to the last bit as
- * pandis_query does. Else the flag may be PANDIS_BEYOND: then no surface is nearer than `clear`, which is the reach
- * (less where the search was cut), nothing is said of the side, and distance, normal and slope are NaN. Of meshes
- * that takes a look at a few boxes, wherever the point is; other fields, and bad reaches, are answered in full. */
+/* [rt] Answer one point if the surface is nearer than a reach, to the last bit as pandis_query does. Else the flag may be
+ * PANDIS_BEYOND: then no surface is nearer than answer->clear, which is the reach (less where the search was cut), nothing is
+ * said of the side, and distance, normal and slope are NaN. Of meshes that takes a look at a few boxes, wherever the point is;
+ * other fields, and a reach that is negative or NaN, are answered in full.
+ *
+ * point    mesh units
+ * reach    mesh units, from 0 on */
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer);
 
-/* Answer one point, to the last bit as pandis_query does: faster where
- * the point before, with the same hint, was near. Of `exact` meshes; other fields have no use for a hint. */
+/* [rt] Answer one point, to the last bit as pandis_query does. Of `exact` meshes it saves time where the point before, with
+ * the same hint, was near; in the middle of a ball it costs some. Other fields have no use for a hint.
+ *
+ * point    mesh units
+ * hint     all zero before the first query */
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer);
 
-/* The distance alone, with the bits of pandis_query, and its flag: in less than half of the time of a network whose normal
- * is its gradient; of any other field it takes as long. NaN where there is no answer. */
-PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance);
+/* [rt] The distance alone (mesh units, NaN without an answer), with the bits of pandis_query, and its flag: in less than half
+ * of the time for a network whose normal is its gradient; for any other field it takes as long. */
+PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance);
 
-/* The gradient of the distance, and its second derivatives (per mesh unit), row by row. Of meshes and closed forms they are
- * those of what is nearest: 0 next to a face, round next to an edge or a corner; of splines and grids of distances those of
- * their formula; elsewhere (networks, and wherever the flag is PANDIS_BOUND) they are differences over a few thousandths
- * of the object or less. Where the distance has a crease, what is given is that of one side. Returns the flag: PANDIS_INVALID, and
- * NaN, where there is no answer, and of grids of forces. */
-PANDIS_API int pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
-                                  double hessian[9]);
+/* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. Of meshes and closed forms they
+ * are those of what is nearest: 0 next to a face, round next to an edge or a corner; of splines and grids of distances those
+ * of their formula; elsewhere (networks, and wherever the flag is PANDIS_BOUND) they are differences over a few thousandths
+ * of the object or less. Where the distance has a crease they are those of one side. PANDIS_INVALID, and NaN, without an
+ * answer and of grids of forces. */
+PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
+                                          double hessian[9]);
 
-/* The penalty force -k * min(distance, 0) * normal: zero outside, and where there is no answer.
- * Returns the flag: PANDIS_INVALID, and no force, if the stiffness is negative, NaN or more than 1e100. */
-PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
+/* [rt] The penalty force -stiffness * min(distance, 0) * normal: zero outside, and without an answer.
+ *
+ * point      mesh units
+ * stiffness  force per mesh unit, from 0 to 1e100; else PANDIS_INVALID, and no force */
+PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]);
 
-/* Answer `count` points, three doubles each; normals (three doubles each) and flags may be NULL. */
+/* [rt] Answer points one after the other.
+ *
+ * points     3 * count doubles, mesh units
+ * distances  count doubles
+ * normals    3 * count doubles, or NULL
+ * flags      count bytes, a pandis_flag each, or NULL */
 PANDIS_API void pandis_query_many(const pandis_field *field, const double *points, size_t count, double *distances,
                                   double *normals, unsigned char *flags);
 
-/* A mesh whose vertices move (`exact` fields alone). `moving` answers all queries as the field does, but for a
- * shape of its own, in room of its own of pandis_refit_room bytes (0: no such field) at a multiple of 8. The field
- * stays open as long, and `moving` needs no closing. Returns 0, PANDIS_ERROR_CONTENT or PANDIS_ERROR_ALIGNMENT. */
-PANDIS_API size_t pandis_refit_room(const pandis_field *field);
-PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room);
+/* ---------------------------------------------------------------- meshes whose vertices move (`exact` fields alone) */
 
-/* Move the vertices: three doubles each, in mesh units, as many and in the order as in mesh.zarr.zip. The frame stays:
- * points beyond its box are answered, and flagged as bounds. Distances are then those of a tree that was built
- * anew, to the last bit; nothing is allocated. Tell scenes (pandis_scene_moved). Returns 0, or PANDIS_ERROR_VERTEX,
- * and the old shape stays. No other thread may ask meanwhile. */
-PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices);
+/* [rt] How many vertices a mesh has, and how many bytes a shape of its own takes; 0 for any other field. */
+PANDIS_API size_t pandis_vertex_count(const pandis_field *field);
+PANDIS_API size_t pandis_refit_room(const pandis_field *field);
+
+/* Begin a field that answers all queries as another one does, but for a shape of its own. It needs no closing.
+ *
+ * moving   filled in
+ * field    a mesh, which stays open as long
+ * room     of at least pandis_refit_room bytes, at a multiple of 8, kept by the caller
+ * size     of the room, bytes
+ *
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (no mesh), PANDIS_ERROR_ALIGNMENT or PANDIS_ERROR_COUNT (too little room). */
+PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size);
+
+/* [rt] Move the vertices. Distances are then those of a tree that was built anew, to the last bit. The frame stays: points
+ * beyond its box are answered, and flagged PANDIS_BOUND. Tell scenes (pandis_scene_moved) and contacts
+ * (pandis_contact_reshaped). No other thread may ask the field meanwhile.
+ *
+ * vertices  3 * count doubles, mesh units, in the order of mesh.zarr.zip
+ * count     pandis_vertex_count
+ *
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_VERTEX, PANDIS_ERROR_COUNT or PANDIS_ERROR_CONTENT, and the old shape stays. */
+PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertices, size_t count);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
 /* A shape that one thread moves while another asks, and neither waits: of three shapes one is written, one is asked, and
- * the newest whole one is handed over. One thread refits, one takes. */
-typedef struct {
-    pandis_field shapes[3];
-    int32_t writing, asking;
-    volatile int32_t waiting; /* a shape, and 4 if nobody has taken it yet */
+ * the newest whole one is handed over. One thread refits, one takes. Its content is the implementation's. */
+typedef union {
+    double aligned;
+    unsigned char bytes[3 * sizeof(pandis_field) + 16];
 } pandis_handover;
 
-/* Three times the room of one shape (0: no such field), at a multiple of 8; the field stays open as long. */
+/* [rt] Bytes of three shapes; 0: no such field. */
 PANDIS_API size_t pandis_handover_room(const pandis_field *field);
-PANDIS_API int pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room);
 
-/* Move the vertices, as pandis_refit does, and hand the shape over. */
-PANDIS_API int pandis_handover_refit(pandis_handover *handover, const double *vertices);
+/* Begin a handover; arguments and errors as of pandis_refit_open, with room of pandis_handover_room bytes. */
+PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room,
+                                             size_t size);
 
-/* Make `moving` the newest whole shape, at the beginning of a tick: it stays as it is until the next time. Returns 1
- * if it is another shape than before (tell scenes: pandis_scene_moved), or the first time; else 0. */
+/* [rt] Move the vertices, as pandis_refit does, and hand the shape over. */
+PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const double *vertices, size_t count);
+
+/* [rt] Make `moving` the newest whole shape, at the beginning of a tick: it stays as it is until the next time. Returns 1
+ * if it is another shape than before, or the first time, else 0: after 1 tell scenes (pandis_scene_moved) and contacts
+ * (pandis_contact_reshaped). */
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
 #endif
 
-/* An object of a scene: a field, and where it lies. A point p of the mesh lies at
- * scale * rotation * p + translation of the scene; the rotation, row by row, is one without
- * reflection (columns of unit length, at right angles, within 1e-6), the scale positive, the stiffness
- * not negative, everything finite. */
+/* ---------------------------------------------------------------- objects and what they feel like */
+
+/* An object: a field, and where it lies. A point p of the mesh lies at scale * rotation * p + translation of the scene. */
 typedef struct {
-    const pandis_field *field;
-    double rotation[9], translation[3], scale;
-    double stiffness; /* force per length of the scene */
+    const pandis_field *field; /* open as long as the object is used */
+    double rotation[9];        /* by rows; without reflection: columns of unit length, at right angles, within 1e-6 */
+    double translation[3];     /* scene lengths, at most 1e100 */
+    double scale;              /* scene lengths per mesh unit, from 1e-100 to 1e100 */
+    double stiffness;          /* force per scene length, from 0 to 1e100 */
 } pandis_object;
 
-/* What a surface feels like, beside its stiffness, which is the object's. Friction is force along the surface per force
- * against it: up to `sticking` the proxy stays where it is, and once it slides, `sliding` (not more) is what it drags.
- * Damping is force per speed of the probe: `damping` along the normal, never so that it pulls towards the surface, and
- * `drag` along the surface. Everything is in units of the scene, and not negative. */
+/* [rt] The penalty force of one object.
+ *
+ * point    scene lengths
+ * force    in the directions of the scene */
+PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
+
+/* What a surface feels like, beside its stiffness, which is the object's. Everything is in units of the scene, from 0 to
+ * 1e100; all zero is smooth. */
 typedef struct {
-    double sticking, sliding, damping, drag;
+    double sticking; /* force along the surface per force against it, up to which the proxy stays where it is ... */
+    double sliding;  /* ... and what it drags once it slides: at most `sticking` */
+    double damping;  /* force per speed of the probe along the normal, never so that it pulls towards the surface */
+    double drag;     /* force per speed along the surface */
 } pandis_material;
 
-/* A height over the surface, which a proxy feels: a function of a point of the surface, in the mesh's own coordinates and
- * units, and of its region (pandis_answer). It returns the height there, from 0 to `most`, and fills in its gradient, no
- * longer than `steepest`. Walls hold as they do without it, for it only adds; `steepest` is
- * 15 at most, or steps answer PANDIS_INVALID. Slopes up to about 0.65 are followed; on
- * steeper ones the proxy falls behind. */
+/* A height over the surface, which a proxy feels. It only adds, so walls hold as they do without it. Slopes up to about 0.65
+ * are followed; on steeper ones the proxy falls behind. */
 typedef struct {
+    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the surface (mesh units) and of
+     * its region (pandis_answer). It is called in the loop, so it has to be [rt], too */
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
-    const void *data;
-    double most, steepest;
+    const void *data; /* passed on to `height` */
+    double most;      /* mesh units, from 0 on */
+    double steepest;  /* from 0 to 15: steeper ones let a probe through thin walls */
 } pandis_texture;
 
-/* Heights for textures: waves across a direction of unit length, steepest 3.15 * height / length; */
+/* [rt] A height for textures: waves across a direction of unit length; steepest 3.15 * height / length. */
 typedef struct {
-    double height, length, direction[3];
+    double height, length, direction[3]; /* mesh units */
 } pandis_ridges;
 PANDIS_API double pandis_waves(const void *ridges, const double point[3], int region, double gradient[3]);
 
-/* and bumps, one for each cube of a length, as if drawn at random: steepest 3.25 * height / length. */
+/* [rt] A height for textures: bumps, one for each cube of a length, as if drawn at random; steepest 3.25 * height / length. */
 typedef struct {
-    double height, length;
+    double height, length; /* mesh units */
 } pandis_bumps;
 PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
 
-/* A texture of its own for each region: `count` of them in the order of the regions, of which one whose height is NULL is
+/* [rt] A texture for each region: `count` of them in the order of the regions, of which one whose height is NULL is
  * smooth. What has no region, or one beyond them, has the first, as with materials. The texture that is made of them has
  * pandis_by_region for its height, and the largest `most` and `steepest` of them all. */
 typedef struct {
@@ -407,75 +492,105 @@ typedef struct {
 } pandis_patches;
 PANDIS_API double pandis_by_region(const void *patches, const double point[3], int region, double gradient[3]);
 
-/* What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which
- * is where the device is, hangs on it by a spring. All zero, and then pandis_contact_open. One contact belongs to one
- * probe and one object; it may be copied. */
+/* ---------------------------------------------------------------- contacts
+ *
+ * What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which is
+ * where the device is, hangs on it by a spring. One contact belongs to one probe, one object and one thread. */
+
+/* How a contact behaves. Begin with pandis_contact_defaults, and change what is to be otherwise. */
 typedef struct {
-    double radius; /* of the proxy, scene lengths: 0 for a point */
-    double slide;  /* scene lengths per second by which the proxy moves beside the probe's own way: it bounds steps of
-                    * the force at ridges */
-    int32_t budget; /* queries after which a step ends, two more at most, and one of `regions`; what is left goes on in
-                     * the next one. At least 8: with fewer, steps answer PANDIS_INVALID, for each would begin anew */
-    int32_t materials; /* 1; or so many, one for each region, and pandis_contact_step is given the first of them */
-    const pandis_texture *texture; /* of the surface; NULL: none */
-    const pandis_field *regions; /* whose regions count, if the object's field has none: a mesh of the same object; or NULL */
-    /* the state, in the object's unit frame */
-    int32_t state, planes, sticks, settled, close, stalled, face, region;
-    pandis_object object; /* as it lay in the last step */
-    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
+    double radius;  /* of the proxy, scene lengths, 0: a point. Up to 1e100 on meshes, compact meshes, closed forms and networks;
+                     * on splines and grids up to 0.95 of the height over the surface up to which they are made (1 mm of 100
+                     * by default), else PANDIS_ERROR_RADIUS. Default 0 */
+    double slide;   /* scene lengths per second, from 0 on, by which the proxy moves beside the probe's own way: it bounds steps
+                     * of the force at ridges. Default: half of the object's longest side */
+    int32_t budget; /* queries after which a step ends, two more at most, and one of `regions`; the next step goes on. From 8 on:
+                     * with fewer, each would begin anew. Default 24 */
+    const pandis_material *materials; /* of each region, kept by the caller, who may change their values between steps; what
+                                       * has no region, or one beyond them, has the first. Default NULL: smooth */
+    size_t material_count;            /* 0: smooth */
+    const pandis_texture *texture;    /* of the surface, kept by the caller; NULL, the default: none */
+    const pandis_field *regions;      /* whose regions count, if the object's field has none: a mesh of the same object, open as
+                                       * long; NULL, the default: none */
+} pandis_contact_options;
+
+/* [rt] The defaults for an object. */
+PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object);
+
+/* The state of a contact, which may be copied. Its content is the implementation's. */
+#define PANDIS_CONTACT_BYTES 1024
+typedef union {
+    double aligned;
+    unsigned char bytes[PANDIS_CONTACT_BYTES];
 } pandis_contact;
 
-/* Bits of pandis_touch.state. TOUCHING: the surface holds the proxy back. STICKING: friction holds it, too. BEHIND: the
- * budget, or `slide`, did not let the proxy go as far as it would. WAITING: the probe has begun inside, and has not come out
- * yet. Nobody knows from which side it came, so nothing pushes it out; but it gets no deeper than it began, or was since.
- * Where the field knows no distance so deep inside, it gives no force until the probe has come out. */
-enum { PANDIS_TOUCHING = 1, PANDIS_STICKING = 2, PANDIS_BEHIND = 4, PANDIS_WAITING = 8 };
+/* Bits of pandis_touch.state. */
+typedef enum {
+    PANDIS_TOUCHING = 1, /* the surface holds the proxy back */
+    PANDIS_STICKING = 2, /* friction holds it, too */
+    PANDIS_BEHIND = 4,   /* the budget, or `slide`, did not let the proxy go as far as it would */
+    PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. From which side it came is not known, so nothing
+                          * pushes it out; but it gets no deeper than it began, or was since. Where the field knows no distance
+                          * so deep inside, there is no force until the probe has come out */
+} pandis_touch_bits;
 
-/* What pandis_contact_step answers, in units and coordinates of the scene. */
+/* What a step answers, in units and directions of the scene. */
 typedef struct {
     double force[3], proxy[3];
-    double normal[3]; /* of the surface (of several, of all together): against it the proxy is pressed; 0 if it is not */
+    double normal[3]; /* of the surface (of several, of all together) against which the proxy is pressed; 0 if it is not */
     double depth;     /* by which the probe is pressed beyond the proxy, along the normal */
     double slip;      /* by which the proxy slid along the surface */
-    int state;        /* bits: see above */
-    int flag;         /* the worst of the queries; PANDIS_INVALID: no force, and the proxy stays */
+    int state;        /* pandis_touch_bits */
+    pandis_flag flag; /* the worst of the queries; PANDIS_INVALID: no force, and the proxy stays */
     int planes;       /* that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
     int queries;      /* that this step took */
-    int32_t object;   /* of a scene */
+    int32_t object;   /* of a scene: its index */
     int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, where the field says it: see pandis_answer */
     int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
-/* Begin a contact with a probe of a radius (scene lengths): any on meshes, compact meshes, closed forms and networks; on
- * splines and grids at most 0.95 of the height over the surface up to which they are made, 1 mm of 100 by default. Returns
- * 0, PANDIS_ERROR_POSE (of the object, or the radius is no number from 0 on), PANDIS_ERROR_KIND: a grid of forces knows no
- * distance outside, or PANDIS_ERROR_RADIUS. */
-PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius);
+/* [rt] Begin a contact. The next step is its first.
+ *
+ * object   whose field tells distances: any but a grid of forces (PANDIS_ERROR_KIND)
+ * options  copied; NULL: the defaults
+ *
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE, PANDIS_ERROR_KIND, PANDIS_ERROR_RADIUS or PANDIS_ERROR_OPTIONS; after an error
+ * steps answer PANDIS_INVALID. */
+PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
+                                            const pandis_contact_options *options);
 
-/* Move the probe to a position of the scene, `dt` seconds after the last one. On its way to the probe the proxy never goes
- * through the surface: free motion is followed, however thin what lies between; along the surface it takes short steps, on
- * up to three planes at once, of the eight that it knows. The object may have another pose than last time: the proxy goes with it; with
- * another field or scale the contact begins anew. Of several materials (contact->materials) that of the region counts in
- * which the proxy lay before, the first one where there is none. Returns the flag. */
-PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
-                                   double dt, const pandis_material *material, pandis_touch *touch);
+/* [rt] The options of a contact that is open, and others for it, which count from the next step on. After an error the old
+ * ones stay. Another radius is felt as a step: take one that lasts. */
+PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *contact);
+PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options);
 
-/* Say that the object's shape is another one (pandis_refit): where it has come over the proxy, the proxy goes out. */
-PANDIS_API void pandis_contact_moved(pandis_contact *contact);
+/* [rt] Move the probe. On its way to the probe the proxy never goes through the surface: free motion is followed, however
+ * thin what lies between; along the surface it takes short steps, on up to three planes at once, of the eight that it knows.
+ *
+ * object    it may have another pose than last time: the proxy goes with it. With another field or scale the contact begins
+ *           anew, and where the probe is inside then, it WAITs
+ * position  of the probe, scene lengths
+ * dt        seconds since the last step, more than 0. Steps of 0.2 to 5 ms are tried
+ *
+ * Returns touch->flag. PANDIS_INVALID, where position or dt are beyond their range, means no force in this tick, which is a
+ * step of the whole force. The force changes by at most the object's stiffness times (twice the way of the probe + slide * dt),
+ * beside what damping adds. An object that jumps counts as a way of the probe. */
+PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
+                                           double dt, pandis_touch *touch);
 
-/* Objects under one probe. Each is asked again only when the probe may touch it: a field that is
- * nowhere nearer than d cannot be touched before the probe has gone that far. Forces are those of
- * pandis_object_force, added up in the order of the objects, to the last bit as long as no field's
- * distance is further off than its file says. One probe, and one thread, has a scene of its own. */
-typedef struct {
-    const pandis_object *objects;
-    size_t count;
-    double *room;
-    size_t asked; /* so many fields were asked for the last answer */
-    pandis_contact *contacts; /* one for each object, where there are any; what is below is theirs */
-    const pandis_material *const *materials;
-    double probe[3];
-    size_t touched; /* so many objects were touched in the last step */
+/* [rt] Tell a contact that its object's field has another shape (pandis_refit): where it has come over the proxy, the next
+ * step takes that out. */
+PANDIS_API void pandis_contact_reshaped(pandis_contact *contact);
+
+/* ---------------------------------------------------------------- scenes
+ *
+ * Objects under one probe. Each is asked again only when the probe may touch it: a field that is nowhere nearer than d cannot
+ * be touched before the probe has gone that far. One probe, and one thread, has a scene of its own. */
+
+/* The state of a scene. Its content is the implementation's. */
+typedef union {
+    double aligned;
+    unsigned char bytes[256];
 } pandis_scene;
 
 /* Doubles that a scene of so many objects needs; objects that are looked at together. */
@@ -483,73 +598,107 @@ typedef struct {
 #define PANDIS_SCENE_ROOM(count) \
     (8 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
 
-/* Make a scene of objects and room that the caller keeps. Returns 0 or PANDIS_ERROR_POSE. */
-PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room);
+/* Begin a scene.
+ *
+ * objects      count of them, kept by the caller, who may change them between calls: see pandis_scene_moved
+ * room         of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
+ * room_length  doubles in the room
+ *
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE, and objects that lie nowhere are left out; or PANDIS_ERROR_COUNT, and the scene is
+ * empty. */
+PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
+                                          size_t room_length);
 
-/* Say that an object was moved, turned, scaled, or given another field. Returns 0 or
- * PANDIS_ERROR_POSE: it is left out until it lies somewhere. */
-PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object);
+/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped, or given another field.
+ *
+ * object   its index
+ *
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE, and the object is left out until it lies somewhere; or PANDIS_ERROR_COUNT: there is
+ * no such object. */
+PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
-/* The sum of the penalty forces of all objects at a point of the scene. Returns the worst flag of
- * those that were asked. It changes nothing of what pandis_scene_touch answers, in whatever order they are called. */
-PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
+/* [rt] The sum of the penalty forces of all objects, in their order, to the last bit that of pandis_object_force as long as no
+ * field's distance is further off than its file says. It changes nothing of what pandis_scene_touch answers, in whatever
+ * order they are called. Returns the worst flag of those that were asked.
+ *
+ * point    scene lengths, at most 1e100 */
+PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
 
-/* Give the scene a contact for each object, which the caller keeps, and begin them with a probe of a radius. Of materials,
- * one for each object, the array may be NULL, and each of them. Returns 0, or the first error of pandis_contact_open: that
- * object, and whatever lies nowhere, is left out. */
-PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
-                                       const pandis_material *const *materials, double radius);
+/* Begin a contact for each object.
+ *
+ * contacts  count of them, kept by the caller
+ * options   count of them, copied; NULL: the defaults
+ * count     that of the objects, else PANDIS_ERROR_COUNT
+ *
+ * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object, and whatever lies nowhere, is left out. */
+PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
+                                                const pandis_contact_options *options, size_t count);
 
-/* Move the probe to a position, `dt` seconds after the last one, and step the contacts of all objects that it may touch.
- * The force is the sum of theirs, in the order of the objects, to the last bit that of stepping all of them. Fills in at
- * most `most` touches (NULL: none), of those objects that are touched, or whose proxy is behind; scene->touched says how many are. An object that is
- * moved (pandis_scene_moved) carries its proxy along. Returns the worst flag. */
-PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
-                                  pandis_touch *touches, size_t most);
+/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum of theirs, in the order of
+ * the objects, to the last bit that of stepping all of them. An object that is moved carries its proxy along.
+ *
+ * position  scene lengths, at most 1e100
+ * dt        seconds since the last step, more than 0
+ * touches   filled in, of those objects that are touched or whose proxy is behind; NULL: none
+ * most      touches that there is room for
+ * touched   how many such objects there are, which may be more than `most`; NULL: not wanted
+ *
+ * Returns the worst flag. */
+PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
+                                          pandis_touch *touches, size_t most, size_t *touched);
+
+/* [rt] Fields that the last pandis_scene_force asked, or queries that the last pandis_scene_touch took. */
+PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
-/* Where an object lies in a frame of a simulation, and how it moves: rotation and translation are those of pandis_object,
- * the velocity is that of the point at `translation`, per second, and the spin an axis times radians per second, both in
- * the directions of the scene. */
-typedef struct {
-    double rotation[9], translation[3], velocity[3], spin[3];
-} pandis_pose;
-
-/* Poses that a simulation hands over to the haptic loop, and neither waits: of three frames one is written, one is
+/* ---------------------------------------------------------------- objects that a simulation moves
+ *
+ * A simulation hands frames of poses over to the haptic loop, and neither waits: of three frames one is written, one is
  * followed, and the newest whole one is handed over. In each tick every object goes on, without a step, towards where it
  * will lie when the next frame is due; there it waits, if that is late. One thread gives, one steps. */
+
+/* Where an object lies in a frame, and how it moves. */
 typedef struct {
-    pandis_object *objects; /* what is below belongs to pandis_poses_... */
-    size_t count;
-    pandis_pose *frames;
-    double periods[3], *ways, period, gone;
-    int32_t writing, asking;
-    volatile int32_t waiting; /* a frame, and 4 if nobody has taken it yet */
+    double rotation[9], translation[3]; /* as of pandis_object */
+    double velocity[3];                 /* of the point at `translation`, scene lengths per second, at most 1e50 */
+    double spin[3];                     /* axis times radians per second, in the directions of the scene */
+} pandis_pose;
+
+/* The state of the handover. Its content is the implementation's. */
+typedef union {
+    double aligned;
+    unsigned char bytes[128];
 } pandis_poses;
 
 /* Doubles that so many objects need. */
 #define PANDIS_POSES_ROOM(count) (68 * (size_t)(count))
 
-/* Begin where the objects lie. The caller keeps them, and the room. Returns 0, or PANDIS_ERROR_POSE. */
-PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room);
+/* Begin where the objects lie.
+ *
+ * objects      count of them, kept by the caller, and moved by pandis_poses_step
+ * room         of at least PANDIS_POSES_ROOM(count) doubles, kept by the caller
+ * room_length  doubles in the room
+ *
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE or PANDIS_ERROR_COUNT. */
+PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room,
+                                          size_t room_length);
 
-/* The frame to be filled in next, a pose for each object, by the simulation's thread: all of them, each time. */
-PANDIS_API pandis_pose *pandis_poses_frame(const pandis_poses *poses);
+/* [rt] Hand over a frame, by the simulation's thread.
+ *
+ * frame    a pose for each object, copied
+ * count    that of the objects, else PANDIS_ERROR_COUNT
+ * period   seconds until the next frame is due, more than 0 and at most 1e6
+ *
+ * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE (a rotation is none, something is not finite, or an object turns more than halfway
+ * round in the period), and nothing is handed over. */
+PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
-/* Hand the frame over; the next one is due `period` seconds later. Returns 0, or PANDIS_ERROR_POSE, and nothing is handed
- * over: a rotation is none, something is not finite, or an object turns more than halfway round until then. */
-PANDIS_API int pandis_poses_give(pandis_poses *poses, double period);
-
-/* Move the objects on by `dt` seconds, at the beginning of a tick, and tell the scene that holds them (or NULL). Returns
- * 1 if there was another frame than before, else 0. */
+/* [rt] Move the objects on, at the beginning of a tick. Returns 1 if there was another frame than before, else 0.
+ *
+ * scene    that holds them, and is told; or NULL
+ * dt       seconds since the last tick, more than 0 */
 PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt);
 #endif
-
-/* The penalty force of one object at a point of the scene. Returns the flag. */
-PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
-
-/* What an error code means. */
-PANDIS_API const char *pandis_error(int error);
 
 #ifdef __cplusplus
 }
@@ -678,6 +827,63 @@ static double pandis__clamp(const double *u, double *inside) {
     return pandis__clamp_to(low, high, u, inside);
 }
 
+/* ---------------------------------------------------------------- what is behind the opaque states */
+
+typedef struct {
+    pandis_contact_options options; /* budget 0: it is not open */
+    int32_t state, planes, sticks, settled, close, stalled, face, region;
+    /* in the object's unit frame */
+    pandis_object object; /* as it lay in the last step */
+    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
+} pandis__contact;
+
+typedef struct {
+    const pandis_object *objects;
+    size_t count;
+    double *room;
+    size_t queries;           /* of the last answer */
+    pandis_contact *contacts; /* of each object; NULL: none */
+    double probe[3];          /* where it was in the last step of the contacts */
+} pandis__scene;
+
+#if defined(__GNUC__) || defined(_MSC_VER)
+typedef struct {
+    pandis_object *objects;
+    size_t count;
+    pandis_pose *frames;
+    double periods[3], *ways, period, gone;
+    int32_t writing, asking;
+    volatile int32_t waiting; /* a frame, and 4 if nobody has taken it yet */
+} pandis__poses;
+
+typedef struct {
+    pandis_field shapes[3];
+    int32_t writing, asking;
+    volatile int32_t waiting; /* a shape, and 4 if nobody has taken it yet */
+} pandis__handover;
+#endif
+
+/* The state behind each handle. Handles are aligned for doubles, and hold characters, which alias everything. */
+#define PANDIS__STATE(handle)                                                                                     \
+    typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];                     \
+    PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) { return (pandis__##handle *)(void *)h; } \
+    PANDIS__INLINE const pandis__##handle *pandis__##handle##_in(const pandis_##handle *h) {                      \
+        return (const pandis__##handle *)(const void *)h;                                                         \
+    }
+PANDIS__STATE(contact)
+PANDIS__STATE(scene)
+#if defined(__GNUC__) || defined(_MSC_VER)
+PANDIS__STATE(poses)
+PANDIS__STATE(handover)
+#endif
+
+PANDIS_API const char *pandis_version(void) { return PANDIS_VERSION; }
+
+PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch) {
+    int same = strlen(version) == sizeof PANDIS_VERSION - 1 && !memcmp(version, PANDIS_VERSION, sizeof PANDIS_VERSION - 1);
+    same = same && field == sizeof(pandis_field) && options == sizeof(pandis_contact_options) && touch == sizeof(pandis_touch);
+    return same ? PANDIS_SUCCESS : PANDIS_ERROR_HEADER;
+}
 
 /* ---------------------------------------------------------------- vectors
  *
@@ -1511,7 +1717,7 @@ static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t f
     return pandis__first_sign(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
+PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
                                              double *distance, double *normal, double *clear) {
     pandis__foot foot;
     double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with room for rounding */
@@ -1939,7 +2145,7 @@ static int pandis__cut_side(const pandis__compact *t, const double *p, const dou
     return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, pandis__start *begin,
+PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t, const double *u, pandis__start *begin,
                                                 double *distance, double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};
@@ -2137,7 +2343,7 @@ static int pandis__fits_four(const pandis__network *n) {
  * of four, which read every weight together; what a point gets is the same. Without normals (NULL) there is no
  * gradient to compute. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
-                                                double (*normal)[3], int *flag) {
+                                                double (*normal)[3], pandis_flag *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
     double inside[4][3], outside[4];
     int stride = n->stride, own = n->outputs == 1;
@@ -2210,7 +2416,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
 }
 
 PANDIS__COMPILE(pandis__answer_network,
-                (const pandis__network *n, int count, double (*u)[3], double *distance, double (*normal)[3], int *flag),
+                (const pandis__network *n, int count, double (*u)[3], double *distance, double (*normal)[3], pandis_flag *flag),
                 (n, count, u, distance, normal, flag))
 /* ---------------------------------------------------------------- grids */
 
@@ -2236,7 +2442,7 @@ static void pandis__corners(const pandis__grid *g, const double *p, const float 
     }
 }
 
-static int pandis__answer_grid(const pandis__grid *g, const double *u, double *distance, double *normal) {
+static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, double *distance, double *normal) {
     double p[3], t[3], value[4] = {0}, outside = pandis__clamp_to(g->low, g->high, u, p);
     const float *corner[8];
     int cell[3], force = g->rule == PANDIS__NEAREST || g->rule == PANDIS__TRILINEAR;
@@ -2376,7 +2582,7 @@ PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pa
 }
 
 PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, pandis__cells *cells,
-                                               double *distance, double *normal, int *flag) {
+                                               double *distance, double *normal, pandis_flag *flag) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
     for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
     *flag = PANDIS_OK;
@@ -2415,7 +2621,7 @@ PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const do
 
 PANDIS__COMPILE(pandis__answer_spline,
                 (const pandis__spline *s, const double *u, pandis__cells *cells, double *distance, double *normal,
-                 int *flag),
+                 pandis_flag *flag),
                 (s, u, cells, distance, normal, flag))
 
 /* ---------------------------------------------------------------- closed forms */
@@ -2457,7 +2663,7 @@ static void pandis__answer_shape(const pandis__shape *s, const double *p, double
 
 /* ---------------------------------------------------------------- queries */
 
-PANDIS_API int pandis_kind(const pandis_field *field) { return field->kind; }
+PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field) { return (pandis_kind)field->kind; }
 
 PANDIS_API size_t pandis_bytes(const pandis_field *field) { return field->size; }
 
@@ -2484,7 +2690,7 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
 }
 
 /* Make an answer in mesh units of distance, direction and flag in the unit frame. */
-static void pandis__tell(const pandis_field *field, double d, double *n, double clear, int flag,
+static void pandis__tell(const pandis_field *field, double d, double *n, double clear, pandis_flag flag,
                          pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
     if (flag == PANDIS_INVALID || flag == PANDIS_BEYOND) {
@@ -2506,7 +2712,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
 static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis__cells *cells,
                         pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
-    int flag = PANDIS_INVALID;
+    pandis_flag flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
         switch (field->kind) {
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
@@ -2560,10 +2766,10 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
     pandis__query_after(field, point, hint, NULL, answer);
 }
 
-PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance) {
+PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance) {
     pandis_answer answer;
     double u[1][3], d = 0, none[3] = {0, 0, 1};
-    int flag = PANDIS_INVALID;
+    pandis_flag flag = PANDIS_INVALID;
     if (field->kind == PANDIS_NETWORK && field->as.network.outputs == 1) {
         if (pandis__unit(field, point, u[0])) pandis__answer_network(&field->as.network, 1, u, &d, NULL, &flag);
         pandis__tell(field, d, none, 0, flag, &answer);
@@ -2574,7 +2780,7 @@ PANDIS_API int pandis_distance(const pandis_field *field, const double point[3],
     return answer.flag;
 }
 
-PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
+PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
     pandis_answer answer;
     force[0] = force[1] = force[2] = 0;
     if (!(stiffness >= 0 && stiffness <= PANDIS__STIFFEST)) return PANDIS_INVALID;
@@ -2587,7 +2793,8 @@ PANDIS_API int pandis_force(const pandis_field *field, const double point[3], do
 /* Answer four points with a network, which reads every weight once for them. */
 static void pandis__query_four(const pandis_field *field, const double *points, pandis_answer *answers) {
     double u[4][3], d[4], n[4][3];
-    int finite[4], flag[4];
+    int finite[4];
+    pandis_flag flag[4];
     for (int p = 0; p < 4; p++) {
         finite[p] = pandis__unit(field, points + 3 * p, u[p]);
         for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;
@@ -2771,8 +2978,8 @@ static void pandis__differ(const pandis_field *field, const double *point, int o
     }
 }
 
-PANDIS_API int pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
-                                  double hessian[9]) {
+PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
+                                          double hessian[9]) {
     pandis__start begin = PANDIS__ANYWHERE;
     pandis_answer answer;
     double u[3] = {0, 0, 0}, own[3] = {0, 0, 0}, bend[9] = {0};
@@ -2813,6 +3020,10 @@ PANDIS_API int pandis_derivatives(const pandis_field *field, const double point[
  * computed from the vertices where a query meets them. */
 
 static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
+
+PANDIS_API size_t pandis_vertex_count(const pandis_field *field) {
+    return field->kind == PANDIS_MESH ? (size_t)field->as.mesh.vertex_count : 0;
+}
 
 PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     const pandis__mesh *m = &field->as.mesh;
@@ -2864,8 +3075,9 @@ static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, floa
     }
 }
 
-PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room) {
+PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size) {
     if (field->kind != PANDIS_MESH) return PANDIS_ERROR_CONTENT;
+    if (size < pandis_refit_room(field)) return PANDIS_ERROR_COUNT;
     if ((uintptr_t)room % 8) return PANDIS_ERROR_ALIGNMENT;
     const pandis__mesh *m = &field->as.mesh;
     size_t v = (size_t)m->vertex_count, f = (size_t)m->face_count, n = (size_t)m->node_count;
@@ -2901,13 +3113,13 @@ PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field
     own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
     own->most = INT32_MAX; /* nothing is known of what its shapes would cut */
-    return 0;
+    return PANDIS_SUCCESS;
 }
 
-PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
+PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertices, size_t count) {
     pandis__mesh *m = &moving->as.mesh;
     if (moving->kind != PANDIS_MESH || !m->around) return PANDIS_ERROR_CONTENT;
-    size_t count = (size_t)m->vertex_count;
+    if (count != (size_t)m->vertex_count) return PANDIS_ERROR_COUNT;
     int good = 1;
     for (int k = 0; k < 3; k++)
         for (size_t i = 0; i < count; i++)
@@ -2927,7 +3139,7 @@ PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
     }
     m->reach = most;
     pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes, (float(*)[2])(uintptr_t)m->slacks);
-    return 0;
+    return PANDIS_SUCCESS;
 }
 
 
@@ -2956,27 +3168,31 @@ static int32_t pandis__peek(const volatile int32_t *where) {
 
 PANDIS_API size_t pandis_handover_room(const pandis_field *field) { return 3 * pandis_refit_room(field); }
 
-PANDIS_API int pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room) {
+PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room, size_t size) {
+    pandis__handover *h = pandis__handover_of(handover);
     size_t each = pandis_refit_room(field);
+    if (size < 3 * each) return PANDIS_ERROR_COUNT;
     for (int i = 0; i < 3; i++) {
-        int error = pandis_refit_open(handover->shapes + i, field, (unsigned char *)room + (size_t)i * each);
+        pandis_error error = pandis_refit_open(h->shapes + i, field, (unsigned char *)room + (size_t)i * each, each);
         if (error) return error;
     }
-    handover->writing = 0, handover->asking = 1;
-    (void)pandis__exchange(&handover->waiting, 2 | PANDIS__NEW);
-    return 0;
+    h->writing = 0, h->asking = 1;
+    (void)pandis__exchange(&h->waiting, 2 | PANDIS__NEW);
+    return PANDIS_SUCCESS;
 }
 
-PANDIS_API int pandis_handover_refit(pandis_handover *handover, const double *vertices) {
-    int error = pandis_refit(handover->shapes + handover->writing, vertices);
-    if (!error) handover->writing = pandis__exchange(&handover->waiting, handover->writing | PANDIS__NEW) & 3;
+PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const double *vertices, size_t count) {
+    pandis__handover *h = pandis__handover_of(handover);
+    pandis_error error = pandis_refit(h->shapes + h->writing, vertices, count);
+    if (!error) h->writing = pandis__exchange(&h->waiting, h->writing | PANDIS__NEW) & 3;
     return error;
 }
 
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving) {
-    int is_new = (pandis__peek(&handover->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
-    if (is_new) handover->asking = pandis__exchange(&handover->waiting, handover->asking) & 3;
-    *moving = handover->shapes[handover->asking];
+    pandis__handover *h = pandis__handover_of(handover);
+    int is_new = (pandis__peek(&h->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
+    if (is_new) h->asking = pandis__exchange(&h->waiting, h->asking) & 3;
+    *moving = h->shapes[h->asking];
     return is_new;
 }
 #endif
@@ -3001,7 +3217,7 @@ static void pandis__add_force(const pandis_object *o, const double *p, pandis_an
     }
 }
 
-PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]) {
+PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]) {
     pandis_answer answer;
     double p[3];
     force[0] = force[1] = force[2] = 0;
@@ -3035,7 +3251,7 @@ static int pandis__lies(const pandis_object *o) {
  * contacts, whose proxies may be elsewhere: centre and squared radius, in blocks, coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
-static double *pandis__ball(const pandis_scene *scene, int use, size_t object) {
+static double *pandis__ball(const pandis__scene *scene, int use, size_t object) {
     double *balls = scene->room + (size_t)use * (PANDIS_SCENE_ROOM(scene->count) / 2);
     return balls + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK + object % PANDIS_SCENE_BLOCK;
 }
@@ -3057,17 +3273,18 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
 }
 
 /* The worse of two flags: no answer, an estimate, one that may be a little off. */
-static int pandis__worse(int one, int other) {
+static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
     static const int rank[] = {0, 2, 3, 1, 0}; /* by flag */
     return rank[one] > rank[other] ? one : other;
 }
 
 /* Ask an object unless it cannot be touched at a point, and keep how far that is so. */
-static int pandis__visit(pandis_scene *scene, size_t index, const double *point, double *force) {
+static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
     const pandis_field *f = o->field;
     double p[3], u[3], size = 0;
-    int flag = PANDIS_OK, inside = 1;
+    pandis_flag flag = PANDIS_OK;
+    int inside = 1;
     pandis__enter(o, point, p);
     for (int k = 0; k < 3; k++) {
         u[k] = (p[k] - f->centre[k]) * f->scale;
@@ -3078,7 +3295,7 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
     if (!(clear > 0)) {
         pandis_answer answer;
         pandis__add_force(o, p, &answer, force);
-        scene->asked++;
+        scene->queries++;
         flag = answer.flag;
         double away = flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance;
         if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
@@ -3088,31 +3305,41 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
     return flag;
 }
 
-PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object) {
+/* Let an object be asked at the next point; leave it out if it lies nowhere. */
+static pandis_error pandis__wake_object(const pandis__scene *scene, size_t object) {
     const double origin[3] = {0};
-    if (object >= scene->count) return PANDIS_ERROR_POSE;
     int lies = pandis__lies(scene->objects + object);
     for (int use = PANDIS__OF_FORCES; use <= PANDIS__OF_CONTACTS; use++)
         pandis__keep_ball(pandis__ball(scene, use, object), origin, lies ? 0 : 1e150);
-    return lies ? 0 : PANDIS_ERROR_POSE;
+    return lies ? PANDIS_SUCCESS : PANDIS_ERROR_POSE;
 }
 
-PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room) {
+PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object) {
+    const pandis__scene *s = pandis__scene_in(scene);
+    return object < s->count ? pandis__wake_object(s, object) : PANDIS_ERROR_COUNT;
+}
+
+PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
+                                          size_t room_length) {
     const double origin[3] = {0};
-    int error = 0;
-    scene->objects = objects, scene->count = count, scene->room = room, scene->asked = 0;
-    scene->contacts = NULL, scene->materials = NULL, scene->touched = 0;
+    pandis__scene *s = pandis__scene_of(scene);
+    pandis_error error = PANDIS_SUCCESS;
+    memset(s, 0, sizeof *s);
+    if (room_length < PANDIS_SCENE_ROOM(count)) return PANDIS_ERROR_COUNT;
+    s->objects = objects, s->count = count, s->room = room;
     for (size_t i = 0; i < PANDIS_SCENE_ROOM(count) / 8; i++) {
-        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, i), origin, 1e150);
-        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_CONTACTS, i), origin, 1e150);
+        pandis__keep_ball(pandis__ball(s, PANDIS__OF_FORCES, i), origin, 1e150);
+        pandis__keep_ball(pandis__ball(s, PANDIS__OF_CONTACTS, i), origin, 1e150);
     }
     for (size_t i = 0; i < count; i++)
-        if (pandis_scene_moved(scene, i)) error = PANDIS_ERROR_POSE;
+        if (pandis__wake_object(s, i)) error = PANDIS_ERROR_POSE;
     return error;
 }
 
+PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) { return pandis__scene_in(scene)->queries; }
+
 /* The next object, from one on, that may be touched at a point; the count, if there is none. */
-static size_t pandis__next_awake(const pandis_scene *scene, int use, size_t from, const double *point) {
+static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
         const double *ball = pandis__ball(scene, use, start);
@@ -3132,14 +3359,15 @@ static size_t pandis__next_awake(const pandis_scene *scene, int use, size_t from
     return scene->count;
 }
 
-PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
-    int worst = PANDIS_OK;
+PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
+    pandis__scene *s = pandis__scene_of(scene);
+    pandis_flag worst = PANDIS_OK;
     force[0] = force[1] = force[2] = 0;
-    scene->asked = 0;
+    s->queries = 0;
     for (int k = 0; k < 3; k++)
         if (!(fabs(point[k]) <= 1e100)) return PANDIS_INVALID;
-    for (size_t i = 0; (i = pandis__next_awake(scene, PANDIS__OF_FORCES, i, point)) < scene->count; i++)
-        worst = pandis__worse(pandis__visit(scene, i, point, force), worst);
+    for (size_t i = 0; (i = pandis__next_awake(s, PANDIS__OF_FORCES, i, point)) < s->count; i++)
+        worst = pandis__worse(pandis__visit(s, i, point, force), worst);
     return worst;
 }
 
@@ -3201,10 +3429,13 @@ static void pandis__turned(const double *q, double *r) {
 }
 
 /* The way that an object is on: two ends, of each the quaternion and the translation. */
-static double *pandis__way_of(const pandis_poses *poses, size_t object) { return poses->ways + 14 * object; }
+static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
 
-PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room) {
+PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
+                                          size_t room_length) {
+    pandis__poses *poses = pandis__poses_of(handle);
     memset(poses, 0, sizeof *poses);
+    if (room_length < PANDIS_POSES_ROOM(count)) return PANDIS_ERROR_COUNT;
     poses->objects = objects, poses->count = count;
     poses->frames = (pandis_pose *)(void *)room, poses->ways = room + 3 * count * (sizeof(pandis_pose) / sizeof *room);
     poses->asking = 1;
@@ -3217,22 +3448,18 @@ PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, si
         pandis__unit_turn(way);
         memcpy(way + 4, o->translation, sizeof o->translation);
         memcpy(way + 7, way, 7 * sizeof *way);
-        for (size_t k = 0; k < 3; k++) {
-            pandis_pose *pose = poses->frames + k * count + i;
-            memset(pose, 0, sizeof *pose);
-            memcpy(pose->rotation, o->rotation, sizeof o->rotation);
-            memcpy(pose->translation, o->translation, sizeof o->translation);
-        }
+        pandis_pose pose;
+        memset(&pose, 0, sizeof pose);
+        memcpy(pose.rotation, o->rotation, sizeof o->rotation);
+        memcpy(pose.translation, o->translation, sizeof o->translation);
+        for (size_t k = 0; k < 3; k++) poses->frames[k * count + i] = pose;
     }
-    return 0;
+    return PANDIS_SUCCESS;
 }
 
-PANDIS_API pandis_pose *pandis_poses_frame(const pandis_poses *poses) {
-    return poses->frames + (size_t)poses->writing * poses->count;
-}
-
-PANDIS_API int pandis_poses_give(pandis_poses *poses, double period) {
-    const pandis_pose *frame = pandis_poses_frame(poses);
+PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pose *frame, size_t count, double period) {
+    pandis__poses *poses = pandis__poses_of(handle);
+    if (count != poses->count) return PANDIS_ERROR_COUNT;
     if (!(period > 0 && period <= 1e6)) return PANDIS_ERROR_POSE;
     for (size_t i = 0; i < poses->count; i++) {
         const pandis_pose *pose = frame + i;
@@ -3241,13 +3468,14 @@ PANDIS_API int pandis_poses_give(pandis_poses *poses, double period) {
         if (!pandis__places(pose->rotation, pose->translation) || !(fast <= 1e100)) return PANDIS_ERROR_POSE;
         if (!(turns <= PANDIS__HALF_TURN)) return PANDIS_ERROR_POSE;
     }
+    memcpy(poses->frames + (size_t)poses->writing * count, frame, count * sizeof *frame);
     poses->periods[poses->writing] = period;
     poses->writing = pandis__exchange(&poses->waiting, poses->writing | PANDIS__NEW) & 3;
-    return 0;
+    return PANDIS_SUCCESS;
 }
 
 /* Begin the way from where an object is to where it will be, by its velocity, when the next frame comes. */
-static void pandis__set_out(const pandis_poses *poses, size_t object) {
+static void pandis__set_out(const pandis__poses *poses, size_t object) {
     const pandis_pose *pose = poses->frames + (size_t)poses->asking * poses->count + object;
     double *from = pandis__way_of(poses, object), *to = from + 7, given[4], spun[4];
     double share = poses->period > 0 ? poses->gone / poses->period : 1, same = 0;
@@ -3262,7 +3490,7 @@ static void pandis__set_out(const pandis_poses *poses, size_t object) {
     for (int k = 0; k < 3; k++) to[4 + k] = pose->translation[k] + poses->periods[poses->asking] * pose->velocity[k];
 }
 
-PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt) {
+static int pandis__poses_go(pandis__poses *poses, pandis_scene *scene, double dt) {
     int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
     if (is_new) {
         poses->asking = pandis__exchange(&poses->waiting, poses->asking) & 3;
@@ -3284,6 +3512,10 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
         if (scene) (void)pandis_scene_moved(scene, i);
     }
     return is_new;
+}
+
+PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt) {
+    return pandis__poses_go(pandis__poses_of(poses), scene, dt);
 }
 #endif
 /* ---------------------------------------------------------------- textures: heights over a surface */
@@ -3436,14 +3668,15 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 
 /* A proxy while it is moved in a step. */
 typedef struct {
-    pandis_contact *state;
+    pandis__contact *state;
     const pandis_field *field;
     double radius;            /* how far outside of the surface the walls are, less where the probe has begun nearer */
     double tolerance;         /* by which planes are compared */
     double blur;              /* a surface so far away, or so far behind a plane, tells nothing */
     int exact;                /* its distances are those of a surface, not of an approximation */
     int flat;                 /* and that surface is the one that is felt */
-    int queries, flag, count;
+    int queries, count;
+    pandis_flag flag;
     pandis__plane plane[PANDIS__PLANES];
     double *x, *ball;
 } pandis__proxy;
@@ -3463,7 +3696,7 @@ static int pandis__knows_distance(const pandis_field *f) {
  * surface below the point, the normal that of this plane, and less is free. */
 static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
                             double *free, double *sure) {
-    const pandis_texture *t = p->state->texture;
+    const pandis_texture *t = p->state->options.texture;
     const pandis_field *f = p->field;
     double foot[3], slope[3], *n = answer->normal;
     for (int k = 0; k < 3; k++) foot[k] = (at[k] - *distance * n[k]) / f->scale + f->centre[k];
@@ -3504,7 +3737,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         if (inside && distance > 0) free = fmax(free, f->height);
     }
     look->face = answer.face, look->region = answer.region;
-    if (p->state->texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
+    if (p->state->options.texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
     look->distance = distance - p->radius, look->free = free - p->radius;
     look->sure = fmin(sure, free) - p->radius;
     for (int k = 0; k < 3; k++) {
@@ -3554,7 +3787,7 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
-    if (p->field->regions || !p->state->regions) p->state->region = look->region; /* else it is asked for once a step */
+    if (p->field->regions || !p->state->options.regions) p->state->region = look->region; /* else it is asked for once a step */
 }
 
 static double pandis__between(const double *a, const double *b) {
@@ -3616,9 +3849,9 @@ static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
  * proxy but for a sliver. It ends at the height from which it is looked, or where too much of an edge would not be seen
  * from. 0: no answer; 2: a wall was met that was not known. */
 static int pandis__climb(pandis__proxy *p) {
-    pandis_contact *c = p->state;
+    pandis__contact *c = p->state;
     double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
-    for (int failed = 0; failed < 2 && p->queries < c->budget;) {
+    for (int failed = 0; failed < 2 && p->queries < c->options.budget;) {
         pandis__look look;
         pandis__lifted(p, p->x, NULL, lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
@@ -3685,7 +3918,7 @@ typedef struct {
 } pandis__way;
 
 /* How far the proxy may go along the surface towards a place `step` away, under a pressure. */
-static double pandis__rubbed(pandis_contact *c, pandis__way *way, double step, double press) {
+static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
     if (way->slip < 0) { /* the first look at it in this step */
         c->sticks = friction > 0 && step <= friction;
@@ -3788,7 +4021,7 @@ static void pandis__come_out(pandis__proxy *p) {
 
 /* Try to bring the proxy to a target. 0: there was no answer. */
 static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
-    pandis_contact *c = p->state;
+    pandis__contact *c = p->state;
     pandis__look look, near;
     double at[3], place[3], step = pandis__between(target, p->x);
     double most = way->active ? way->shrink * fmax(1.9 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
@@ -3913,7 +4146,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
 
 /* Bring the proxy as near to the probe as it can come. Returns 0 if there was no answer. */
 static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
-    pandis_contact *c = p->state;
+    pandis__contact *c = p->state;
     double target[3];
     if (pandis__between(probe, p->ball) < p->ball[4]) { /* known to be free, whatever planes say */
         memcpy(p->x, probe, 3 * sizeof *probe);
@@ -3924,19 +4157,19 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     /* each turn asks the field, or ends the step; that none does neither is made sure of */
-    for (int turn = 0; turn < 4 * c->budget; turn++) {
+    for (int turn = 0; turn < 4 * c->options.budget; turn++) {
         pandis__come_out(p);
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
-            if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->budget) return 1;
+            if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->options.budget) return 1;
             c->stalled = 0;
             int changed = pandis__confirm(p, way, 1);
             if (changed < 0) return 0;
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        if (p->queries >= c->budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
-            way->held |= p->queries >= c->budget;
+        if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
+            way->held |= p->queries >= c->options.budget;
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
             return 1;
         }
@@ -3953,7 +4186,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
 /* ---------------------------------------------------------------- contact */
 
 /* The pull of the spring and the damping, in the object's frame and scene units, from where probe and proxy are. */
-static void pandis__pull(const pandis_contact *c, const pandis_object *o, const double *normal, double damping,
+static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal, double damping,
                          double *force) {
     double per = o->scale / o->field->scale;
     for (int k = 0; k < 3; k++) force[k] = o->stiffness * per * c->pull[k];
@@ -3972,26 +4205,64 @@ static double pandis__widest(const pandis_field *f) {
 }
 
 #define PANDIS__LEAST_BUDGET 8
+#define PANDIS__BUDGET 24
 #define PANDIS__STEEPEST 15.0
 
-/* Whether a contact's settings are in their ranges. */
-static int pandis__sound(const pandis_contact *c, const pandis_field *f, double per) {
-    const pandis_texture *t = c->texture;
-    if (t && !(t->most >= 0 && t->steepest >= 0 && t->steepest <= PANDIS__STEEPEST)) return 0;
-    return c->budget >= PANDIS__LEAST_BUDGET && c->slide >= 0 && c->radius >= 0 && c->radius * per <= pandis__widest(f);
+/* Whether a number is from 0 to a most; not so for NaN. */
+static int pandis__in_range(double x, double most) { return x >= 0 && x <= most; }
+
+static int pandis__material_is_sound(const pandis_material *m) {
+    return pandis__in_range(m->sticking, 1e100) && pandis__in_range(m->sliding, m->sticking) &&
+           pandis__in_range(m->damping, 1e100) && pandis__in_range(m->drag, 1e100);
 }
 
-PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius) {
+static pandis_error pandis__check_options(const pandis_contact_options *options, const pandis_object *o) {
+    const pandis_texture *t = options->texture;
+    double per = o->field->scale / o->scale;
+    int sound = options->budget >= PANDIS__LEAST_BUDGET && pandis__in_range(options->slide, 1e100) &&
+                pandis__in_range(options->radius, 1e100) && (!options->material_count || options->materials);
+    if (t) sound = sound && t->height && pandis__in_range(t->most, 1e100) && pandis__in_range(t->steepest, PANDIS__STEEPEST);
+    for (size_t i = 0; sound && i < options->material_count; i++) sound = pandis__material_is_sound(options->materials + i);
+    if (!sound) return PANDIS_ERROR_OPTIONS;
+    return options->radius * per <= pandis__widest(o->field) ? PANDIS_SUCCESS : PANDIS_ERROR_RADIUS;
+}
+
+PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object) {
+    pandis_contact_options options;
+    memset(&options, 0, sizeof options);
+    options.budget = PANDIS__BUDGET;
+    if (pandis__lies(object)) options.slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
+    return options;
+}
+
+PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
+                                            const pandis_contact_options *options) {
+    pandis__contact *c = pandis__contact_of(contact);
+    pandis_contact_options defaults = pandis_contact_defaults(object);
     memset(contact, 0, sizeof *contact);
-    if (!pandis__lies(object) || !(radius >= 0 && radius <= 1e100)) return PANDIS_ERROR_POSE;
+    if (!pandis__lies(object)) return PANDIS_ERROR_POSE;
     if (!pandis__knows_distance(object->field)) return PANDIS_ERROR_KIND;
-    if (radius > pandis__widest(object->field) * object->scale / object->field->scale) return PANDIS_ERROR_RADIUS;
-    contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = contact->region = -1, contact->materials = 1;
-    contact->slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
-    return 0;
+    if (!options) options = &defaults;
+    pandis_error error = pandis__check_options(options, object);
+    if (error) return error;
+    c->options = *options, c->object = *object;
+    c->lift = PANDIS__HOVER, c->face = c->region = -1;
+    return PANDIS_SUCCESS;
 }
 
-PANDIS_API void pandis_contact_moved(pandis_contact *contact) { contact->ball[3] = -1; }
+PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *contact) {
+    return pandis__contact_in(contact)->options;
+}
+
+PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options) {
+    pandis__contact *c = pandis__contact_of(contact);
+    if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* it is not open */
+    pandis_error error = pandis__check_options(options, &c->object);
+    if (!error) c->options = *options;
+    return error;
+}
+
+PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
 
 /* Walls are so much farther outside than they were, at most where the probe is: nothing stands between it and its proxy. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
@@ -4028,14 +4299,14 @@ static void pandis__find_region(pandis__proxy *p) {
     pandis_answer answer;
     double point[3];
     for (int k = 0; k < 3; k++) point[k] = p->x[k] / f->scale + f->centre[k];
-    pandis_query(p->state->regions, point, &answer);
+    pandis_query(p->state->options.regions, point, &answer);
     p->queries++;
     p->state->region = answer.region;
 }
 
 static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, const pandis_object *o, double damping,
                                pandis_touch *touch) {
-    const pandis_contact *c = p->state;
+    const pandis__contact *c = p->state;
     double per = o->scale / p->field->scale, normal[3], force[3], place[3];
     for (int k = 0; k < 3; k++) normal[k] = way->active ? way->goal[k] - c->probe[k] : c->pull[k];
     if (!pandis__normalise(normal)) normal[0] = normal[1] = normal[2] = 0;
@@ -4056,26 +4327,28 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
     if (c->sunk > 0) touch->state |= PANDIS_WAITING;
 }
 
-PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
-                                   double dt, const pandis_material *material, pandis_touch *touch) {
+PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_object *object, const double position[3],
+                                           double dt, pandis_touch *touch) {
+    pandis__contact *contact = pandis__contact_of(handle);
+    const pandis_contact_options *options = &contact->options;
     static const pandis_material smooth = {0, 0, 0, 0};
     const pandis_field *f = object->field;
     double point[3], probe[3], per = f->scale / object->scale; /* of the unit frame for one of the scene */
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
-    if (!pandis__unit(f, point, probe) || !(dt > 0) || !pandis__sound(contact, f, per)) return PANDIS_INVALID;
-    if (!material) material = &smooth;
-    else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
+    if (!pandis__unit(f, point, probe) || !(dt > 0) || !options->budget || options->radius * per > pandis__widest(f)) return PANDIS_INVALID;
+    const pandis_material *material = options->material_count ? options->materials : &smooth;
+    if (contact->region > 0 && (size_t)contact->region < options->material_count) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
     pandis__proxy p; /* but for planes that are not there */
-    p.state = contact, p.field = f, p.radius = contact->radius * per - contact->sunk, p.tolerance = 1e-11;
+    p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk, p.tolerance = 1e-11;
     p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* of its lattice: where that folds faces */
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
-    p.flat = p.exact && !contact->texture;
+    p.flat = p.exact && !options->texture;
     if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
     p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
     memcpy(p.plane, contact->plane, (size_t)p.count * sizeof *p.plane);
@@ -4083,13 +4356,13 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
 
     double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
     double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+    pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
     if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
     if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe)) answered = answered && pandis__rise(&p, probe);
-    if (answered && way.active && p.queries && contact->regions && !f->regions) pandis__find_region(&p);
+    if (answered && way.active && p.queries && options->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
     if (contact->state == PANDIS__BEGINS) {
         touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;
@@ -4103,7 +4376,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (!active) contact->sticks = 0;
     if (contact->state == PANDIS__CLEAR) contact->lift = PANDIS__HOVER, contact->settled = contact->close = 0;
     /* the spring, whose length changes by no more than probe and proxy may go */
-    double most = 2 * moved + contact->slide * dt * per, change = 0;
+    double most = 2 * moved + options->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {
         pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;
         change += (pulled[k] - contact->pull[k]) * (pulled[k] - contact->pull[k]);
@@ -4121,23 +4394,24 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
 }
 /* ---------------------------------------------------------------- contacts of a scene */
 
-PANDIS_API int pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
-                                       const pandis_material *const *materials, double radius) {
-    int error = 0;
-    scene->contacts = contacts, scene->materials = materials, scene->touched = 0;
-    for (int k = 0; k < 3; k++) scene->probe[k] = (double)NAN;
-    for (size_t i = 0; i < scene->count; i++) {
-        int why = pandis_contact_open(contacts + i, scene->objects + i, radius);
-        if (!why) why = pandis_scene_moved(scene, i);
-        else contacts[i].budget = 0;
+PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
+                                                const pandis_contact_options *options, size_t count) {
+    pandis__scene *s = pandis__scene_of(scene);
+    pandis_error error = PANDIS_SUCCESS;
+    if (count != s->count) return PANDIS_ERROR_COUNT;
+    s->contacts = contacts;
+    for (int k = 0; k < 3; k++) s->probe[k] = (double)NAN;
+    for (size_t i = 0; i < count; i++) {
+        pandis_error why = pandis_contact_open(contacts + i, s->objects + i, options ? options + i : NULL);
+        if (!why) why = pandis__wake_object(s, i);
         if (!error) error = why;
     }
     return error;
 }
 
 /* A contact that was not stepped has gone with the probe: nothing was in its way. */
-static void pandis__wake(const pandis_scene *scene, size_t index) {
-    pandis_contact *c = scene->contacts + index;
+static void pandis__wake(const pandis__scene *scene, size_t index) {
+    pandis__contact *c = pandis__contact_of(scene->contacts + index);
     double point[3], probe[3];
     if (c->state != PANDIS__CLEAR || memcmp(c->proxy, c->probe, sizeof c->probe)) return; /* it is behind */
     pandis__enter(&c->object, scene->probe, point); /* where it lay then */
@@ -4146,41 +4420,44 @@ static void pandis__wake(const pandis_scene *scene, size_t index) {
 }
 
 /* How far the probe may go before a contact has to be stepped again, in scene units. */
-static double pandis__at_ease(const pandis_contact *c, const pandis_object *o) {
+static double pandis__at_ease(const pandis__contact *c, const pandis_object *o) {
     if (c->state != PANDIS__CLEAR || c->sunk > 0 || pandis__dot(c->pull, c->pull) > 0) return 0;
     if (memcmp(c->proxy, c->probe, sizeof c->probe)) return 0;
     return (c->ball[4] - pandis__between(c->probe, c->ball)) * (o->scale / o->field->scale) * (1 - 4e-6);
 }
 
-PANDIS_API int pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
-                                  pandis_touch *touches, size_t most) {
-    int worst = PANDIS_OK;
+PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
+                                          pandis_touch *touches, size_t most, size_t *touched) {
+    pandis__scene *s = pandis__scene_of(scene);
+    pandis_flag worst = PANDIS_OK;
+    size_t count = 0;
     double size = 0;
     force[0] = force[1] = force[2] = 0;
-    scene->asked = scene->touched = 0;
-    if (!scene->contacts || !(dt > 0)) return PANDIS_INVALID;
+    s->queries = 0;
+    if (touched) *touched = 0;
+    if (!s->contacts || !(dt > 0)) return PANDIS_INVALID;
     for (int k = 0; k < 3; k++) {
         if (!(fabs(position[k]) <= 1e100)) return PANDIS_INVALID;
         size = fmax(size, fabs(position[k]));
     }
-    for (size_t i = 0; (i = pandis__next_awake(scene, PANDIS__OF_CONTACTS, i, position)) < scene->count; i++) {
-        const pandis_object *o = scene->objects + i;
-        pandis_contact *c = scene->contacts + i;
+    for (size_t i = 0; (i = pandis__next_awake(s, PANDIS__OF_CONTACTS, i, position)) < s->count; i++) {
+        const pandis_object *o = s->objects + i;
+        const pandis__contact *c = pandis__contact_in(s->contacts + i);
         pandis_touch touch;
         double far = size;
-        if (!c->budget) continue; /* it cannot be touched */
-        pandis__wake(scene, i);
-        int flag = pandis_contact_step(c, o, position, dt, scene->materials ? scene->materials[i] : NULL, &touch);
-        worst = pandis__worse(flag, worst);
-        scene->asked += (size_t)touch.queries;
+        if (!c->options.budget) continue; /* it could not be opened */
+        pandis__wake(s, i);
+        worst = pandis__worse(pandis_contact_step(s->contacts + i, o, position, dt, &touch), worst);
+        s->queries += (size_t)touch.queries;
         for (int k = 0; k < 3; k++) force[k] += touch.force[k], far = fmax(far, fabs(o->translation[k]));
-        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_CONTACTS, i), position, pandis__at_ease(c, o) - 1e-12 * far);
+        pandis__keep_ball(pandis__ball(s, PANDIS__OF_CONTACTS, i), position, pandis__at_ease(c, o) - 1e-12 * far);
         if (!(touch.state & (PANDIS_TOUCHING | PANDIS_BEHIND))) continue;
         touch.object = (int32_t)i;
-        if (touches && scene->touched < most) touches[scene->touched] = touch;
-        scene->touched++;
+        if (touches && count < most) touches[count] = touch;
+        count++;
     }
-    memcpy(scene->probe, position, sizeof scene->probe);
+    memcpy(s->probe, position, sizeof s->probe);
+    if (touched) *touched = count;
     return worst;
 }
 /* ---------------------------------------------------------------- files */
@@ -4563,7 +4840,7 @@ static int pandis__open_regions(pandis_field *f) {
     return 1;
 }
 
-static int pandis__open(pandis_field *field, const void *data, size_t size) {
+static pandis_error pandis__open(pandis_field *field, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;
     const uint32_t order = PANDIS__ORDER;
     memset(field, 0, sizeof *field);
@@ -4604,11 +4881,11 @@ static int pandis__open(pandis_field *field, const void *data, size_t size) {
     if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;
     int meshes = kind == PANDIS_MESH || kind == PANDIS_COMPACT;
-    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : 0;
+    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : PANDIS_SUCCESS;
 }
 
-PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
-    int error = pandis__open(field, data, size);
+PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
+    pandis_error error = pandis__open(field, data, size);
     if (error) memset(field, 0, sizeof *field); /* what is not open is empty */
     return error;
 }
@@ -4642,8 +4919,8 @@ static FILE *pandis__open_path(const char *path) {
 }
 #endif
 
-PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
-    int error = PANDIS_ERROR_FILE;
+PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path) {
+    pandis_error error = PANDIS_ERROR_FILE;
     memset(field, 0, sizeof *field);
 #ifndef PANDIS__READ
     struct stat found;
@@ -4690,16 +4967,16 @@ PANDIS_API void pandis_close(pandis_field *field) {
     memset(field, 0, sizeof *field);
 }
 
-PANDIS_API const char *pandis_error(int error) {
+PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
-        case 0: return "no error";
+        case PANDIS_SUCCESS: return "no error";
         case PANDIS_ERROR_FILE: return "the file cannot be read";
         case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
         case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
         case PANDIS_ERROR_VERSION: return "the file is of another version: use the pandis.h that came with it";
         case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
         case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
-        case PANDIS_ERROR_CONTENT: return "what the file says does not fit together";
+        case PANDIS_ERROR_CONTENT: return "what the file says does not fit together, or no field of this kind can do that";
         case PANDIS_ERROR_ALIGNMENT: return "the bytes must begin at an address that is a multiple of 8";
         case PANDIS_ERROR_ARITHMETIC:
             return "pandis.h was compiled with flags, or called in a rounding mode, that break its arithmetic: leave out "
@@ -4710,6 +4987,12 @@ PANDIS_API const char *pandis_error(int error) {
         case PANDIS_ERROR_KIND: return "a grid of forces knows no distance outside, so it has no contact";
         case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
+        case PANDIS_ERROR_OPTIONS:
+            return "an option of a contact is beyond its range (budget from 8 on, slide and radius from 0 on, a texture's steepest "
+                   "at most 15, sliding friction at most the sticking one, nothing negative)";
+        case PANDIS_ERROR_COUNT: return "an array is shorter or longer than this takes";
+        case PANDIS_ERROR_HEADER:
+            return "pandis.h is of another version, or packed otherwise, than what was compiled: compile both with one header";
         default: return "unknown error";
     }
 }

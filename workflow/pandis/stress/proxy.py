@@ -79,7 +79,7 @@ class Felt(NamedTuple):
         contact = NativeContact(self.placed, material=material or Material())
         touches = contact.follow(path / self.scale.metre, TICK)
         proxies = touches.proxy * self.scale.metre
-        slide = contact.settings.slide * TICK * self.scale.metre
+        slide = contact.options.slide * TICK * self.scale.metre
         return Steps(touches.force, proxies, touches.state, slide)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pandis.errors import PandisError
 from pandis.native.compiler import load
 from pandis.native.contact.surfaces import Material, Texture, as_array
+from pandis.native.layout import compare_layouts
 from pandis.native.runtime import ArrayLike, Floats, NativeField, Number
 from pandis.native.runtime.binding import library as runtime
 from pandis.native.scene import NativeScene, Placed, placed_object
@@ -22,23 +23,34 @@ Materials = Material | Sequence[Material] | None
 TOUCHING, STICKING, BEHIND, WAITING = 1, 2, 4, 8
 
 
-class _State(ctypes.Structure):
+class Options(ctypes.Structure):
+    """How a contact behaves: ``pandis_contact_options``.
+
+    Attributes
+    ----------
+    radius : float
+        Of the probe, scene lengths.
+    slide : float
+        By which the proxy moves beside the probe's own way, scene lengths per second.
+    budget : int
+        Queries after which a step ends.
+    """
+
     _fields_ = (
         ("radius", ctypes.c_double),
         ("slide", ctypes.c_double),
         ("budget", ctypes.c_int32),
-        ("materials", ctypes.c_int32),
+        ("materials", ctypes.c_void_p),
+        ("material_count", ctypes.c_size_t),
         ("texture", ctypes.c_void_p),
         ("regions", ctypes.c_void_p),
     )
 
-    def set(self, materials, regions=None, budget=None, texture=None):
-        """Set how many materials there are, whose regions count, the budget, and the texture."""
-        self.materials = len(materials)
+    def feel(self, materials, regions, texture):
+        """Set the materials (an array that lives as long), whose regions count, the texture."""
+        self.materials, self.material_count = ctypes.addressof(materials), len(materials)
         self.texture = None if texture is None else ctypes.addressof(texture)
         self.regions = None if regions is None else regions.address
-        if budget is not None:
-            self.budget = budget
 
 
 class Touches(NamedTuple):
@@ -98,15 +110,25 @@ def library():
     pointer, f64 = ctypes.c_void_p, ctypes.c_double
     size = ctypes.c_size_t
     lib.contact_bytes.restype = lib.contact_touch_bytes.restype = size
-    lib.pandis_contact_open.argtypes = [pointer, pointer, f64]
-    lib.pandis_contact_moved.argtypes = [pointer]
-    lib.contact_follow.argtypes = [pointer, pointer, pointer, size, f64, *[pointer] * 2]
-    lib.pandis_scene_touch_open.argtypes = [pointer, pointer, pointer, f64]
+    mirrors = {"pandis_contact_options": Options, "pandis_material": Material}
+    compare_layouts(lib.contact_layout, mirrors | {"pandis_texture": Texture})
+    lib.pandis_contact_open.argtypes = [pointer] * 3
+    lib.pandis_contact_defaults.restype = lib.pandis_contact_get.restype = Options
+    lib.pandis_contact_defaults.argtypes = lib.pandis_contact_get.argtypes = [pointer]
+    lib.pandis_contact_set.argtypes = [pointer, pointer]
+    lib.pandis_contact_reshaped.argtypes = [pointer]
+    lib.contact_follow.argtypes = [pointer, pointer, pointer, size, f64, pointer]
+    lib.pandis_scene_touch_open.argtypes = [pointer, pointer, pointer, size]
     lib.contact_scene_follow.argtypes = [pointer, pointer, size, f64, *[pointer] * 5]
     lib.contact_scene_touches.restype = size
     lib.contact_scene_touches.argtypes = [pointer, pointer, f64, *[pointer] * 3, size]
-    lib.contact_step_all.argtypes = [pointer, pointer, pointer, size, f64, pointer]
+    lib.contact_step_all.argtypes = [pointer, pointer, size, pointer, size, f64, pointer]
     return lib
+
+
+def _check(error):
+    if error:
+        raise PandisError(runtime().pandis_error_text(error).decode())
 
 
 class Feel(NamedTuple):
@@ -172,17 +194,32 @@ class NativeContact:
         self.materials = as_array(material)
         self._object = placed_object(placed)
         self._state = ctypes.create_string_buffer(self._library.contact_bytes())
-        error = self._library.pandis_contact_open(
-            self._state, ctypes.byref(self._object), float(radius)
+        options = self._library.pandis_contact_defaults(ctypes.byref(self._object))
+        options.radius = radius
+        options.feel(self.materials, regions, texture)
+        _check(
+            self._library.pandis_contact_open(
+                self._state, ctypes.byref(self._object), ctypes.byref(options)
+            )
         )
-        if error:
-            raise PandisError(runtime().pandis_error(error).decode())
-        self.settings.set(self.materials, regions, texture=texture)
 
     @property
-    def settings(self) -> _State:
-        """``radius``, ``slide`` and ``budget`` of the contact, which may be set."""
-        return _State.from_buffer(self._state)
+    def options(self) -> Options:
+        """The `Options` of the contact: a copy, which `set` changes."""
+        return self._library.pandis_contact_get(self._state)
+
+    def set(self, **changes: Number) -> None:
+        """Change ``radius``, ``slide`` or ``budget``, from the next step on.
+
+        Raises
+        ------
+        PandisError
+            One is beyond its range; all stay as they are.
+        """
+        options = self.options
+        for name, value in changes.items():
+            setattr(options, name, value)
+        _check(self._library.pandis_contact_set(self._state, ctypes.byref(options)))
 
     def move(self, placed: Placed) -> None:
         """Give the object another place; the proxy goes with it."""
@@ -190,7 +227,7 @@ class NativeContact:
 
     def reshaped(self) -> None:
         """Say that the object's field has another shape than before (`MovingField.refit`)."""
-        self._library.pandis_contact_moved(self._state)
+        self._library.pandis_contact_reshaped(self._state)
 
     def follow(self, path: ArrayLike, dt: Number = 1e-3, timed: bool = False) -> Touches:
         """Step along a path.
@@ -212,7 +249,7 @@ class NativeContact:
         touches = Touches.empty(len(path), timed)
         self._library.contact_follow(
             self._state, ctypes.byref(self._object), path.ctypes.data, len(path), dt,
-            self.materials, ctypes.byref(_Rows.of(touches)),
+            ctypes.byref(_Rows.of(touches)),
         )  # fmt: skip
         return touches
 
@@ -265,8 +302,6 @@ class TouchedScene(NativeScene):
         self.materials = [as_array(m) for m in materials or [None] * count]
         self._regions, self._budget = list(regions or [None] * count), budget
         self._textures = list(textures or [None] * count)
-        address = [ctypes.addressof(m) for m in self.materials]
-        self._materials = (ctypes.c_void_p * max(count, 1))(*address)
         self._contacts = ctypes.create_string_buffer(max(count, 1) * self._touching.contact_bytes())
         self.radius = radius
         self.restart()
@@ -276,16 +311,16 @@ class TouchedScene(NativeScene):
         self._check(self._open(self._contacts))
 
     def _open(self, contacts):
-        radius, size = float(self.radius), self._touching.contact_bytes()
-        error = self._touching.pandis_scene_touch_open(
-            self._scene, contacts, self._materials, radius
-        )
-        given = zip(self.materials, self._regions, self._textures, strict=True)
-        for i, (materials, regions, texture) in enumerate(given):
-            state = _State.from_buffer(contacts, i * size)
-            # one that cannot be touched has no budget, and gets none
-            state.set(materials, regions, self._budget if state.budget else None, texture)
-        return error
+        count, defaults = len(self.objects), self._touching.pandis_contact_defaults
+        options = (Options * max(count, 1))()
+        feels = zip(self.materials, self._regions, self._textures, strict=True)
+        for i, feel in enumerate(feels):
+            options[i] = defaults(ctypes.byref(self._placed[i]))
+            options[i].radius = self.radius
+            options[i].feel(*feel)
+            if self._budget is not None:
+                options[i].budget = self._budget
+        return self._touching.pandis_scene_touch_open(self._scene, contacts, options, count)
 
     def follow(self, path: ArrayLike, dt: Number = 1e-3, timed: bool = False) -> SceneForces:
         """Step along a path (n, 3), scene units, ``dt`` seconds apart; returns `SceneForces`."""
@@ -322,7 +357,13 @@ class TouchedScene(NativeScene):
         self._check(self._open(others))
         force = np.empty_like(path)
         self._touching.contact_step_all(
-            self._scene, others, path.ctypes.data, len(path), dt, force.ctypes.data
+            self._placed,
+            others,
+            len(self.objects),
+            path.ctypes.data,
+            len(path),
+            dt,
+            force.ctypes.data,
         )
         self.restart()
         return force

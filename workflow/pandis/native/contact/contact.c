@@ -4,7 +4,23 @@
 #define PANDIS_IMPLEMENTATION
 #endif
 #include "../clock.h"
+#include "../layout.h"
 #include "../pandis.h"
+
+/* The layouts that Python mirrors. */
+const layout_entry *contact_layout(void) {
+    static const layout_entry entries[] = {
+        LAYOUT_TYPE(pandis_contact_options), LAYOUT(pandis_contact_options, radius), LAYOUT(pandis_contact_options, slide),
+        LAYOUT(pandis_contact_options, budget), LAYOUT(pandis_contact_options, materials),
+        LAYOUT(pandis_contact_options, material_count), LAYOUT(pandis_contact_options, texture),
+        LAYOUT(pandis_contact_options, regions),
+        LAYOUT_TYPE(pandis_material), LAYOUT(pandis_material, sticking), LAYOUT(pandis_material, sliding),
+        LAYOUT(pandis_material, damping), LAYOUT(pandis_material, drag),
+        LAYOUT_TYPE(pandis_texture), LAYOUT(pandis_texture, height), LAYOUT(pandis_texture, data),
+        LAYOUT(pandis_texture, most), LAYOUT(pandis_texture, steepest), LAYOUT_END,
+    };
+    return entries;
+}
 
 size_t contact_bytes(void) { return sizeof(pandis_contact); }
 size_t contact_touch_bytes(void) { return sizeof(pandis_touch); }
@@ -26,11 +42,11 @@ static void put(const contact_rows *rows, size_t i, const pandis_touch *touch) {
 
 /* Step along a path of positions (three doubles each), `dt` apart. */
 void contact_follow(pandis_contact *contact, const pandis_object *object, const double *path, size_t count, double dt,
-                    const pandis_material *material, const contact_rows *rows) {
+                    const contact_rows *rows) {
     pandis_touch touch;
     for (size_t i = 0; i < count; i++) {
         double start = rows->seconds ? seconds() : 0;
-        pandis_contact_step(contact, object, path + 3 * i, dt, material, &touch);
+        pandis_contact_step(contact, object, path + 3 * i, dt, &touch);
         if (rows->seconds) rows->seconds[i] = seconds() - start;
         put(rows, i, &touch);
     }
@@ -41,10 +57,11 @@ void contact_follow(pandis_contact *contact, const pandis_object *object, const 
 void contact_scene_follow(pandis_scene *scene, const double *path, size_t count, double dt, double *forces,
                           unsigned char *flags, int64_t *asked, int64_t *touched, double *taken) {
     for (size_t i = 0; i < count; i++) {
+        size_t many;
         double start = taken ? seconds() : 0;
-        flags[i] = (unsigned char)pandis_scene_touch(scene, path + 3 * i, dt, forces + 3 * i, NULL, 0);
+        flags[i] = (unsigned char)pandis_scene_touch(scene, path + 3 * i, dt, forces + 3 * i, NULL, 0, &many);
         if (taken) taken[i] = seconds() - start;
-        asked[i] = (int64_t)scene->asked, touched[i] = (int64_t)scene->touched;
+        asked[i] = (int64_t)pandis_scene_queries(scene), touched[i] = (int64_t)many;
     }
 }
 
@@ -52,25 +69,25 @@ void contact_scene_follow(pandis_scene *scene, const double *path, size_t count,
 size_t contact_scene_touches(pandis_scene *scene, const double *position, double dt, const contact_rows *rows,
                              int32_t *objects, pandis_touch *room, size_t most) {
     double force[3];
-    (void)pandis_scene_touch(scene, position, dt, force, room, most);
-    size_t count = scene->touched < most ? scene->touched : most;
+    size_t touched;
+    (void)pandis_scene_touch(scene, position, dt, force, room, most, &touched);
+    size_t count = touched < most ? touched : most;
     for (size_t i = 0; i < count; i++) {
         put(rows, i, room + i);
         objects[i] = room[i].object;
     }
-    return scene->touched;
+    return touched;
 }
 
 /* The same forces by stepping every contact of its own at every step. */
-void contact_step_all(const pandis_scene *scene, pandis_contact *contacts, const double *path, size_t count, double dt,
-                      double *forces) {
+void contact_step_all(const pandis_object *objects, pandis_contact *contacts, size_t objects_count, const double *path,
+                      size_t count, double dt, double *forces) {
     pandis_touch touch;
     for (size_t i = 0; i < count; i++) {
         double *sum = forces + 3 * i;
         sum[0] = sum[1] = sum[2] = 0;
-        for (size_t k = 0; k < scene->count; k++) {
-            const pandis_material *material = scene->materials ? scene->materials[k] : NULL;
-            pandis_contact_step(contacts + k, scene->objects + k, path + 3 * i, dt, material, &touch);
+        for (size_t k = 0; k < objects_count; k++) {
+            pandis_contact_step(contacts + k, objects + k, path + 3 * i, dt, &touch);
             for (int axis = 0; axis < 3; axis++) sum[axis] += touch.force[axis];
         }
     }

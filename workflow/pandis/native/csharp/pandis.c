@@ -23,8 +23,8 @@ typedef struct {
 /* Open a file; NULL if it cannot be, and why in `error`, which lives as long as the program. */
 SHARED pandis_field *pandis_field_open(const char *path, const char **error) {
     pandis_field *field = (pandis_field *)calloc(1, sizeof *field);
-    int code = field ? pandis_open_file(field, path) : PANDIS_ERROR_FILE;
-    *error = code ? pandis_error(code) : NULL;
+    pandis_error code = field ? pandis_open_file(field, path) : PANDIS_ERROR_FILE;
+    *error = code ? pandis_error_text(code) : NULL;
     if (code) free(field), field = NULL;
     return field;
 }
@@ -48,14 +48,16 @@ SHARED void pandis_field_query(const pandis_field *field, const double *points, 
 SHARED pandis_probe *pandis_probe_open(const pandis_field *field, const double *rotation, const double *translation,
                                        double scale, double stiffness, double radius, const char **error) {
     pandis_probe *probe = (pandis_probe *)calloc(1, sizeof *probe);
-    int code = PANDIS_ERROR_FILE;
+    pandis_error code = PANDIS_ERROR_FILE;
     if (probe) {
         pandis_object *o = &probe->object;
         o->field = field, o->scale = scale, o->stiffness = stiffness;
         memcpy(o->rotation, rotation, sizeof o->rotation), memcpy(o->translation, translation, sizeof o->translation);
-        code = pandis_contact_open(&probe->contact, o, radius);
+        pandis_contact_options options = pandis_contact_defaults(o);
+        options.radius = radius, options.materials = &probe->material, options.material_count = 1;
+        code = pandis_contact_open(&probe->contact, o, &options);
     }
-    *error = code ? pandis_error(code) : NULL;
+    *error = code ? pandis_error_text(code) : NULL;
     if (code) free(probe), probe = NULL;
     return probe;
 }
@@ -78,7 +80,7 @@ SHARED int pandis_probe_move(pandis_probe *probe, const double *rotation, const 
 /* A tick of dt seconds: the force on the hand (N) at a position (m), and where the proxy is. Returns the flag. */
 SHARED int pandis_probe_tick(pandis_probe *probe, const double *position, double dt, double *force, double *proxy) {
     pandis_touch touch;
-    int flag = pandis_contact_step(&probe->contact, &probe->object, position, dt, &probe->material, &touch);
+    int flag = pandis_contact_step(&probe->contact, &probe->object, position, dt, &touch);
     memcpy(force, touch.force, sizeof touch.force), memcpy(proxy, touch.proxy, sizeof touch.proxy);
     return flag;
 }

@@ -29,7 +29,7 @@ typedef struct {
 } bridge_frame;
 
 typedef struct {
-    pandis_poses *poses;   /* by which the simulation moves the scene's objects */
+    pandis__poses *poses;  /* by which the simulation moves the scene's objects */
     size_t count;          /* of objects */
     pandis_touch *touches; /* as many */
     bridge_frame *frames;  /* three for each, in the slots of the poses */
@@ -48,9 +48,9 @@ static size_t bridge_doubles(size_t count) {
     return count * (5 * BRIDGE_SUMS + 3 * sizeof(bridge_frame) / sizeof(double) + touch) + touch;
 }
 
-static void bridge_begin(bridge *b, pandis_poses *poses, size_t count, double *room) {
+static void bridge_begin(bridge *b, pandis_poses *handle, size_t count, double *room) {
     memset(b, 0, sizeof *b), memset(room, 0, bridge_doubles(count) * sizeof *room);
-    b->poses = poses, b->count = count;
+    b->poses = pandis__poses_of(handle), b->count = count;
     b->sums = room, b->gone = room + BRIDGE_SUMS * count, b->slots = b->gone + BRIDGE_SUMS * count;
     b->frames = (bridge_frame *)(void *)(b->slots + 3 * BRIDGE_SUMS * count);
     b->touches = (pandis_touch *)(void *)(b->frames + 3 * count);
@@ -59,7 +59,7 @@ static void bridge_begin(bridge *b, pandis_poses *poses, size_t count, double *r
 
 /* Where an object lies: on its way, and as far beside it as the hand has moved it. */
 static void bridge_place(const bridge *b, size_t object, double *pose) {
-    const pandis_poses *poses = b->poses;
+    const pandis__poses *poses = b->poses;
     const double *from = pandis__way_of(poses, object), *to = from + BRIDGE_POSE, *gone = b->gone + BRIDGE_SUMS * object;
     const bridge_frame *frame = b->frames + (size_t)poses->asking * b->count + object;
     double share = poses->gone < poses->period ? poses->gone / poses->period : 1, turn[4], way[4], arm[3], more[3];
@@ -74,9 +74,9 @@ static void bridge_place(const bridge *b, size_t object, double *pose) {
 
 /* Move the objects on by a tick. A new way begins where the hand has moved an object to. */
 static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
-    pandis_poses *poses = b->poses;
+    pandis__poses *poses = b->poses;
     double pose[BRIDGE_POSE], step = poses->gone < poses->period ? dt : 0; /* if the simulation is late, objects wait */
-    int is_new = pandis_poses_step(poses, scene, dt);
+    int is_new = pandis__poses_go(poses, scene, dt);
     if (is_new) step = dt;
     b->late = step > 0 ? 0 : b->late + dt;
     for (size_t i = 0; i < b->count; i++) {

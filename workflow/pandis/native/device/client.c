@@ -64,6 +64,7 @@ static struct {
     guard guard;
     double middle[3]; /* of the device's workspace: there the scene's origin lies */
     double asked[3];  /* the last force that the scene had */
+    size_t touched;   /* objects, in the last step of a scene with contacts */
     unsigned int code;
     int overruns, released;
     double last;
@@ -104,16 +105,18 @@ static void client_ask(const double *position, double *force, double *proxy) {
     pandis_scene *scene = client.order.scene;
     pandis_touch touch;
     double place[3];
-    int flag;
+    pandis_flag flag;
+    int contacts = pandis__scene_in(scene)->contacts != NULL;
     bridge *b = client.order.bridge;
     double dt = client.order.period * client.order.held; /* until the next force */
     for (int k = 0; k < 3; k++) place[k] = position[k] - client.middle[k];
     if (b) bridge_move(b, scene, dt);
-    if (b) flag = pandis_scene_touch(scene, place, dt, force, b->touches, b->count), touch = *b->touches;
-    else if (scene->contacts) flag = pandis_scene_touch(scene, place, dt, force, &touch, 1);
+    client.touched = 0;
+    if (b) flag = pandis_scene_touch(scene, place, dt, force, b->touches, b->count, &client.touched), touch = *b->touches;
+    else if (contacts) flag = pandis_scene_touch(scene, place, dt, force, &touch, 1, &client.touched);
     else flag = pandis_scene_force(scene, place, force);
     if (flag == PANDIS_INVALID) guard_end(&client.guard, CAUSE_NUMBER);
-    for (int k = 0; scene->contacts && scene->touched && k < 3; k++) proxy[k] = touch.proxy[k] + client.middle[k];
+    for (int k = 0; client.touched && k < 3; k++) proxy[k] = touch.proxy[k] + client.middle[k];
 }
 
 /* What is done at every tick, by whoever drives the time. Returns 0 after the last one. */
@@ -156,7 +159,7 @@ static int client_tick(void *data) {
     guard_pass(g, &state, since, order->armed && (tick < order->ticks || g->armed), force);
     if (order->bridge && asks) {
         double share = size > 0 ? pandis__dot(asked, force) / size : 0; /* the guard may have cut it */
-        bridge_give(order->bridge, order->scene->touched, fmin(fmax(share, 0), 1), order->period);
+        bridge_give(order->bridge, client.touched, fmin(fmax(share, 0), 1), order->period);
     }
     client.device.write(&client.device, force, NULL);
     client_errors();

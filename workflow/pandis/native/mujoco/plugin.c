@@ -62,7 +62,7 @@ static const char *find_or_open(const char *path, opened **found) {
     if (!made) return "there is no memory for it";
     pandis_field *field = &made->field;
     const int error = pandis_open_file(field, path);
-    const char *wrong = error ? pandis_error(error) : NULL;
+    const char *wrong = error ? pandis_error_text(error) : NULL;
     if (error == PANDIS_ERROR_FILE) wrong = "it cannot be read (a relative path begins where the program was started)";
     if (!error && field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR)
         wrong = "it is a grid of forces, which knows no distance outside: take another kind of field";

@@ -281,7 +281,7 @@ static int pandis__cut_side(const pandis__compact *t, const double *p, const dou
     return pandis__first_side(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static int pandis__answer_compact(const pandis__compact *t, const double *u, pandis__start *begin,
+PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t, const double *u, pandis__start *begin,
                                                 double *distance, double *normal, double *clear) {
     double p[3], corner[3][3], side[2][3], n[3], most = 0, size = t->step;
     const double *c[3] = {corner[0], corner[1], corner[2]};

@@ -1,7 +1,7 @@
 /* ---------------------------------------------------------------- contact */
 
 /* The pull of the spring and the damping, in the object's frame and scene units, from where probe and proxy are. */
-static void pandis__pull(const pandis_contact *c, const pandis_object *o, const double *normal, double damping,
+static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal, double damping,
                          double *force) {
     double per = o->scale / o->field->scale;
     for (int k = 0; k < 3; k++) force[k] = o->stiffness * per * c->pull[k];
@@ -20,26 +20,64 @@ static double pandis__widest(const pandis_field *f) {
 }
 
 #define PANDIS__LEAST_BUDGET 8
+#define PANDIS__BUDGET 24
 #define PANDIS__STEEPEST 15.0
 
-/* Whether a contact's settings are in their ranges. */
-static int pandis__sound(const pandis_contact *c, const pandis_field *f, double per) {
-    const pandis_texture *t = c->texture;
-    if (t && !(t->most >= 0 && t->steepest >= 0 && t->steepest <= PANDIS__STEEPEST)) return 0;
-    return c->budget >= PANDIS__LEAST_BUDGET && c->slide >= 0 && c->radius >= 0 && c->radius * per <= pandis__widest(f);
+/* Whether a number is from 0 to a most; not so for NaN. */
+static int pandis__in_range(double x, double most) { return x >= 0 && x <= most; }
+
+static int pandis__material_is_sound(const pandis_material *m) {
+    return pandis__in_range(m->sticking, 1e100) && pandis__in_range(m->sliding, m->sticking) &&
+           pandis__in_range(m->damping, 1e100) && pandis__in_range(m->drag, 1e100);
 }
 
-PANDIS_API int pandis_contact_open(pandis_contact *contact, const pandis_object *object, double radius) {
+static pandis_error pandis__check_options(const pandis_contact_options *options, const pandis_object *o) {
+    const pandis_texture *t = options->texture;
+    double per = o->field->scale / o->scale;
+    int sound = options->budget >= PANDIS__LEAST_BUDGET && pandis__in_range(options->slide, 1e100) &&
+                pandis__in_range(options->radius, 1e100) && (!options->material_count || options->materials);
+    if (t) sound = sound && t->height && pandis__in_range(t->most, 1e100) && pandis__in_range(t->steepest, PANDIS__STEEPEST);
+    for (size_t i = 0; sound && i < options->material_count; i++) sound = pandis__material_is_sound(options->materials + i);
+    if (!sound) return PANDIS_ERROR_OPTIONS;
+    return options->radius * per <= pandis__widest(o->field) ? PANDIS_SUCCESS : PANDIS_ERROR_RADIUS;
+}
+
+PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object) {
+    pandis_contact_options options;
+    memset(&options, 0, sizeof options);
+    options.budget = PANDIS__BUDGET;
+    if (pandis__lies(object)) options.slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
+    return options;
+}
+
+PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
+                                            const pandis_contact_options *options) {
+    pandis__contact *c = pandis__contact_of(contact);
+    pandis_contact_options defaults = pandis_contact_defaults(object);
     memset(contact, 0, sizeof *contact);
-    if (!pandis__lies(object) || !(radius >= 0 && radius <= 1e100)) return PANDIS_ERROR_POSE;
+    if (!pandis__lies(object)) return PANDIS_ERROR_POSE;
     if (!pandis__knows_distance(object->field)) return PANDIS_ERROR_KIND;
-    if (radius > pandis__widest(object->field) * object->scale / object->field->scale) return PANDIS_ERROR_RADIUS;
-    contact->radius = radius, contact->budget = 24, contact->lift = PANDIS__HOVER, contact->face = contact->region = -1, contact->materials = 1;
-    contact->slide = 0.5 * PANDIS__LONGEST * object->scale / object->field->scale;
-    return 0;
+    if (!options) options = &defaults;
+    pandis_error error = pandis__check_options(options, object);
+    if (error) return error;
+    c->options = *options, c->object = *object;
+    c->lift = PANDIS__HOVER, c->face = c->region = -1;
+    return PANDIS_SUCCESS;
 }
 
-PANDIS_API void pandis_contact_moved(pandis_contact *contact) { contact->ball[3] = -1; }
+PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *contact) {
+    return pandis__contact_in(contact)->options;
+}
+
+PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options) {
+    pandis__contact *c = pandis__contact_of(contact);
+    if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* it is not open */
+    pandis_error error = pandis__check_options(options, &c->object);
+    if (!error) c->options = *options;
+    return error;
+}
+
+PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
 
 /* Walls are so much farther outside than they were, at most where the probe is: nothing stands between it and its proxy. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
@@ -76,14 +114,14 @@ static void pandis__find_region(pandis__proxy *p) {
     pandis_answer answer;
     double point[3];
     for (int k = 0; k < 3; k++) point[k] = p->x[k] / f->scale + f->centre[k];
-    pandis_query(p->state->regions, point, &answer);
+    pandis_query(p->state->options.regions, point, &answer);
     p->queries++;
     p->state->region = answer.region;
 }
 
 static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, const pandis_object *o, double damping,
                                pandis_touch *touch) {
-    const pandis_contact *c = p->state;
+    const pandis__contact *c = p->state;
     double per = o->scale / p->field->scale, normal[3], force[3], place[3];
     for (int k = 0; k < 3; k++) normal[k] = way->active ? way->goal[k] - c->probe[k] : c->pull[k];
     if (!pandis__normalise(normal)) normal[0] = normal[1] = normal[2] = 0;
@@ -104,26 +142,28 @@ static void pandis__tell_touch(const pandis__proxy *p, const pandis__way *way, c
     if (c->sunk > 0) touch->state |= PANDIS_WAITING;
 }
 
-PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
-                                   double dt, const pandis_material *material, pandis_touch *touch) {
+PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_object *object, const double position[3],
+                                           double dt, pandis_touch *touch) {
+    pandis__contact *contact = pandis__contact_of(handle);
+    const pandis_contact_options *options = &contact->options;
     static const pandis_material smooth = {0, 0, 0, 0};
     const pandis_field *f = object->field;
     double point[3], probe[3], per = f->scale / object->scale; /* of the unit frame for one of the scene */
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
-    if (!pandis__unit(f, point, probe) || !(dt > 0) || !pandis__sound(contact, f, per)) return PANDIS_INVALID;
-    if (!material) material = &smooth;
-    else if (contact->region > 0 && contact->region < contact->materials) material += contact->region;
+    if (!pandis__unit(f, point, probe) || !(dt > 0) || !options->budget || options->radius * per > pandis__widest(f)) return PANDIS_INVALID;
+    const pandis_material *material = options->material_count ? options->materials : &smooth;
+    if (contact->region > 0 && (size_t)contact->region < options->material_count) material += contact->region;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
     pandis__proxy p; /* but for planes that are not there */
-    p.state = contact, p.field = f, p.radius = contact->radius * per - contact->sunk, p.tolerance = 1e-11;
+    p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk, p.tolerance = 1e-11;
     p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* of its lattice: where that folds faces */
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
-    p.flat = p.exact && !contact->texture;
+    p.flat = p.exact && !options->texture;
     if (f->kind == PANDIS_NETWORK) p.tolerance = 1e-6;
     p.x = contact->proxy, p.ball = contact->ball, p.count = contact->planes;
     memcpy(p.plane, contact->plane, (size_t)p.count * sizeof *p.plane);
@@ -131,13 +171,13 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
 
     double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
     double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + contact->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+    pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
     if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
     if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe)) answered = answered && pandis__rise(&p, probe);
-    if (answered && way.active && p.queries && contact->regions && !f->regions) pandis__find_region(&p);
+    if (answered && way.active && p.queries && options->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
     if (contact->state == PANDIS__BEGINS) {
         touch->state = p.flag == PANDIS_INVALID ? 0 : PANDIS_WAITING;
@@ -151,7 +191,7 @@ PANDIS_API int pandis_contact_step(pandis_contact *contact, const pandis_object 
     if (!active) contact->sticks = 0;
     if (contact->state == PANDIS__CLEAR) contact->lift = PANDIS__HOVER, contact->settled = contact->close = 0;
     /* the spring, whose length changes by no more than probe and proxy may go */
-    double most = 2 * moved + contact->slide * dt * per, change = 0;
+    double most = 2 * moved + options->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {
         pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;
         change += (pulled[k] - contact->pull[k]) * (pulled[k] - contact->pull[k]);

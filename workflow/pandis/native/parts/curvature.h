@@ -156,8 +156,8 @@ static void pandis__differ(const pandis_field *field, const double *point, int o
     }
 }
 
-PANDIS_API int pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
-                                  double hessian[9]) {
+PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
+                                          double hessian[9]) {
     pandis__start begin = PANDIS__ANYWHERE;
     pandis_answer answer;
     double u[3] = {0, 0, 0}, own[3] = {0, 0, 0}, bend[9] = {0};

@@ -141,7 +141,7 @@ static int pandis__open_regions(pandis_field *f) {
     return 1;
 }
 
-static int pandis__open(pandis_field *field, const void *data, size_t size) {
+static pandis_error pandis__open(pandis_field *field, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;
     const uint32_t order = PANDIS__ORDER;
     memset(field, 0, sizeof *field);
@@ -182,11 +182,11 @@ static int pandis__open(pandis_field *field, const void *data, size_t size) {
     if (!good || !pandis__measure(field)) return PANDIS_ERROR_CONTENT;
     field->kind = kind;
     int meshes = kind == PANDIS_MESH || kind == PANDIS_COMPACT;
-    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : 0;
+    return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : PANDIS_SUCCESS;
 }
 
-PANDIS_API int pandis_open(pandis_field *field, const void *data, size_t size) {
-    int error = pandis__open(field, data, size);
+PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
+    pandis_error error = pandis__open(field, data, size);
     if (error) memset(field, 0, sizeof *field); /* what is not open is empty */
     return error;
 }
@@ -220,8 +220,8 @@ static FILE *pandis__open_path(const char *path) {
 }
 #endif
 
-PANDIS_API int pandis_open_file(pandis_field *field, const char *path) {
-    int error = PANDIS_ERROR_FILE;
+PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path) {
+    pandis_error error = PANDIS_ERROR_FILE;
     memset(field, 0, sizeof *field);
 #ifndef PANDIS__READ
     struct stat found;
@@ -268,16 +268,16 @@ PANDIS_API void pandis_close(pandis_field *field) {
     memset(field, 0, sizeof *field);
 }
 
-PANDIS_API const char *pandis_error(int error) {
+PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
-        case 0: return "no error";
+        case PANDIS_SUCCESS: return "no error";
         case PANDIS_ERROR_FILE: return "the file cannot be read";
         case PANDIS_ERROR_FORMAT: return "this is no .pandis file";
         case PANDIS_ERROR_ENDIAN: return "the file's bytes are in another order than this machine's";
         case PANDIS_ERROR_VERSION: return "the file is of another version: use the pandis.h that came with it";
         case PANDIS_ERROR_SIZE: return "the file is shorter or longer than it says: copy it again";
         case PANDIS_ERROR_CHECKSUM: return "the file is damaged: copy it again";
-        case PANDIS_ERROR_CONTENT: return "what the file says does not fit together";
+        case PANDIS_ERROR_CONTENT: return "what the file says does not fit together, or no field of this kind can do that";
         case PANDIS_ERROR_ALIGNMENT: return "the bytes must begin at an address that is a multiple of 8";
         case PANDIS_ERROR_ARITHMETIC:
             return "pandis.h was compiled with flags, or called in a rounding mode, that break its arithmetic: leave out "
@@ -288,6 +288,12 @@ PANDIS_API const char *pandis_error(int error) {
         case PANDIS_ERROR_KIND: return "a grid of forces knows no distance outside, so it has no contact";
         case PANDIS_ERROR_VERTEX: return "a vertex is no finite number, or too far away";
         case PANDIS_ERROR_POSE: return "an object has no field, or no rotation, scale, place or stiffness that can be";
+        case PANDIS_ERROR_OPTIONS:
+            return "an option of a contact is beyond its range (budget from 8 on, slide and radius from 0 on, a texture's steepest "
+                   "at most 15, sliding friction at most the sticking one, nothing negative)";
+        case PANDIS_ERROR_COUNT: return "an array is shorter or longer than this takes";
+        case PANDIS_ERROR_HEADER:
+            return "pandis.h is of another version, or packed otherwise, than what was compiled: compile both with one header";
         default: return "unknown error";
     }
 }

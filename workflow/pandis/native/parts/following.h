@@ -17,9 +17,9 @@ static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
  * proxy but for a sliver. It ends at the height from which it is looked, or where too much of an edge would not be seen
  * from. 0: no answer; 2: a wall was met that was not known. */
 static int pandis__climb(pandis__proxy *p) {
-    pandis_contact *c = p->state;
+    pandis__contact *c = p->state;
     double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
-    for (int failed = 0; failed < 2 && p->queries < c->budget;) {
+    for (int failed = 0; failed < 2 && p->queries < c->options.budget;) {
         pandis__look look;
         pandis__lifted(p, p->x, NULL, lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
@@ -86,7 +86,7 @@ typedef struct {
 } pandis__way;
 
 /* How far the proxy may go along the surface towards a place `step` away, under a pressure. */
-static double pandis__rubbed(pandis_contact *c, pandis__way *way, double step, double press) {
+static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
     if (way->slip < 0) { /* the first look at it in this step */
         c->sticks = friction > 0 && step <= friction;
@@ -189,7 +189,7 @@ static void pandis__come_out(pandis__proxy *p) {
 
 /* Try to bring the proxy to a target. 0: there was no answer. */
 static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
-    pandis_contact *c = p->state;
+    pandis__contact *c = p->state;
     pandis__look look, near;
     double at[3], place[3], step = pandis__between(target, p->x);
     double most = way->active ? way->shrink * fmax(1.9 * p->ball[3], 1e-3 * PANDIS__HOVER) : step;
@@ -314,7 +314,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
 
 /* Bring the proxy as near to the probe as it can come. Returns 0 if there was no answer. */
 static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *probe) {
-    pandis_contact *c = p->state;
+    pandis__contact *c = p->state;
     double target[3];
     if (pandis__between(probe, p->ball) < p->ball[4]) { /* known to be free, whatever planes say */
         memcpy(p->x, probe, 3 * sizeof *probe);
@@ -325,19 +325,19 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     /* each turn asks the field, or ends the step; that none does neither is made sure of */
-    for (int turn = 0; turn < 4 * c->budget; turn++) {
+    for (int turn = 0; turn < 4 * c->options.budget; turn++) {
         pandis__come_out(p);
         double step = pandis__aim(p, way, probe, target);
         if (step <= PANDIS__SMALL) {
-            if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->budget) return 1;
+            if (!way->active || way->held || c->settled > 8 || p->queries + 3 > c->options.budget) return 1;
             c->stalled = 0;
             int changed = pandis__confirm(p, way, 1);
             if (changed < 0) return 0;
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        if (p->queries >= c->budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
-            way->held |= p->queries >= c->budget;
+        if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
+            way->held |= p->queries >= c->options.budget;
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
             return 1;
         }

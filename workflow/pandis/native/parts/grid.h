@@ -22,7 +22,7 @@ static void pandis__corners(const pandis__grid *g, const double *p, const float 
     }
 }
 
-static int pandis__answer_grid(const pandis__grid *g, const double *u, double *distance, double *normal) {
+static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, double *distance, double *normal) {
     double p[3], t[3], value[4] = {0}, outside = pandis__clamp_to(g->low, g->high, u, p);
     const float *corner[8];
     int cell[3], force = g->rule == PANDIS__NEAREST || g->rule == PANDIS__TRILINEAR;

@@ -24,27 +24,31 @@ static int32_t pandis__peek(const volatile int32_t *where) {
 
 PANDIS_API size_t pandis_handover_room(const pandis_field *field) { return 3 * pandis_refit_room(field); }
 
-PANDIS_API int pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room) {
+PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room, size_t size) {
+    pandis__handover *h = pandis__handover_of(handover);
     size_t each = pandis_refit_room(field);
+    if (size < 3 * each) return PANDIS_ERROR_COUNT;
     for (int i = 0; i < 3; i++) {
-        int error = pandis_refit_open(handover->shapes + i, field, (unsigned char *)room + (size_t)i * each);
+        pandis_error error = pandis_refit_open(h->shapes + i, field, (unsigned char *)room + (size_t)i * each, each);
         if (error) return error;
     }
-    handover->writing = 0, handover->asking = 1;
-    (void)pandis__exchange(&handover->waiting, 2 | PANDIS__NEW);
-    return 0;
+    h->writing = 0, h->asking = 1;
+    (void)pandis__exchange(&h->waiting, 2 | PANDIS__NEW);
+    return PANDIS_SUCCESS;
 }
 
-PANDIS_API int pandis_handover_refit(pandis_handover *handover, const double *vertices) {
-    int error = pandis_refit(handover->shapes + handover->writing, vertices);
-    if (!error) handover->writing = pandis__exchange(&handover->waiting, handover->writing | PANDIS__NEW) & 3;
+PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const double *vertices, size_t count) {
+    pandis__handover *h = pandis__handover_of(handover);
+    pandis_error error = pandis_refit(h->shapes + h->writing, vertices, count);
+    if (!error) h->writing = pandis__exchange(&h->waiting, h->writing | PANDIS__NEW) & 3;
     return error;
 }
 
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving) {
-    int is_new = (pandis__peek(&handover->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
-    if (is_new) handover->asking = pandis__exchange(&handover->waiting, handover->asking) & 3;
-    *moving = handover->shapes[handover->asking];
+    pandis__handover *h = pandis__handover_of(handover);
+    int is_new = (pandis__peek(&h->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
+    if (is_new) h->asking = pandis__exchange(&h->waiting, h->asking) & 3;
+    *moving = h->shapes[h->asking];
     return is_new;
 }
 #endif

@@ -322,7 +322,7 @@ static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t f
     return pandis__first_sign(t, p, target, n, 0.999 * clear / foot->distance);
 }
 
-PANDIS__APART static int pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
+PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, const double *u, pandis__start *begin,
                                              double *distance, double *normal, double *clear) {
     pandis__foot foot;
     double limit = begin->guess * (1 + 1e-9) + 1e-12 * t->reach; /* with room for rounding */

@@ -147,7 +147,7 @@ static int pandis__fits_four(const pandis__network *n) {
  * of four, which read every weight together; what a point gets is the same. Without normals (NULL) there is no
  * gradient to compute. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
-                                                double (*normal)[3], int *flag) {
+                                                double (*normal)[3], pandis_flag *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
     double inside[4][3], outside[4];
     int stride = n->stride, own = n->outputs == 1;
@@ -220,5 +220,5 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
 }
 
 PANDIS__COMPILE(pandis__answer_network,
-                (const pandis__network *n, int count, double (*u)[3], double *distance, double (*normal)[3], int *flag),
+                (const pandis__network *n, int count, double (*u)[3], double *distance, double (*normal)[3], pandis_flag *flag),
                 (n, count, u, distance, normal, flag))

@@ -6,8 +6,8 @@
  *     #include "pandis.h"
  *
  *     pandis_field bunny;
- *     int error = pandis_open_file(&bunny, "bunny.pandis");
- *     if (error) return puts(pandis_error(error));
+ *     pandis_error error = pandis_open_file(&bunny, "bunny.pandis");
+ *     if (error) return puts(pandis_error_text(error));
  *     ...
  *     double force[3];                         every millisecond
  *     pandis_force(&bunny, position, stiffness, force);
@@ -19,7 +19,7 @@
  *     pandis_object objects[2] = {...};        fields and where they lie
  *     static double room[PANDIS_SCENE_ROOM(2)];
  *     pandis_scene scene;
- *     error = pandis_scene_open(&scene, objects, 2, room);
+ *     error = pandis_scene_open(&scene, objects, 2, room, PANDIS_SCENE_ROOM(2));
  *     pandis_scene_force(&scene, position, force);
  *
  * Positions and distances are in the units of the mesh that the field was made from; distances are

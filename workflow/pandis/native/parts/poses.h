@@ -57,10 +57,13 @@ static void pandis__turned(const double *q, double *r) {
 }
 
 /* The way that an object is on: two ends, of each the quaternion and the translation. */
-static double *pandis__way_of(const pandis_poses *poses, size_t object) { return poses->ways + 14 * object; }
+static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
 
-PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room) {
+PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
+                                          size_t room_length) {
+    pandis__poses *poses = pandis__poses_of(handle);
     memset(poses, 0, sizeof *poses);
+    if (room_length < PANDIS_POSES_ROOM(count)) return PANDIS_ERROR_COUNT;
     poses->objects = objects, poses->count = count;
     poses->frames = (pandis_pose *)(void *)room, poses->ways = room + 3 * count * (sizeof(pandis_pose) / sizeof *room);
     poses->asking = 1;
@@ -73,22 +76,18 @@ PANDIS_API int pandis_poses_open(pandis_poses *poses, pandis_object *objects, si
         pandis__unit_turn(way);
         memcpy(way + 4, o->translation, sizeof o->translation);
         memcpy(way + 7, way, 7 * sizeof *way);
-        for (size_t k = 0; k < 3; k++) {
-            pandis_pose *pose = poses->frames + k * count + i;
-            memset(pose, 0, sizeof *pose);
-            memcpy(pose->rotation, o->rotation, sizeof o->rotation);
-            memcpy(pose->translation, o->translation, sizeof o->translation);
-        }
+        pandis_pose pose;
+        memset(&pose, 0, sizeof pose);
+        memcpy(pose.rotation, o->rotation, sizeof o->rotation);
+        memcpy(pose.translation, o->translation, sizeof o->translation);
+        for (size_t k = 0; k < 3; k++) poses->frames[k * count + i] = pose;
     }
-    return 0;
+    return PANDIS_SUCCESS;
 }
 
-PANDIS_API pandis_pose *pandis_poses_frame(const pandis_poses *poses) {
-    return poses->frames + (size_t)poses->writing * poses->count;
-}
-
-PANDIS_API int pandis_poses_give(pandis_poses *poses, double period) {
-    const pandis_pose *frame = pandis_poses_frame(poses);
+PANDIS_API pandis_error pandis_poses_give(pandis_poses *handle, const pandis_pose *frame, size_t count, double period) {
+    pandis__poses *poses = pandis__poses_of(handle);
+    if (count != poses->count) return PANDIS_ERROR_COUNT;
     if (!(period > 0 && period <= 1e6)) return PANDIS_ERROR_POSE;
     for (size_t i = 0; i < poses->count; i++) {
         const pandis_pose *pose = frame + i;
@@ -97,13 +96,14 @@ PANDIS_API int pandis_poses_give(pandis_poses *poses, double period) {
         if (!pandis__places(pose->rotation, pose->translation) || !(fast <= 1e100)) return PANDIS_ERROR_POSE;
         if (!(turns <= PANDIS__HALF_TURN)) return PANDIS_ERROR_POSE;
     }
+    memcpy(poses->frames + (size_t)poses->writing * count, frame, count * sizeof *frame);
     poses->periods[poses->writing] = period;
     poses->writing = pandis__exchange(&poses->waiting, poses->writing | PANDIS__NEW) & 3;
-    return 0;
+    return PANDIS_SUCCESS;
 }
 
 /* Begin the way from where an object is to where it will be, by its velocity, when the next frame comes. */
-static void pandis__set_out(const pandis_poses *poses, size_t object) {
+static void pandis__set_out(const pandis__poses *poses, size_t object) {
     const pandis_pose *pose = poses->frames + (size_t)poses->asking * poses->count + object;
     double *from = pandis__way_of(poses, object), *to = from + 7, given[4], spun[4];
     double share = poses->period > 0 ? poses->gone / poses->period : 1, same = 0;
@@ -118,7 +118,7 @@ static void pandis__set_out(const pandis_poses *poses, size_t object) {
     for (int k = 0; k < 3; k++) to[4 + k] = pose->translation[k] + poses->periods[poses->asking] * pose->velocity[k];
 }
 
-PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt) {
+static int pandis__poses_go(pandis__poses *poses, pandis_scene *scene, double dt) {
     int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
     if (is_new) {
         poses->asking = pandis__exchange(&poses->waiting, poses->asking) & 3;
@@ -140,5 +140,9 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
         if (scene) (void)pandis_scene_moved(scene, i);
     }
     return is_new;
+}
+
+PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt) {
+    return pandis__poses_go(pandis__poses_of(poses), scene, dt);
 }
 #endif

@@ -18,14 +18,15 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 
 /* A proxy while it is moved in a step. */
 typedef struct {
-    pandis_contact *state;
+    pandis__contact *state;
     const pandis_field *field;
     double radius;            /* how far outside of the surface the walls are, less where the probe has begun nearer */
     double tolerance;         /* by which planes are compared */
     double blur;              /* a surface so far away, or so far behind a plane, tells nothing */
     int exact;                /* its distances are those of a surface, not of an approximation */
     int flat;                 /* and that surface is the one that is felt */
-    int queries, flag, count;
+    int queries, count;
+    pandis_flag flag;
     pandis__plane plane[PANDIS__PLANES];
     double *x, *ball;
 } pandis__proxy;
@@ -45,7 +46,7 @@ static int pandis__knows_distance(const pandis_field *f) {
  * surface below the point, the normal that of this plane, and less is free. */
 static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
                             double *free, double *sure) {
-    const pandis_texture *t = p->state->texture;
+    const pandis_texture *t = p->state->options.texture;
     const pandis_field *f = p->field;
     double foot[3], slope[3], *n = answer->normal;
     for (int k = 0; k < 3; k++) foot[k] = (at[k] - *distance * n[k]) / f->scale + f->centre[k];
@@ -86,7 +87,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         if (inside && distance > 0) free = fmax(free, f->height);
     }
     look->face = answer.face, look->region = answer.region;
-    if (p->state->texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
+    if (p->state->options.texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
     look->distance = distance - p->radius, look->free = free - p->radius;
     look->sure = fmin(sure, free) - p->radius;
     for (int k = 0; k < 3; k++) {
@@ -136,7 +137,7 @@ static void pandis__learn(pandis__proxy *p, const pandis__look *look, const doub
     if (p->count == PANDIS__PLANES) pandis__drop(p, 0);
     p->plane[p->count++] = seen;
     p->state->face = look->face;
-    if (p->field->regions || !p->state->regions) p->state->region = look->region; /* else it is asked for once a step */
+    if (p->field->regions || !p->state->options.regions) p->state->region = look->region; /* else it is asked for once a step */
 }
 
 static double pandis__between(const double *a, const double *b) {

@@ -1,6 +1,6 @@
 /* ---------------------------------------------------------------- queries */
 
-PANDIS_API int pandis_kind(const pandis_field *field) { return field->kind; }
+PANDIS_API pandis_kind pandis_field_kind(const pandis_field *field) { return (pandis_kind)field->kind; }
 
 PANDIS_API size_t pandis_bytes(const pandis_field *field) { return field->size; }
 
@@ -27,7 +27,7 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
 }
 
 /* Make an answer in mesh units of distance, direction and flag in the unit frame. */
-static void pandis__tell(const pandis_field *field, double d, double *n, double clear, int flag,
+static void pandis__tell(const pandis_field *field, double d, double *n, double clear, pandis_flag flag,
                          pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
     if (flag == PANDIS_INVALID || flag == PANDIS_BEYOND) {
@@ -49,7 +49,7 @@ static void pandis__tell(const pandis_field *field, double d, double *n, double 
 static void pandis__ask(const pandis_field *field, const double *point, pandis__start *begin, pandis__cells *cells,
                         pandis_answer *answer) {
     double u[1][3], d = 0, n[1][3] = {{0}}, clear = 0;
-    int flag = PANDIS_INVALID;
+    pandis_flag flag = PANDIS_INVALID;
     if (pandis__unit(field, point, u[0])) {
         switch (field->kind) {
             case PANDIS_NETWORK: pandis__answer_network(&field->as.network, 1, u, &d, n, &flag); break;
@@ -103,10 +103,10 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
     pandis__query_after(field, point, hint, NULL, answer);
 }
 
-PANDIS_API int pandis_distance(const pandis_field *field, const double point[3], double *distance) {
+PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance) {
     pandis_answer answer;
     double u[1][3], d = 0, none[3] = {0, 0, 1};
-    int flag = PANDIS_INVALID;
+    pandis_flag flag = PANDIS_INVALID;
     if (field->kind == PANDIS_NETWORK && field->as.network.outputs == 1) {
         if (pandis__unit(field, point, u[0])) pandis__answer_network(&field->as.network, 1, u, &d, NULL, &flag);
         pandis__tell(field, d, none, 0, flag, &answer);
@@ -117,7 +117,7 @@ PANDIS_API int pandis_distance(const pandis_field *field, const double point[3],
     return answer.flag;
 }
 
-PANDIS_API int pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
+PANDIS_API pandis_flag pandis_force(const pandis_field *field, const double point[3], double stiffness, double force[3]) {
     pandis_answer answer;
     force[0] = force[1] = force[2] = 0;
     if (!(stiffness >= 0 && stiffness <= PANDIS__STIFFEST)) return PANDIS_INVALID;
@@ -130,7 +130,8 @@ PANDIS_API int pandis_force(const pandis_field *field, const double point[3], do
 /* Answer four points with a network, which reads every weight once for them. */
 static void pandis__query_four(const pandis_field *field, const double *points, pandis_answer *answers) {
     double u[4][3], d[4], n[4][3];
-    int finite[4], flag[4];
+    int finite[4];
+    pandis_flag flag[4];
     for (int p = 0; p < 4; p++) {
         finite[p] = pandis__unit(field, points + 3 * p, u[p]);
         for (int k = 0; k < 3 && !finite[p]; k++) u[p][k] = 0;

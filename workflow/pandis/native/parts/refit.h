@@ -5,6 +5,10 @@
 
 static uint64_t pandis__whole_words(uint64_t bytes) { return (bytes + 7) / 8 * 8; }
 
+PANDIS_API size_t pandis_vertex_count(const pandis_field *field) {
+    return field->kind == PANDIS_MESH ? (size_t)field->as.mesh.vertex_count : 0;
+}
+
 PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     const pandis__mesh *m = &field->as.mesh;
     if (field->kind != PANDIS_MESH) return 0;
@@ -55,8 +59,9 @@ static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, floa
     }
 }
 
-PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room) {
+PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size) {
     if (field->kind != PANDIS_MESH) return PANDIS_ERROR_CONTENT;
+    if (size < pandis_refit_room(field)) return PANDIS_ERROR_COUNT;
     if ((uintptr_t)room % 8) return PANDIS_ERROR_ALIGNMENT;
     const pandis__mesh *m = &field->as.mesh;
     size_t v = (size_t)m->vertex_count, f = (size_t)m->face_count, n = (size_t)m->node_count;
@@ -92,13 +97,13 @@ PANDIS_API int pandis_refit_open(pandis_field *moving, const pandis_field *field
     own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
     own->most = INT32_MAX; /* nothing is known of what its shapes would cut */
-    return 0;
+    return PANDIS_SUCCESS;
 }
 
-PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
+PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertices, size_t count) {
     pandis__mesh *m = &moving->as.mesh;
     if (moving->kind != PANDIS_MESH || !m->around) return PANDIS_ERROR_CONTENT;
-    size_t count = (size_t)m->vertex_count;
+    if (count != (size_t)m->vertex_count) return PANDIS_ERROR_COUNT;
     int good = 1;
     for (int k = 0; k < 3; k++)
         for (size_t i = 0; i < count; i++)
@@ -118,6 +123,6 @@ PANDIS_API int pandis_refit(pandis_field *moving, const double *vertices) {
     }
     m->reach = most;
     pandis__refit_boxes(m, (pandis__node *)(uintptr_t)m->nodes, (float(*)[2])(uintptr_t)m->slacks);
-    return 0;
+    return PANDIS_SUCCESS;
 }
 

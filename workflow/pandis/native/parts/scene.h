@@ -19,7 +19,7 @@ static void pandis__add_force(const pandis_object *o, const double *p, pandis_an
     }
 }
 
-PANDIS_API int pandis_object_force(const pandis_object *object, const double point[3], double force[3]) {
+PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]) {
     pandis_answer answer;
     double p[3];
     force[0] = force[1] = force[2] = 0;
@@ -53,7 +53,7 @@ static int pandis__lies(const pandis_object *o) {
  * contacts, whose proxies may be elsewhere: centre and squared radius, in blocks, coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
-static double *pandis__ball(const pandis_scene *scene, int use, size_t object) {
+static double *pandis__ball(const pandis__scene *scene, int use, size_t object) {
     double *balls = scene->room + (size_t)use * (PANDIS_SCENE_ROOM(scene->count) / 2);
     return balls + object / PANDIS_SCENE_BLOCK * 4 * PANDIS_SCENE_BLOCK + object % PANDIS_SCENE_BLOCK;
 }
@@ -75,17 +75,18 @@ static double pandis__clearance(const pandis_field *f, const double *u) {
 }
 
 /* The worse of two flags: no answer, an estimate, one that may be a little off. */
-static int pandis__worse(int one, int other) {
+static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
     static const int rank[] = {0, 2, 3, 1, 0}; /* by flag */
     return rank[one] > rank[other] ? one : other;
 }
 
 /* Ask an object unless it cannot be touched at a point, and keep how far that is so. */
-static int pandis__visit(pandis_scene *scene, size_t index, const double *point, double *force) {
+static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
     const pandis_field *f = o->field;
     double p[3], u[3], size = 0;
-    int flag = PANDIS_OK, inside = 1;
+    pandis_flag flag = PANDIS_OK;
+    int inside = 1;
     pandis__enter(o, point, p);
     for (int k = 0; k < 3; k++) {
         u[k] = (p[k] - f->centre[k]) * f->scale;
@@ -96,7 +97,7 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
     if (!(clear > 0)) {
         pandis_answer answer;
         pandis__add_force(o, p, &answer, force);
-        scene->asked++;
+        scene->queries++;
         flag = answer.flag;
         double away = flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance;
         if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
@@ -106,31 +107,41 @@ static int pandis__visit(pandis_scene *scene, size_t index, const double *point,
     return flag;
 }
 
-PANDIS_API int pandis_scene_moved(pandis_scene *scene, size_t object) {
+/* Let an object be asked at the next point; leave it out if it lies nowhere. */
+static pandis_error pandis__wake_object(const pandis__scene *scene, size_t object) {
     const double origin[3] = {0};
-    if (object >= scene->count) return PANDIS_ERROR_POSE;
     int lies = pandis__lies(scene->objects + object);
     for (int use = PANDIS__OF_FORCES; use <= PANDIS__OF_CONTACTS; use++)
         pandis__keep_ball(pandis__ball(scene, use, object), origin, lies ? 0 : 1e150);
-    return lies ? 0 : PANDIS_ERROR_POSE;
+    return lies ? PANDIS_SUCCESS : PANDIS_ERROR_POSE;
 }
 
-PANDIS_API int pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room) {
+PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object) {
+    const pandis__scene *s = pandis__scene_in(scene);
+    return object < s->count ? pandis__wake_object(s, object) : PANDIS_ERROR_COUNT;
+}
+
+PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
+                                          size_t room_length) {
     const double origin[3] = {0};
-    int error = 0;
-    scene->objects = objects, scene->count = count, scene->room = room, scene->asked = 0;
-    scene->contacts = NULL, scene->materials = NULL, scene->touched = 0;
+    pandis__scene *s = pandis__scene_of(scene);
+    pandis_error error = PANDIS_SUCCESS;
+    memset(s, 0, sizeof *s);
+    if (room_length < PANDIS_SCENE_ROOM(count)) return PANDIS_ERROR_COUNT;
+    s->objects = objects, s->count = count, s->room = room;
     for (size_t i = 0; i < PANDIS_SCENE_ROOM(count) / 8; i++) {
-        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, i), origin, 1e150);
-        pandis__keep_ball(pandis__ball(scene, PANDIS__OF_CONTACTS, i), origin, 1e150);
+        pandis__keep_ball(pandis__ball(s, PANDIS__OF_FORCES, i), origin, 1e150);
+        pandis__keep_ball(pandis__ball(s, PANDIS__OF_CONTACTS, i), origin, 1e150);
     }
     for (size_t i = 0; i < count; i++)
-        if (pandis_scene_moved(scene, i)) error = PANDIS_ERROR_POSE;
+        if (pandis__wake_object(s, i)) error = PANDIS_ERROR_POSE;
     return error;
 }
 
+PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) { return pandis__scene_in(scene)->queries; }
+
 /* The next object, from one on, that may be touched at a point; the count, if there is none. */
-static size_t pandis__next_awake(const pandis_scene *scene, int use, size_t from, const double *point) {
+static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
         const double *ball = pandis__ball(scene, use, start);
@@ -150,13 +161,14 @@ static size_t pandis__next_awake(const pandis_scene *scene, int use, size_t from
     return scene->count;
 }
 
-PANDIS_API int pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
-    int worst = PANDIS_OK;
+PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]) {
+    pandis__scene *s = pandis__scene_of(scene);
+    pandis_flag worst = PANDIS_OK;
     force[0] = force[1] = force[2] = 0;
-    scene->asked = 0;
+    s->queries = 0;
     for (int k = 0; k < 3; k++)
         if (!(fabs(point[k]) <= 1e100)) return PANDIS_INVALID;
-    for (size_t i = 0; (i = pandis__next_awake(scene, PANDIS__OF_FORCES, i, point)) < scene->count; i++)
-        worst = pandis__worse(pandis__visit(scene, i, point, force), worst);
+    for (size_t i = 0; (i = pandis__next_awake(s, PANDIS__OF_FORCES, i, point)) < s->count; i++)
+        worst = pandis__worse(pandis__visit(s, i, point, force), worst);
     return worst;
 }

@@ -100,7 +100,7 @@ PANDIS__INLINE void pandis__sharpen(const pandis__spline *s, const double *p, pa
 }
 
 PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const double *u, pandis__cells *cells,
-                                               double *distance, double *normal, int *flag) {
+                                               double *distance, double *normal, pandis_flag *flag) {
     double p[3], outside = pandis__clamp(u, p), value = 0, gradient[3] = {0};
     for (int k = 0; k < 3; k++) p[k] = p[k] < -PANDIS__EDGE ? -PANDIS__EDGE : p[k] > PANDIS__EDGE ? PANDIS__EDGE : p[k];
     *flag = PANDIS_OK;
@@ -139,6 +139,6 @@ PANDIS__INLINE void pandis__answer_spline_body(const pandis__spline *s, const do
 
 PANDIS__COMPILE(pandis__answer_spline,
                 (const pandis__spline *s, const double *u, pandis__cells *cells, double *distance, double *normal,
-                 int *flag),
+                 pandis_flag *flag),
                 (s, u, cells, distance, normal, flag))
 

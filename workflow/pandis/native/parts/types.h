@@ -1,46 +1,64 @@
-/* Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field covers;
- * the side is right, and the distance is an estimate that may be too large. INVALID: no answer, because
- * a coordinate is not a finite number or is beyond 1e150, or because the field overflowed. CUT: so many faces are
- * about equally near (around the middle of a finely tessellated ball) that not all were looked at; the distance
- * may be too large, by some hundredths of the object: see `clear`. Next to the surface nothing was cut of all that was
- * tried when the file was made. BEYOND: of pandis_query_within alone, no surface is within its reach. */
-enum { PANDIS_OK = 0, PANDIS_BOUND = 1, PANDIS_INVALID = 2, PANDIS_CUT = 3, PANDIS_BEYOND = 4 };
+/* What is to be thought of an answer. */
+typedef enum {
+    PANDIS_OK = 0,      /* within the accuracy of the field */
+    PANDIS_BOUND = 1,   /* outside of what the field covers: the side is right, the distance an estimate that may be too large */
+    PANDIS_INVALID = 2, /* no answer: an argument is beyond its range, no finite number, or the field overflowed */
+    PANDIS_CUT = 3,     /* so many faces are about equally near (around the middle of a finely tessellated ball) that not all
+                         * were looked at: the distance may be too large, by some hundredths of the object, see
+                         * pandis_answer.clear. Next to the surface nothing was cut of all that was tried when the file was
+                         * made */
+    PANDIS_BEYOND = 4   /* of pandis_query_within alone: no surface is within its reach */
+} pandis_flag;
 
-/* Why a field cannot be opened. */
-enum {
-    PANDIS_ERROR_FILE = 1,     /* the file cannot be read */
-    PANDIS_ERROR_FORMAT = 2,   /* it is no such file */
-    PANDIS_ERROR_ENDIAN = 3,   /* its bytes are in the other order, or this machine's are */
-    PANDIS_ERROR_VERSION = 4,  /* it is of a later version, or a mesh of an earlier one */
-    PANDIS_ERROR_SIZE = 5,     /* it is shorter or longer than it says */
-    PANDIS_ERROR_CHECKSUM = 6, /* its bytes have changed */
-    PANDIS_ERROR_CONTENT = 7,  /* what it says does not fit together */
-    PANDIS_ERROR_POSE = 8,     /* an object of a scene lies nowhere: see pandis_object */
-    PANDIS_ERROR_ALIGNMENT = 9, /* the bytes do not begin at a multiple of 8 */
-    PANDIS_ERROR_ARITHMETIC = 10, /* compiled with flags under which it would answer wrongly */
-    PANDIS_ERROR_LARGE = 11, /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
-    PANDIS_ERROR_VERTEX = 12, /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
-    PANDIS_ERROR_KIND = 13, /* a grid of forces, which knows no distance outside, cannot have a contact */
-    PANDIS_ERROR_RADIUS = 14 /* of a probe: larger than what the field knows of free space around its surface */
-};
+/* Why something cannot be opened or changed. Errors are negative and flags are not, so neither is taken for the other. */
+typedef enum {
+    PANDIS_SUCCESS = 0,
+    PANDIS_ERROR_FILE = -1,        /* the file cannot be read */
+    PANDIS_ERROR_FORMAT = -2,      /* it is no such file */
+    PANDIS_ERROR_ENDIAN = -3,      /* its bytes are in the other order, or this machine's are */
+    PANDIS_ERROR_VERSION = -4,     /* it is of a later version, or a mesh of an earlier one */
+    PANDIS_ERROR_SIZE = -5,        /* it is shorter or longer than it says */
+    PANDIS_ERROR_CHECKSUM = -6,    /* its bytes have changed */
+    PANDIS_ERROR_CONTENT = -7,     /* what it says does not fit together, or this kind of field cannot do that */
+    PANDIS_ERROR_POSE = -8,        /* an object of a scene lies nowhere: see pandis_object */
+    PANDIS_ERROR_ALIGNMENT = -9,   /* the bytes do not begin at a multiple of 8 */
+    PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags under which it would answer wrongly */
+    PANDIS_ERROR_LARGE = -11,      /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
+    PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
+    PANDIS_ERROR_KIND = -13,       /* a grid of forces, which knows no distance outside, cannot have a contact */
+    PANDIS_ERROR_RADIUS = -14,     /* of a probe: larger than what the field knows of free space around its surface */
+    PANDIS_ERROR_OPTIONS = -15,    /* an option of a contact is beyond its range: see pandis_contact_options */
+    PANDIS_ERROR_COUNT = -16,      /* an array has fewer or more elements than this takes */
+    PANDIS_ERROR_HEADER = -17      /* the compiled part is of another version of this header, or was packed otherwise */
+} pandis_error;
 
-enum { PANDIS_NETWORK = 1, PANDIS_GRID = 2, PANDIS_SPLINE = 3, PANDIS_MESH = 4, PANDIS_SHAPE = 5, PANDIS_COMPACT = 6 };
+/* What a field is. */
+typedef enum {
+    PANDIS_CLOSED = 0,
+    PANDIS_NETWORK = 1,
+    PANDIS_GRID = 2,
+    PANDIS_SPLINE = 3,
+    PANDIS_MESH = 4,
+    PANDIS_SHAPE = 5,
+    PANDIS_COMPACT = 6
+} pandis_kind;
 
-/* An answer. The slope is the length of the vector that was scaled to the normal: 1 for meshes and closed
- * forms; elsewhere about 1, and clearly less near the medial axis, where two walls are about equally near
- * and the normal is about to turn; 0 for grids of forces, which have none. */
+/* An answer to one point. */
 typedef struct {
-    double distance, normal[3], slope;
-    double clear; /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
-    int flag;
-    int32_t face; /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several
-                   * one: of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and where there is no
-                   * answer, -1 */
-    int32_t region; /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
+    double distance;  /* mesh units, negative inside */
+    double normal[3]; /* outward, of unit length */
+    double slope;     /* length of the vector that was scaled to the normal: 1 of meshes and closed forms; elsewhere about 1, and
+                       * clearly less near the medial axis, where two walls are about equally near and the normal is about to
+                       * turn; 0 of grids of forces, which have none */
+    double clear;     /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
+    pandis_flag flag;
+    int32_t face;     /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several one:
+                       * of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and without an answer, -1 */
+    int32_t region;   /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
 } pandis_answer;
 
-/* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and
- * given to another field: it makes a query faster, and changes no answer. */
+/* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and used with
+ * another field: it changes the time of a query, and no answer. */
 typedef struct {
     uint64_t room[16];
 } pandis_hint;

@@ -91,7 +91,7 @@ class NativeField:
             self._bytes, self._stamp = None, stamp(self.path)
             error = self._library.pandis_open_file(self._field, str(source).encode())
         if error:
-            self._opened, why = None, self._library.pandis_error(error).decode()
+            self._opened, why = None, self._library.pandis_error_text(error).decode()
             raise ArtifactError(f"{self.path}: {why}")
         numbers = (ctypes.c_double * 4)()
         self._library.runtime_frame(self._field, numbers)
@@ -182,7 +182,7 @@ class NativeField:
     @property
     def kind(self) -> int:
         """NETWORK, GRID, SPLINE, MESH, SHAPE or COMPACT."""
-        return self._library.pandis_kind(self._field)
+        return self._library.pandis_field_kind(self._field)
 
     @property
     def bytes(self) -> int:

@@ -25,7 +25,8 @@ class SharedField(MovingField):
         self._room = np.empty(room // 8)
         self._handover = ctypes.create_string_buffer(self._library.runtime_handover_bytes())
         lender = self._lender._field
-        self._library.pandis_handover_open(self._handover, lender, self._room.ctypes.data)
+        room = self._room.ctypes.data, self._room.nbytes
+        self._library.pandis_handover_open(self._handover, lender, *room)
         self.take()
 
     def refit(self, vertices: ArrayLike) -> None:
@@ -37,7 +38,8 @@ class SharedField(MovingField):
             There are more or fewer, or one is no finite number; the old shape stays.
         """
         vertices = self._checked(vertices)
-        if self._library.pandis_handover_refit(self._handover, vertices.ctypes.data):
+        shape = vertices.ctypes.data, len(vertices)
+        if self._library.pandis_handover_refit(self._handover, *shape):
             raise ValueError(self._NO_SHAPE)
 
     def take(self) -> bool:

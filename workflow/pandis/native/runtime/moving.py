@@ -35,7 +35,8 @@ class MovingField(NativeField):
         """Take room (bytes) for one shape, and make it that of the lender."""
         self._room = np.empty(room // 8)
         lender = self._lender._field
-        self._library.pandis_refit_open(self._field, lender, self._room.ctypes.data)
+        room = self._room.ctypes.data, self._room.nbytes
+        self._library.pandis_refit_open(self._field, lender, *room)
 
     def refit(self, vertices: ArrayLike) -> float:
         """Move the vertices.
@@ -63,7 +64,7 @@ class MovingField(NativeField):
         return taken
 
     def _checked(self, vertices):
-        vertices, count = as_rows(vertices), self._library.runtime_vertices(self._lender._field)
+        vertices, count = as_rows(vertices), self._library.pandis_vertex_count(self._lender._field)
         if len(vertices) != count:
             raise ValueError(f"the mesh has {count:,} vertices, not {len(vertices):,}")
         return vertices

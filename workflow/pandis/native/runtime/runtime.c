@@ -78,14 +78,10 @@ void runtime_derivatives(const pandis_field *field, const double *points, size_t
     }
 }
 
-int64_t runtime_vertices(const pandis_field *field) {
-    return field->kind == PANDIS_MESH ? field->as.mesh.vertex_count : 0;
-}
-
 /* Seconds of one refit; below zero if it failed. */
 double runtime_refit_time(pandis_field *moving, const double *vertices) {
     double start = seconds();
-    return pandis_refit(moving, vertices) ? -1 : seconds() - start;
+    return pandis_refit(moving, vertices, pandis_vertex_count(moving)) ? -1 : seconds() - start;
 }
 
 /* How far from points certainly no surface is, as `pandis_answer` says it. */

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pandis.errors import PandisError
 from pandis.geometry.frame import UNIT_SIDE
 from pandis.native.compiler import load
+from pandis.native.layout import compare_layouts
 from pandis.native.runtime import ArrayLike, Floats, NativeField, Number
 from pandis.native.runtime.binding import library as runtime
 
@@ -74,6 +75,17 @@ class _Object(ctypes.Structure):
     )
 
 
+class Pose(ctypes.Structure):
+    """Where an object lies in a frame of a simulation, and how it moves: ``pandis_pose``."""
+
+    _fields_ = (
+        ("rotation", ctypes.c_double * 9),
+        ("translation", ctypes.c_double * 3),
+        ("velocity", ctypes.c_double * 3),
+        ("spin", ctypes.c_double * 3),
+    )
+
+
 def _fill(place, placed):
     place.field = placed.field.address
     place.rotation[:] = np.ravel(placed.rotation).tolist()
@@ -93,18 +105,17 @@ def library():
     """Return the compiled library with its functions' types declared."""
     lib = load(Path(__file__).with_name("scene.c"))
     pointer, size = ctypes.c_void_p, ctypes.c_size_t
-    for name in ("scene_bytes", "scene_object_bytes", "scene_room", "scene_poses_bytes"):
+    compare_layouts(lib.scene_layout, {"pandis_object": _Object, "pandis_pose": Pose})
+    for name in ("scene_bytes", "scene_room", "scene_poses_bytes", "scene_poses_room"):
         getattr(lib, name).restype = size
     lib.scene_room.argtypes = lib.scene_poses_room.argtypes = [size]
-    lib.scene_poses_room.restype, lib.pandis_poses_frame.restype = size, pointer
-    lib.pandis_poses_open.argtypes = [pointer, pointer, size, pointer]
-    lib.pandis_poses_frame.argtypes = [pointer]
-    lib.pandis_poses_give.argtypes = [pointer, ctypes.c_double]
+    lib.pandis_poses_open.argtypes = [pointer, pointer, size, pointer, size]
+    lib.pandis_poses_give.argtypes = [pointer, pointer, size, ctypes.c_double]
     lib.pandis_poses_step.argtypes = [pointer, pointer, ctypes.c_double]
-    lib.pandis_scene_open.argtypes = [pointer, pointer, size, pointer]
+    lib.pandis_scene_open.argtypes = [pointer, pointer, size, pointer, size]
     lib.pandis_scene_moved.argtypes = [pointer, size]
     lib.scene_forces.argtypes = [pointer, pointer, size, *[pointer] * 4]
-    lib.scene_ask_all.argtypes = [pointer, pointer, size, pointer]
+    lib.scene_ask_all.argtypes = [pointer, size, pointer, size, pointer]
     return lib
 
 
@@ -131,13 +142,13 @@ class NativeScene:
         self._scene = ctypes.create_string_buffer(self._library.scene_bytes())
         self._check(
             self._library.pandis_scene_open(
-                self._scene, self._placed, count, self._room.ctypes.data
+                self._scene, self._placed, count, self._room.ctypes.data, len(self._room)
             )
         )
 
     def _check(self, error):
         if error:
-            raise PandisError(runtime().pandis_error(error).decode())
+            raise PandisError(runtime().pandis_error_text(error).decode())
 
     def move(self, index: int, placed: Placed) -> None:
         """Give one of the objects another place, another field, or both.
@@ -183,5 +194,6 @@ class NativeScene:
         """Return the forces (n, 3) at points (n, 3) by asking every object at every point."""
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         force = np.empty_like(points)
-        self._library.scene_ask_all(self._scene, points.ctypes.data, len(points), force.ctypes.data)
+        objects = self._placed, len(self.objects)
+        self._library.scene_ask_all(*objects, points.ctypes.data, len(points), force.ctypes.data)
         return force

@@ -31,10 +31,10 @@ class Poses:
         self._room = np.empty(max(self._library.scene_poses_room(count), 1))
         self._poses = ctypes.create_string_buffer(self._library.scene_poses_bytes())
         error = self._library.pandis_poses_open(
-            self._poses, scene.placed_address, count, self._room.ctypes.data
+            self._poses, scene.placed_address, count, self._room.ctypes.data, len(self._room)
         )
         if error:
-            raise PandisError(runtime().pandis_error(error).decode())
+            raise PandisError(runtime().pandis_error_text(error).decode())
         self._count = count
 
     @property
@@ -72,12 +72,10 @@ class Poses:
                 f"translations, velocities and spins, not {[part.shape for part in parts]}"
             )
         rows = np.concatenate([part.reshape(self._count, -1) for part in parts], axis=1)
-        frame = self._library.pandis_poses_frame(self._poses)
-        ctypes.memmove(frame, rows.ctypes.data, rows.nbytes)
-        error = self._library.pandis_poses_give(self._poses, period)
+        error = self._library.pandis_poses_give(self._poses, rows.ctypes.data, self._count, period)
         if error:
             raise ValueError(
-                f"{runtime().pandis_error(error).decode()}, or turns more than halfway round "
+                f"{runtime().pandis_error_text(error).decode()}, or turns more than halfway round "
                 "before the next frame: nothing was handed over"
             )
 

@@ -4,10 +4,21 @@
 #define PANDIS_IMPLEMENTATION
 #endif
 #include "../clock.h"
+#include "../layout.h"
 #include "../pandis.h"
 
+/* The layouts that Python mirrors. */
+const layout_entry *scene_layout(void) {
+    static const layout_entry entries[] = {
+        LAYOUT_TYPE(pandis_object), LAYOUT(pandis_object, field), LAYOUT(pandis_object, rotation),
+        LAYOUT(pandis_object, translation), LAYOUT(pandis_object, scale), LAYOUT(pandis_object, stiffness),
+        LAYOUT_TYPE(pandis_pose), LAYOUT(pandis_pose, rotation), LAYOUT(pandis_pose, translation),
+        LAYOUT(pandis_pose, velocity), LAYOUT(pandis_pose, spin), LAYOUT_END,
+    };
+    return entries;
+}
+
 size_t scene_bytes(void) { return sizeof(pandis_scene); }
-size_t scene_object_bytes(void) { return sizeof(pandis_object); }
 size_t scene_room(size_t count) { return PANDIS_SCENE_ROOM(count); }
 
 /* Forces (three doubles each), flags, and how many fields were asked, point by point; with `taken`
@@ -18,17 +29,18 @@ void scene_forces(pandis_scene *scene, const double *points, size_t count, doubl
         double start = taken ? seconds() : 0;
         flags[i] = (unsigned char)pandis_scene_force(scene, points + 3 * i, forces + 3 * i);
         if (taken) taken[i] = seconds() - start;
-        asked[i] = (int64_t)scene->asked;
+        asked[i] = (int64_t)pandis_scene_queries(scene);
     }
 }
 
 /* The same by asking every object at every point. */
-void scene_ask_all(const pandis_scene *scene, const double *points, size_t count, double *forces) {
+void scene_ask_all(const pandis_object *objects, size_t objects_count, const double *points, size_t count,
+                   double *forces) {
     for (size_t i = 0; i < count; i++) {
         double own[3], *sum = forces + 3 * i;
         sum[0] = sum[1] = sum[2] = 0;
-        for (size_t k = 0; k < scene->count; k++) {
-            pandis_object_force(scene->objects + k, points + 3 * i, own);
+        for (size_t k = 0; k < objects_count; k++) {
+            pandis_object_force(objects + k, points + 3 * i, own);
             for (int axis = 0; axis < 3; axis++) sum[axis] += own[axis];
         }
     }

@@ -45,6 +45,7 @@ static const double DT = 1e-3, MASS = 0.05, HAND = 150.0, DAMPING = 5.0;
 static pandis_field field;
 static pandis_object object;
 static pandis_contact contact;
+static pandis_material material;
 static double probe[3], velocity[3], from[3];
 static int has_contact;
 extern unsigned char __heap_base;
@@ -65,7 +66,7 @@ WEB int web_open(const void *data, uint32_t size) {
     return pandis_open(&field, data, size);
 }
 
-WEB const char *web_error(int error) { return pandis_error(error); }
+WEB const char *web_error(int error) { return pandis_error_text((pandis_error)error); }
 
 /* The object in the middle of the scene, its longest side of a size (m), and the probe at the target. */
 WEB int web_begin(void) {
@@ -76,18 +77,20 @@ WEB int web_begin(void) {
         object.rotation[4 * k] = 1, object.translation[k] = -scale * field.centre[k];
         probe[k] = from[k] = numbers[TARGET + k], velocity[k] = 0;
     }
-    const int error = pandis_contact_open(&contact, &object, numbers[RADIUS]);
+    pandis_contact_options options = pandis_contact_defaults(&object);
+    options.radius = numbers[RADIUS], options.materials = &material, options.material_count = 1;
+    const int error = pandis_contact_open(&contact, &object, &options);
     has_contact = !error;
     return error;
 }
 
 /* So many ticks (64 at most), in which the pointer moves on to the target. */
 WEB int web_ticks(int count) {
-    const pandis_material material = {numbers[FRICTION], 0.8 * numbers[FRICTION], 0, 0};
     pandis_touch touch;
     int flag = PANDIS_INVALID;
     memset(&touch, 0, sizeof touch);
     object.stiffness = numbers[STIFFNESS];
+    material.sticking = numbers[FRICTION], material.sliding = 0.8 * numbers[FRICTION];
     if (!has_contact || count < 1 || count > MOST_TICKS) return flag;
     for (int i = 1; i <= count; i++) {
         for (int k = 0; k < 3; k++) {
@@ -96,7 +99,7 @@ WEB int web_ticks(int count) {
             velocity[k] += DT / MASS * pull;
             probe[k] += DT * velocity[k];
         }
-        flag = pandis_contact_step(&contact, &object, probe, DT, &material, &touch);
+        flag = pandis_contact_step(&contact, &object, probe, DT, &touch);
         for (int k = 0; k < 3; k++) numbers[FORCE + k] = touch.force[k];
         numbers[TICKS + i - 1] = sqrt(pandis__dot(touch.force, touch.force));
     }

@@ -1,0 +1,128 @@
+/* ---------------------------------------------------------------- scenes
+ *
+ * Objects under one probe. Each is asked again only when the probe may touch it: a field that is nowhere nearer than d cannot
+ * be touched before the probe has gone that far. One probe, and one thread, has a scene of its own. */
+
+/* The state of a scene. Its content is the implementation's. */
+typedef union {
+    double aligned;
+    unsigned char bytes[256];
+} pandis_scene;
+
+/* Doubles that a scene of so many objects needs; objects that are looked at together. */
+#define PANDIS_SCENE_BLOCK 32
+#define PANDIS_SCENE_ROOM(count) \
+    (8 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
+
+/* Begin a scene.
+ *
+ * objects      count of them, kept by the caller, who may change them between calls: see pandis_scene_moved
+ * room         of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
+ * room_length  doubles in the room
+ *
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE, and objects that lie nowhere are left out; or PANDIS_ERROR_COUNT, and the scene is
+ * empty. */
+PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
+                                          size_t room_length);
+
+/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped, or given another field.
+ *
+ * object   its index
+ *
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE, and the object is left out until it lies somewhere; or PANDIS_ERROR_COUNT: there is
+ * no such object. */
+PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
+
+/* [rt] The sum of the penalty forces of all objects, in their order, to the last bit that of pandis_object_force as long as no
+ * field's distance is further off than its file says. It changes nothing of what pandis_scene_touch answers, in whatever
+ * order they are called. Returns the worst flag of those that were asked.
+ *
+ * point    scene lengths, at most 1e100 */
+PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
+
+/* Begin a contact for each object.
+ *
+ * contacts  count of them, kept by the caller
+ * options   count of them, copied; NULL: the defaults
+ * count     that of the objects, else PANDIS_ERROR_COUNT
+ *
+ * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object, and whatever lies nowhere, is left out. */
+PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
+                                                const pandis_contact_options *options, size_t count);
+
+/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum of theirs, in the order of
+ * the objects, to the last bit that of stepping all of them. An object that is moved carries its proxy along.
+ *
+ * position  scene lengths, at most 1e100
+ * dt        seconds since the last step, more than 0
+ * touches   filled in, of those objects that are touched or whose proxy is behind; NULL: none
+ * most      touches that there is room for
+ * touched   how many such objects there are, which may be more than `most`; NULL: not wanted
+ *
+ * Returns the worst flag. */
+PANDIS_API pandis_flag pandis_scene_touch(pandis_scene *scene, const double position[3], double dt, double force[3],
+                                          pandis_touch *touches, size_t most, size_t *touched);
+
+/* [rt] Fields that the last pandis_scene_force asked, or queries that the last pandis_scene_touch took. */
+PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
+
+#if defined(__GNUC__) || defined(_MSC_VER)
+/* ---------------------------------------------------------------- objects that a simulation moves
+ *
+ * A simulation hands frames of poses over to the haptic loop, and neither waits: of three frames one is written, one is
+ * followed, and the newest whole one is handed over. In each tick every object goes on, without a step, towards where it
+ * will lie when the next frame is due; there it waits, if that is late. One thread gives, one steps. */
+
+/* Where an object lies in a frame, and how it moves. */
+typedef struct {
+    double rotation[9], translation[3]; /* as of pandis_object */
+    double velocity[3];                 /* of the point at `translation`, scene lengths per second, at most 1e50 */
+    double spin[3];                     /* axis times radians per second, in the directions of the scene */
+} pandis_pose;
+
+/* The state of the handover. Its content is the implementation's. */
+typedef union {
+    double aligned;
+    unsigned char bytes[128];
+} pandis_poses;
+
+/* Doubles that so many objects need. */
+#define PANDIS_POSES_ROOM(count) (68 * (size_t)(count))
+
+/* Begin where the objects lie.
+ *
+ * objects      count of them, kept by the caller, and moved by pandis_poses_step
+ * room         of at least PANDIS_POSES_ROOM(count) doubles, kept by the caller
+ * room_length  doubles in the room
+ *
+ * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE or PANDIS_ERROR_COUNT. */
+PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room,
+                                          size_t room_length);
+
+/* [rt] Hand over a frame, by the simulation's thread.
+ *
+ * frame    a pose for each object, copied
+ * count    that of the objects, else PANDIS_ERROR_COUNT
+ * period   seconds until the next frame is due, more than 0 and at most 1e6
+ *
+ * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE (a rotation is none, something is not finite, or an object turns more than halfway
+ * round in the period), and nothing is handed over. */
+PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
+
+/* [rt] Move the objects on, at the beginning of a tick. Returns 1 if there was another frame than before, else 0.
+ *
+ * scene    that holds them, and is told; or NULL
+ * dt       seconds since the last tick, more than 0 */
+PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt);
+#endif
+
+#ifdef __cplusplus
+}
+#endif
+#endif /* PANDIS_H */
+
+/* ================================================================ implementation */
+
+#if defined(PANDIS_IMPLEMENTATION) && !defined(PANDIS__IMPLEMENTED)
+#define PANDIS__IMPLEMENTED
+
