@@ -12,7 +12,7 @@ from pandis.native.web import HERE, MODULE, SOURCE
 
 EXPORTS = "numbers", "room", "open", "error", "begin", "ticks", "query", "digest"
 FLAGS = (
-    *("--target=wasm32", "-Os", "-msimd128", "-mbulk-memory", "-ffreestanding", "-nostdlib"),
+    *("--target=wasm32", "-Oz", "-msimd128", "-mbulk-memory", "-ffreestanding", "-nostdlib"),
     *("-ffp-contract=off", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror"),
     *("-Wl,--no-entry", "-Wl,--allow-undefined", "-Wl,-z,stack-size=524288", "-Wl,--strip-all"),
     *(f"-Wl,--export=web_{name}" for name in EXPORTS),

@@ -96,7 +96,7 @@ def main(patterns):
         row, option = run(path, {}), {}
         # the first message says why; a second one may name another value of the same option
         for _ in range(2):
-            advice = re.search(r"set mesh\.(\w+): (\w+)", row.get("message", ""))
+            advice = re.search(r"`mesh: \{(\w+): (\w+)\}`", row.get("message", ""))
             if row["outcome"].startswith("refused") and advice:
                 option = {advice[1]: advice[2]}
                 again = run(path, option)

@@ -11,7 +11,7 @@ from pandis.native import device as hdapi
 from pandis.stress.coupled import shaking
 
 #: As an attached run has them, with a button to hold; the ramp is short, for a run is.
-ARMED = {"ramp": 20, "step": 0.33, "needs": hdapi.NEEDS_BUTTON, "continuous": 0.88}
+ARMED = {"ramp": 4, "step": 0.33, "needs": hdapi.NEEDS_BUTTON, "continuous": 0.88}
 BOTH = hdapi.NEEDS_BUTTON | hdapi.NEEDS_SWITCH
 
 
@@ -50,7 +50,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_is_zero_from_its_tick_on(fault, run):  # noqa: F811
-    limits = {"ramp": 20, "needs": BOTH} if fault.startswith("open") else ARMED
+    limits = {"ramp": 4, "needs": BOTH} if fault.startswith("open") else ARMED
     session, seen = run(fault, limits=limits)
     assert session.cause == FAULTS[fault], session.sentence
     late = 40 if fault.startswith("uncalibrated") else 0  # looked at every 100 ticks
@@ -81,7 +81,7 @@ def test_a_touch_and_go_while_the_force_comes_in_is_no_fault(files):
     spec = hdapi.Simulated(
         **(TOUCH | {"hand_stiffness": 1500.0, "hand_damping": 15.0, "friction": 0.0})
     )
-    wanted = order(files, ticks, limits=LIMITS | ARMED | {"needs": 0, "ramp": 500, "friction": 0.0})
+    wanted = order(files, ticks, limits=LIMITS | ARMED | {"needs": 0, "ramp": 500})
     start = np.array([RADIUS + 1e-3, 0, 0])
     session = hdapi.run_simulated(spec, start, rest, np.zeros(3), wanted)
     assert session.strongest > 0.5
@@ -220,7 +220,7 @@ def booked(session, stiffness):
             if size > 3.3 * (1 - 1e-6):
                 beyond = max(0, beyond - work)
             balance = min(balance, strongest**2 / (2 * stiffness) + beyond)
-            balance += TOUCH["damping"] * length**2 / dt + 0.02 * length - work
+            balance += TOUCH["damping"] * length**2 / dt - work
         found.append(balance)
     return np.array(found)
 
@@ -250,7 +250,7 @@ def test_an_unstable_wall_is_damped_or_ended(times, damping, files):
     side = np.array([1.0, 0, 0])
 
     def go(stiffness):
-        limits = {"friction": 0.02, "stiffness": stiffness, "needs": 0, "ramp": 0}
+        limits = {"stiffness": stiffness, "needs": 0, "ramp": 0}
         spec = hdapi.Simulated(**(lively | {"wall": stiffness}))
         wanted = order(files, 1500, stiffness, LIMITS | ARMED | limits)
         places = (RADIUS + 2e-4) * side, RADIUS * side, -0.5 * side
@@ -261,7 +261,7 @@ def test_an_unstable_wall_is_damped_or_ended(times, damping, files):
             and shaking(r.path[1000:]) < 1e-4]  # fmt: skip
     safe = calm[-1]
     session = go(times * safe)
-    limits = {"friction": 0.02, "needs": 0, "ramp": 0}
+    limits = {"needs": 0, "ramp": 0}
     allowed_free = limits | {"stiffness": times * safe}
     allowed(session, times * safe, allowed_free)
     balance = booked(session, times * safe)

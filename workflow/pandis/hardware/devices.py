@@ -88,7 +88,7 @@ class Specification(NamedTuple):
         step = min(change, IMPULSE * self.force * period * 1e3)
         return Limits(
             self.force, self.continuous, step, change, self.speed, RAMP / period,
-            self.damping, self.friction, stiffness, self.most_damping,
+            self.damping, stiffness, self.most_damping,
             NEEDS_BUTTON if self.button else 0,
         )  # fmt: skip
 

@@ -769,6 +769,13 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__APART
 #endif
 
+/* A function that is called before a loop, and is to be small. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define PANDIS__ONCE __attribute__((cold))
+#else
+#define PANDIS__ONCE
+#endif
+
 #ifndef PANDIS_MOST_WIDTH
 #define PANDIS_MOST_WIDTH 1024
 #endif
@@ -972,7 +979,7 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
 
 /* Tell whether the arithmetic is what all of this relies on: sums rounded in the order in which they are
  * written, NaN that stays NaN. Some parts of -ffast-math break that, and no macro tells. */
-static int pandis__arithmetic(void) {
+PANDIS__ONCE static int pandis__arithmetic(void) {
     /* sines and cosines of 3 and of -100, from a loop as a network's layers have it */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
     volatile float read[2] = {3.0f, -100.0f};
@@ -3075,7 +3082,7 @@ static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, floa
     }
 }
 
-PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size) {
     if (field->kind != PANDIS_MESH) return PANDIS_ERROR_CONTENT;
     if (size < pandis_refit_room(field)) return PANDIS_ERROR_COUNT;
     if ((uintptr_t)room % 8) return PANDIS_ERROR_ALIGNMENT;
@@ -3168,7 +3175,7 @@ static int32_t pandis__peek(const volatile int32_t *where) {
 
 PANDIS_API size_t pandis_handover_room(const pandis_field *field) { return 3 * pandis_refit_room(field); }
 
-PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room, size_t size) {
     pandis__handover *h = pandis__handover_of(handover);
     size_t each = pandis_refit_room(field);
     if (size < 3 * each) return PANDIS_ERROR_COUNT;
@@ -3319,7 +3326,7 @@ PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object) {
     return object < s->count ? pandis__wake_object(s, object) : PANDIS_ERROR_COUNT;
 }
 
-PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
+PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
                                           size_t room_length) {
     const double origin[3] = {0};
     pandis__scene *s = pandis__scene_of(scene);
@@ -3431,7 +3438,7 @@ static void pandis__turned(const double *q, double *r) {
 /* The way that an object is on: two ends, of each the quaternion and the translation. */
 static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
 
-PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
+PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
                                           size_t room_length) {
     pandis__poses *poses = pandis__poses_of(handle);
     memset(poses, 0, sizeof *poses);
@@ -4394,7 +4401,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
 }
 /* ---------------------------------------------------------------- contacts of a scene */
 
-PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
+PANDIS__ONCE PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
                                                 const pandis_contact_options *options, size_t count) {
     pandis__scene *s = pandis__scene_of(scene);
     pandis_error error = PANDIS_SUCCESS;
@@ -4598,7 +4605,7 @@ static int pandis__branch_child(const void *nodes, int32_t node, int place, int3
 }
 
 /* Every index must lead somewhere. */
-static int pandis__open_mesh(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     pandis__mesh *m = &f->as.mesh;
     m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
     m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
@@ -4655,7 +4662,7 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
 }
 
 /* Every face of every block must say which face it comes from. */
-static int pandis__open_originals(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_originals(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
     const int32_t *original =
         (const int32_t *)pandis__section(f, "ORIG", (uint64_t)t->block_count * PANDIS__BLOCK, sizeof(int32_t));
@@ -4670,7 +4677,7 @@ static int pandis__open_originals(pandis_field *f) {
     return 1;
 }
 
-static int pandis__open_compact(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_compact(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
     t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1), t->block_count = pandis__whole(f, 2);
     t->reach = pandis__real(f, 0);
@@ -4698,13 +4705,13 @@ static int pandis__open_compact(pandis_field *f) {
 }
 
 /* The lattice that answers in the box, `cells` per axis there. */
-static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
+PANDIS__ONCE static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
     l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
     l->values = (const float *)pandis__section(f, name, pandis__cube(l->size), sizeof(float));
     return pandis__finite(l->values, pandis__cube(l->size));
 }
 
-static int pandis__open_network(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_network(pandis_field *f) {
     pandis__network *n = &f->as.network;
     int32_t base = pandis__whole(f, 3), bits = pandis__whole(f, 4);
     n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1), n->outputs = pandis__whole(f, 2);
@@ -4729,7 +4736,7 @@ static int pandis__open_network(pandis_field *f) {
     return !base || pandis__open_lattice(f, "BASE", base, &n->base);
 }
 
-static int pandis__open_grid(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_grid(pandis_field *f) {
     pandis__grid *g = &f->as.grid;
     static const int32_t channels[] = {3, 3, 4, 1, 1};
     g->rule = pandis__whole(f, 0), g->size = pandis__whole(f, 1);
@@ -4750,7 +4757,7 @@ static int pandis__open_grid(pandis_field *f) {
     return pandis__finite(g->nodes, count);
 }
 
-static int pandis__open_layout(pandis_field *f, int level) {
+PANDIS__ONCE static int pandis__open_layout(pandis_field *f, int level) {
     static const char *const names[2][4] = {{"BBRK", "BMSK", "BBAS", "BCOF"}, {"FBRK", "FMSK", "FBAS", "FCOF"}};
     pandis__spline *s = &f->as.spline;
     pandis__layout *l = s->layout + level;
@@ -4777,7 +4784,7 @@ static int pandis__open_layout(pandis_field *f, int level) {
     return before == (uint64_t)blocks;
 }
 
-static int pandis__open_spline(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_spline(pandis_field *f) {
     pandis__spline *s = &f->as.spline;
     if (!pandis__open_layout(f, 0) || !pandis__open_layout(f, 1)) return 0;
     s->far_size = pandis__whole(f, 8), s->far_low = pandis__real(f, 2);
@@ -4795,7 +4802,7 @@ static int pandis__open_spline(pandis_field *f) {
     return s->far && s->side;
 }
 
-static int pandis__open_shape(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     pandis__shape *s = &f->as.shape;
     s->shape = pandis__whole(f, 0);
     for (int k = 0; k < 3; k++) {
@@ -4809,7 +4816,7 @@ static int pandis__open_shape(pandis_field *f) {
  * further off than the first, nor before the probe has gone the distance less a margin: the first, or
  * the second where the answer is flagged as a bound; and a height, nearer than which no surface is where an answer in
  * the box is flagged so and positive. Without the section nothing is known. */
-static int pandis__measure(pandis_field *f) {
+PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
         f->margin[k] = bounds ? pandis__f64(bounds + 48 + 8 * k) : (double)INFINITY;
@@ -4826,7 +4833,7 @@ static int pandis__measure(pandis_field *f) {
 }
 
 /* A region for each face, and its name. */
-static int pandis__open_regions(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_regions(pandis_field *f) {
     int mesh = f->kind == PANDIS_MESH;
     uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
     uint64_t bytes, names = 0;
@@ -4840,7 +4847,7 @@ static int pandis__open_regions(pandis_field *f) {
     return 1;
 }
 
-static pandis_error pandis__open(pandis_field *field, const void *data, size_t size) {
+PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;
     const uint32_t order = PANDIS__ORDER;
     memset(field, 0, sizeof *field);
@@ -4884,7 +4891,7 @@ static pandis_error pandis__open(pandis_field *field, const void *data, size_t s
     return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : PANDIS_SUCCESS;
 }
 
-PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
     pandis_error error = pandis__open(field, data, size);
     if (error) memset(field, 0, sizeof *field); /* what is not open is empty */
     return error;
@@ -4919,7 +4926,7 @@ static FILE *pandis__open_path(const char *path) {
 }
 #endif
 
-PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path) {
     pandis_error error = PANDIS_ERROR_FILE;
     memset(field, 0, sizeof *field);
 #ifndef PANDIS__READ

@@ -32,7 +32,7 @@ class Limits(ctypes.Structure):
 
     ``force`` and ``continuous`` (largest, and for long; 0: not known), ``step`` (largest addition
     between ticks) and ``impulse`` (largest change between ticks), N; ``speed`` of the probe, m/s;
-    ``ramp``, ticks until the whole force is given; ``damping`` (Ns/m) and ``friction`` (N) of the
+    ``ramp``, ticks until the whole force is given; ``damping`` (Ns/m) of the
     device itself; ``stiffness`` of the wall, N/m: what energy it can store; ``most_damping``
     (Ns/m) that may be added; ``needs``: NEEDS_BUTTON, NEEDS_SWITCH, what must be held or closed.
     """
@@ -41,7 +41,7 @@ class Limits(ctypes.Structure):
         *(
             (name, ctypes.c_double)
             for name in (
-                "force", "continuous", "step", "impulse", "speed", "ramp", "damping", "friction",
+                "force", "continuous", "step", "impulse", "speed", "ramp", "damping",
                 "stiffness", "most_damping",
             )
         ),

@@ -4,12 +4,14 @@
 
 #include <math.h>
 
-/* Energy between a wall and a device, since a contact began. */
+/* Energy between a wall and a device, since a contact began, but for the debt. */
 typedef struct {
     double balance;   /* what the wall has taken and the device lost, less what is too long ago to count, J */
     double strongest; /* force of this contact, N */
     double beyond;    /* what it has taken while the force was cut, beyond F^2 / 2k, J */
     double worst;     /* the least balance of all contacts: below zero the wall has given more than was lost */
+    double debt;      /* what contacts before gave and none has paid back, J: at most 0 */
+    double spare;     /* what the device lost beyond what is kept, J */
 } energy;
 
 static double length_of(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
@@ -18,17 +20,19 @@ static double length_of(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1]
  *
  * What the wall took is exact for a force that is held (Hannaford and Ryu 2002). Losses do not pile up:
  * of the balance no more is kept than the wall may have stored, F^2 / 2k and what it took at the largest
- * force, so that a long way along it excuses no shaking afterwards; and nothing is kept from one contact
- * to the next. `cut`: the force was the largest that may be given. */
+ * force, so that a long way along it excuses no shaking afterwards. From one contact to the next nothing is
+ * kept but what is owed. `cut`: the force was the largest that may be given. */
 static void energy_book(energy *e, double force, double work, double lost, double stiffness, int cut) {
     if (!(force > 0)) {
-        e->balance = e->strongest = e->beyond = 0;
+        e->debt = fmin(0, e->debt + e->balance);
+        e->balance = e->strongest = e->beyond = e->spare = 0;
         return;
     }
     e->strongest = fmax(e->strongest, force);
     if (cut) e->beyond = fmax(0, e->beyond - work);
     /* the force is that of the depth where the tick begins: so much the wall can have stored there */
-    if (stiffness > 0) e->balance = fmin(e->balance, e->strongest * e->strongest / (2 * stiffness) + e->beyond);
+    double most = stiffness > 0 ? e->strongest * e->strongest / (2 * stiffness) + e->beyond : e->balance;
+    if (e->balance > most) e->spare += e->balance - most, e->balance = most;
     e->balance += lost - work;
     if (e->balance < e->worst) e->worst = e->balance;
 }

@@ -6,7 +6,7 @@
  * 2. Whoever is not armed gets no force: a run begins outside of the object, with the device calibrated,
  *    its safety switch closed, and its button held where it has one. Letting go of the button disarms at
  *    once.
- * 3. The whole force comes in over a ramp.
+ * 3. The whole force comes in over a ramp, and while it pushes no faster than the device's losses pay for.
  * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than the device
  *    stands, and never so that it pulls towards the wall. If that has not mended it after 50 ms, if it
  *    happens a third time within a second, or if a quarter of a millijoule is gone, the run ends.
@@ -72,7 +72,7 @@ typedef struct {
     double impulse;           /* largest change between ticks, N */
     double speed;             /* of the probe, m/s; faster, and the run ends */
     double ramp;              /* ticks until the whole force is given */
-    double damping, friction; /* of the device: what takes energy away, Ns/m and N */
+    double damping;           /* of the device: what takes energy away for certain, Ns/m; its friction may be any */
     double stiffness;         /* of the wall, N/m: what it can store */
     double most_damping;      /* that may be added, Ns/m */
     int needs;                /* NEEDS_... */
@@ -104,8 +104,8 @@ static void guard_end(guard *g, int cause) {
 /* Begin with limits; the run ends at once where one of them is no limit. */
 static void guard_start(guard *g, const guard_limits *limits, double period) {
     const double all[] = {limits->force,   limits->continuous, limits->step,      limits->impulse,
-                          limits->speed,   limits->ramp,       limits->damping,   limits->friction,
-                          limits->stiffness, limits->most_damping};
+                          limits->speed,   limits->ramp,       limits->damping,   limits->stiffness,
+                          limits->most_damping};
     memset(g, 0, sizeof *g);
     for (size_t k = 0; k < sizeof all / sizeof *all; k++)
         if (!(all[k] >= 0 && all[k] <= DBL_MAX)) guard_end(g, CAUSE_LIMITS);
@@ -132,7 +132,7 @@ static void guard_observe(guard *g, const double *position, double dt) {
         work += g->sent[k] * (way[k] - g->carried[k]), g->velocity[k] = way[k] / dt;
     }
     length = length_of(way);
-    double lost = g->limits.damping * length * length / dt + g->limits.friction * length;
+    double lost = g->limits.damping * length * length / dt;
     energy_book(&g->energy, length_of(g->sent), work, lost, g->limits.stiffness * g->share, g->at_most);
     g->now += dt;
     int touching = length_of(g->sent) > 0;
@@ -156,10 +156,13 @@ static void guard_compare(guard *g, const device_state *state, double dt) {
     if (length_of(g->drift) > GUARD_DRIFT + GUARD_LAG * g->quick) guard_end(g, CAUSE_ENCODER);
 }
 
+/* The energy that may be given without giving more than was taken and lost, in this contact and before, J. */
+static double guard_has(const guard *g) { return g->energy.balance + g->energy.debt; }
+
 /* Something is wrong as long as energy is missing in this contact, or the probe shakes. */
 static int guard_troubled(guard *g) {
     int wrong = g->energy.balance < -GUARD_SLACK || shaking_now(&g->shaking, g->now);
-    if (g->energy.balance < -GUARD_SPENT) guard_end(g, CAUSE_UNSTABLE);
+    if (guard_has(g) < -GUARD_SPENT) guard_end(g, CAUSE_UNSTABLE);
     if (!wrong) {
         g->trouble = -1e9;
     } else if (g->trouble < 0) {
@@ -173,7 +176,7 @@ static int guard_troubled(guard *g) {
 
 /* Damp a force that pushes along its own direction, as much as the balance lacks. */
 static void guard_damp(guard *g, double *force, double dt, int troubled) {
-    double size = length_of(force), fast = length_of(g->velocity), lacking = -g->energy.balance;
+    double size = length_of(force), fast = length_of(g->velocity), lacking = -guard_has(g);
     if (!(size > 0 && fast > 0) || !(troubled || lacking > 0)) return;
     double damping = troubled ? g->limits.most_damping : fmin(lacking / (fast * fast * dt), g->limits.most_damping);
     double push = 0, normal[3], damped[3];
@@ -187,7 +190,7 @@ static void guard_damp(guard *g, double *force, double dt, int troubled) {
 
 /* Give no more energy in the next tick than the balance has, and what may be spent. */
 static void guard_save(guard *g, double *force, double dt) {
-    double work = 0, room = fmax(0, g->energy.balance + GUARD_SPENT);
+    double work = 0, room = fmax(0, guard_has(g) + GUARD_SPENT);
     for (int k = 0; k < 3; k++) work += force[k] * g->velocity[k] * dt;
     if (!(work > room)) return;
     for (int k = 0; k < 3; k++) force[k] *= room / work;
@@ -240,6 +243,17 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
     return g->armed;
 }
 
+/* Let more of the whole force in. A wall that grows stiffer under a probe that presses gives it energy, so it grows no
+ * faster there than the device's losses pay for. */
+static void guard_ramp(guard *g, double size) {
+    double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
+    if (length_of(g->sent) > 0 && g->limits.stiffness > 0 && size > 0 && share > g->share) {
+        double price = size * size / (2 * g->limits.stiffness), more = fmin(share - g->share, g->energy.spare / price);
+        g->energy.spare -= more * price, share = g->share + more;
+    }
+    g->share = share;
+}
+
 /* Whatever was computed: what goes out is a number and within the limit, or nothing does, and the run ends. */
 static void guard_close(guard *g, double *force) {
     if (length_of(force) <= g->limits.force * (1 + 1e-9)) return; /* not so for NaN */
@@ -258,13 +272,8 @@ static void guard_pass(guard *g, const device_state *state, double since, int ar
     if (g->cause || !guard_armed(g, state, force, armed)) {
         force[0] = force[1] = force[2] = 0;
     } else {
-        double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
-        double size = share > 0 ? fmin(length_of(force), g->limits.force / share) : 0;
-        /* a wall that grows stiffer stores more at the same depth: that is no fault of its own */
-        if (length_of(g->sent) > 0 && g->limits.stiffness > 0)
-            g->energy.balance += (share - g->share) * size * size / (2 * g->limits.stiffness);
-        g->share = share;
-        for (int k = 0; k < 3; k++) force[k] *= share;
+        guard_ramp(g, length_of(force));
+        for (int k = 0; k < 3; k++) force[k] *= g->share;
         guard_damp(g, force, dt, troubled);
         guard_save(g, force, dt);
         guard_cut(g, force);

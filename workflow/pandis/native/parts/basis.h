@@ -57,6 +57,13 @@
 #define PANDIS__APART
 #endif
 
+/* A function that is called before a loop, and is to be small. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define PANDIS__ONCE __attribute__((cold))
+#else
+#define PANDIS__ONCE
+#endif
+
 #ifndef PANDIS_MOST_WIDTH
 #define PANDIS_MOST_WIDTH 1024
 #endif

@@ -1,11 +1,11 @@
 /* The lattice that answers in the box, `cells` per axis there. */
-static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
+PANDIS__ONCE static int pandis__open_lattice(const pandis_field *f, const char *name, int32_t cells, pandis__lattice *l) {
     l->size = cells + 3, l->low = -1 - 2.0 / cells, l->per_step = (l->size - 1) / (-2 * l->low);
     l->values = (const float *)pandis__section(f, name, pandis__cube(l->size), sizeof(float));
     return pandis__finite(l->values, pandis__cube(l->size));
 }
 
-static int pandis__open_network(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_network(pandis_field *f) {
     pandis__network *n = &f->as.network;
     int32_t base = pandis__whole(f, 3), bits = pandis__whole(f, 4);
     n->width = pandis__whole(f, 0), n->depth = pandis__whole(f, 1), n->outputs = pandis__whole(f, 2);
@@ -30,7 +30,7 @@ static int pandis__open_network(pandis_field *f) {
     return !base || pandis__open_lattice(f, "BASE", base, &n->base);
 }
 
-static int pandis__open_grid(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_grid(pandis_field *f) {
     pandis__grid *g = &f->as.grid;
     static const int32_t channels[] = {3, 3, 4, 1, 1};
     g->rule = pandis__whole(f, 0), g->size = pandis__whole(f, 1);
@@ -51,7 +51,7 @@ static int pandis__open_grid(pandis_field *f) {
     return pandis__finite(g->nodes, count);
 }
 
-static int pandis__open_layout(pandis_field *f, int level) {
+PANDIS__ONCE static int pandis__open_layout(pandis_field *f, int level) {
     static const char *const names[2][4] = {{"BBRK", "BMSK", "BBAS", "BCOF"}, {"FBRK", "FMSK", "FBAS", "FCOF"}};
     pandis__spline *s = &f->as.spline;
     pandis__layout *l = s->layout + level;
@@ -78,7 +78,7 @@ static int pandis__open_layout(pandis_field *f, int level) {
     return before == (uint64_t)blocks;
 }
 
-static int pandis__open_spline(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_spline(pandis_field *f) {
     pandis__spline *s = &f->as.spline;
     if (!pandis__open_layout(f, 0) || !pandis__open_layout(f, 1)) return 0;
     s->far_size = pandis__whole(f, 8), s->far_low = pandis__real(f, 2);
@@ -96,7 +96,7 @@ static int pandis__open_spline(pandis_field *f) {
     return s->far && s->side;
 }
 
-static int pandis__open_shape(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     pandis__shape *s = &f->as.shape;
     s->shape = pandis__whole(f, 0);
     for (int k = 0; k < 3; k++) {
@@ -110,7 +110,7 @@ static int pandis__open_shape(pandis_field *f) {
  * further off than the first, nor before the probe has gone the distance less a margin: the first, or
  * the second where the answer is flagged as a bound; and a height, nearer than which no surface is where an answer in
  * the box is flagged so and positive. Without the section nothing is known. */
-static int pandis__measure(pandis_field *f) {
+PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
         f->margin[k] = bounds ? pandis__f64(bounds + 48 + 8 * k) : (double)INFINITY;
@@ -127,7 +127,7 @@ static int pandis__measure(pandis_field *f) {
 }
 
 /* A region for each face, and its name. */
-static int pandis__open_regions(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_regions(pandis_field *f) {
     int mesh = f->kind == PANDIS_MESH;
     uint64_t count = mesh ? (uint64_t)f->as.mesh.face_count : (uint64_t)f->as.compact.block_count * PANDIS__BLOCK;
     uint64_t bytes, names = 0;
@@ -141,7 +141,7 @@ static int pandis__open_regions(pandis_field *f) {
     return 1;
 }
 
-static pandis_error pandis__open(pandis_field *field, const void *data, size_t size) {
+PANDIS__ONCE static pandis_error pandis__open(pandis_field *field, const void *data, size_t size) {
     const unsigned char *p = (const unsigned char *)data;
     const uint32_t order = PANDIS__ORDER;
     memset(field, 0, sizeof *field);
@@ -185,7 +185,7 @@ static pandis_error pandis__open(pandis_field *field, const void *data, size_t s
     return meshes && pandis__has_section(field, "REGN") && !pandis__open_regions(field) ? PANDIS_ERROR_CONTENT : PANDIS_SUCCESS;
 }
 
-PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size) {
     pandis_error error = pandis__open(field, data, size);
     if (error) memset(field, 0, sizeof *field); /* what is not open is empty */
     return error;
@@ -220,7 +220,7 @@ static FILE *pandis__open_path(const char *path) {
 }
 #endif
 
-PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path) {
     pandis_error error = PANDIS_ERROR_FILE;
     memset(field, 0, sizeof *field);
 #ifndef PANDIS__READ

@@ -24,7 +24,7 @@ static int32_t pandis__peek(const volatile int32_t *where) {
 
 PANDIS_API size_t pandis_handover_room(const pandis_field *field) { return 3 * pandis_refit_room(field); }
 
-PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room, size_t size) {
     pandis__handover *h = pandis__handover_of(handover);
     size_t each = pandis_refit_room(field);
     if (size < 3 * each) return PANDIS_ERROR_COUNT;

@@ -59,7 +59,7 @@ static void pandis__turned(const double *q, double *r) {
 /* The way that an object is on: two ends, of each the quaternion and the translation. */
 static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
 
-PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
+PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
                                           size_t room_length) {
     pandis__poses *poses = pandis__poses_of(handle);
     memset(poses, 0, sizeof *poses);

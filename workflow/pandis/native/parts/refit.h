@@ -59,7 +59,7 @@ static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, floa
     }
 }
 
-PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size) {
+PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size) {
     if (field->kind != PANDIS_MESH) return PANDIS_ERROR_CONTENT;
     if (size < pandis_refit_room(field)) return PANDIS_ERROR_COUNT;
     if ((uintptr_t)room % 8) return PANDIS_ERROR_ALIGNMENT;

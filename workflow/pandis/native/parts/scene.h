@@ -121,7 +121,7 @@ PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object) {
     return object < s->count ? pandis__wake_object(s, object) : PANDIS_ERROR_COUNT;
 }
 
-PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
+PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
                                           size_t room_length) {
     const double origin[3] = {0};
     pandis__scene *s = pandis__scene_of(scene);

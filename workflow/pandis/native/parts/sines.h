@@ -24,7 +24,7 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
 
 /* Tell whether the arithmetic is what all of this relies on: sums rounded in the order in which they are
  * written, NaN that stays NaN. Some parts of -ffast-math break that, and no macro tells. */
-static int pandis__arithmetic(void) {
+PANDIS__ONCE static int pandis__arithmetic(void) {
     /* sines and cosines of 3 and of -100, from a loop as a network's layers have it */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
     volatile float read[2] = {3.0f, -100.0f};

@@ -1,6 +1,6 @@
 /* ---------------------------------------------------------------- contacts of a scene */
 
-PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
+PANDIS__ONCE PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
                                                 const pandis_contact_options *options, size_t count) {
     pandis__scene *s = pandis__scene_of(scene);
     pandis_error error = PANDIS_SUCCESS;

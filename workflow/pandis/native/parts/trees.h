@@ -42,7 +42,7 @@ static int pandis__branch_child(const void *nodes, int32_t node, int place, int3
 }
 
 /* Every index must lead somewhere. */
-static int pandis__open_mesh(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     pandis__mesh *m = &f->as.mesh;
     m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
     m->node_count = pandis__whole(f, 2), m->leaf_count = pandis__whole(f, 3);
@@ -99,7 +99,7 @@ static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t 
 }
 
 /* Every face of every block must say which face it comes from. */
-static int pandis__open_originals(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_originals(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
     const int32_t *original =
         (const int32_t *)pandis__section(f, "ORIG", (uint64_t)t->block_count * PANDIS__BLOCK, sizeof(int32_t));
@@ -114,7 +114,7 @@ static int pandis__open_originals(pandis_field *f) {
     return 1;
 }
 
-static int pandis__open_compact(pandis_field *f) {
+PANDIS__ONCE static int pandis__open_compact(pandis_field *f) {
     pandis__compact *t = &f->as.compact;
     t->bits = pandis__whole(f, 0), t->branch_count = pandis__whole(f, 1), t->block_count = pandis__whole(f, 2);
     t->reach = pandis__real(f, 0);
