@@ -27,17 +27,20 @@
  *     skip N          at tick N the call comes ten ticks late, and the probe has moved on
  *     late N          from tick N on a force acts eight ticks later: walls come alive
  *
- * What the motors were given last, and whether they are on, is written to the file that PANDIS_RECORD names: it
- * outlives the process.
+ * What the motors were given last, whether they are on, and when (s) that was written, is in the file that PANDIS_RECORD
+ * names: it outlives the process. Only one process has the device, unless PANDIS_SHARED is set: then several have, each may
+ * switch its motors off, and the record is the device's state.
  */
 #define _GNU_SOURCE
 #include "simulated.h"
 
+#include <dlfcn.h>
 #include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/file.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -58,11 +61,34 @@ static volatile int stopping;
 static double hand[3];
 
 /* Keep what a process that dies leaves behind: the largest force, the last one, and whether the motors are on. */
-static int record = -1;
+static int record = -1, owned = -1, shared;
 
 static void keep(void) {
-    double kept[3] = {standin_seen.largest, length_of(standin_seen.last), simulated.output};
+    struct timespec now;
+    double before[4], kept[4] = {standin_seen.largest, length_of(standin_seen.last), simulated.output, 0};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    kept[3] = (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+    if (shared && pread(record, before, sizeof before, 0) == sizeof before && before[0] > kept[0]) kept[0] = before[0];
     if (record >= 0 && pwrite(record, kept, sizeof kept, 0) < 0) abort();
+}
+
+/* Whether another process has switched the motors off. */
+static int switched_off(void) {
+    double state[4];
+    return shared && pread(record, state, sizeof state, 0) == sizeof state && !(state[2] > 0);
+}
+
+/* Have the device for this process alone, whoever else has loaded this library; or share it. */
+static int own(void) {
+    Dl_info self;
+    shared = getenv("PANDIS_SHARED") != NULL;
+    if (shared || owned >= 0) return 1;
+    if (!dladdr((void *)&standin_seen, &self)) return 0;
+    owned = open(self.dli_fname, O_RDONLY | O_CLOEXEC);
+    if (owned >= 0 && !flock(owned, LOCK_EX | LOCK_NB)) return 1;
+    if (owned >= 0) close(owned);
+    owned = -1;
+    return 0;
 }
 
 static int faulty(const char *name) {
@@ -100,7 +126,7 @@ unsigned int hdInitDevice(const char *name) {
         simulated_report(HD_DEVICE_FAULT);
         return HD_INVALID_HANDLE;
     }
-    if (initialised) {
+    if (initialised || !own()) {
         simulated_report(HD_INVALID_OPERATION);
         return HD_INVALID_HANDLE;
     }
@@ -115,7 +141,10 @@ static int is_ours(unsigned int device) {
 }
 
 void hdDisableDevice(unsigned int device) {
-    if (is_ours(device)) initialised = simulated.output = 0;
+    if (!is_ours(device)) return;
+    initialised = simulated.output = 0;
+    if (owned >= 0) close(owned);
+    owned = -1;
 }
 
 void hdEnable(unsigned int what) {
@@ -145,6 +174,7 @@ void hdBeginFrame(unsigned int device) {
 void hdEndFrame(unsigned int device) {
     standin_seen.ended++;
     if (!is_ours(device)) return;
+    if (switched_off()) simulated.output = 0;
     if (!framed) simulated_report(HD_ILLEGAL_END);
     else simulated_accept(pending);
     if (faulty("ending") && simulated.tick == fault_tick) simulated_report(fault_code);

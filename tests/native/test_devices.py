@@ -10,6 +10,8 @@ import signal
 import subprocess
 import sys
 import threading
+import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -427,7 +429,7 @@ limits = hdapi.Limits(3.3, 0, 3.3, 3.3, 1.5, 4, 0.1, 400.0, 2.0, 0)
 order = hdapi.Order(scene, 100000, limits, 1e-3, 100, 3, 100, 100, armed=True)
 if {outside}:
     def send():
-        while os.path.getsize({record!r}) < 24 or np.fromfile({record!r})[1] < 0.1:
+        while os.path.getsize({record!r}) < 32 or np.fromfile({record!r})[1] < 0.1:
             time.sleep(0.001)
         os.kill(os.getpid(), {number})
     open({record!r}, "wb").close()
@@ -459,10 +461,84 @@ def test_a_process_that_dies_lets_go_of_the_device(name, outside, stand_in, file
         check=False,
     )  # fmt: skip
     assert done.returncode == -number, done.stderr
-    largest, last, output = np.fromfile(record)
+    largest, last, output, _ = np.fromfile(record)
     assert largest > 0.1
     assert last == output == 0
     assert "motors hold the last force" in done.stderr
+
+
+@contextmanager
+def armed_process(stand_in, files, record, *, shared):
+    """Give an armed run in a process of its own, once it has sent a force."""
+    record.write_bytes(b"")
+    code = DIES.format(
+        path=[str(Path(pandis.__file__).parents[1])], field=str(files["sphere"]),
+        library=str(stand_in), number=0, record=str(record), outside=False, faulthandler=False,
+    )  # fmt: skip
+    extra = {
+        "PANDIS_FAULT": "", "PANDIS_PLACE": f"{RADIUS + 0.0005} 0 0", "PANDIS_STANDIN": HELD,
+        "PANDIS_RECORD": str(record),
+    } | ({"PANDIS_SHARED": "1"} if shared else {})  # fmt: skip
+    said = record.with_suffix(".said")
+    with said.open("w") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-c", code], env=os.environ | extra, stderr=log, text=True
+        )
+    try:
+        wait_for(record, lambda last, _: last > 0.1)
+        yield process, said
+    finally:
+        process.kill()
+        process.wait()
+
+
+def wait_for(record, reached, seconds=60.0):
+    """Wait until the device is in a state (last force, whether the motors are on); return it."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        kept = np.fromfile(record)
+        if len(kept) == 4 and reached(*kept[1:3]):
+            return kept
+    raise AssertionError(f"the device stays at {np.fromfile(record)}")
+
+
+@pytest.mark.parametrize("name", ["SIGSTOP", "SIGKILL"])
+def test_a_process_that_is_killed_or_halted_is_watched(name, stand_in, files, tmp_path):
+    """Where the library lets a second process have the device, that one ends the force."""
+    record = tmp_path / "record"
+    with armed_process(stand_in, files, record, shared=True) as (process, said):
+        sent = time.monotonic()
+        process.send_signal(getattr(signal, name))
+        kept = wait_for(record, lambda last, output: not last and not output)
+        print(f"{name}: off after {1e3 * (kept[3] - sent):.0f} ms")
+        if name == "SIGSTOP":  # it goes on, and finds the motors off
+            process.send_signal(signal.SIGCONT)
+            process.wait(60)
+            assert not np.fromfile(record)[1:3].any()
+    assert "motors hold the last force" not in said.read_text()
+
+
+def test_arming_says_what_a_killed_process_leaves_where_nobody_can_watch(stand_in, files, tmp_path):
+    record = tmp_path / "record"
+    with armed_process(stand_in, files, record, shared=False) as (process, said):
+        process.kill()
+        process.wait()
+        _, last, output, _ = np.fromfile(record)
+    assert last > 0.1
+    assert output
+    assert "motors hold the last force" in said.read_text()
+    assert "lets no second process have the device" in said.read_text()
+
+
+def test_a_run_that_ends_is_not_ended_by_its_watchdog(run, monkeypatch, tmp_path):
+    monkeypatch.setenv("PANDIS_SHARED", "1")
+    monkeypatch.setenv("PANDIS_RECORD", str(tmp_path / "record"))
+    session, _ = run()
+    assert (session.cause, session.watched) == (hdapi.DONE, True)
+    assert session.force.any()
+    monkeypatch.delenv("PANDIS_SHARED")
+    assert not run()[0].watched
+    assert not run(armed=False)[0].watched
 
 
 def test_a_second_run_is_refused_and_the_first_unharmed(run, files):

@@ -1,7 +1,7 @@
 """Forces on a haptic device, real or simulated: the binding of ``client.c``."""
 
 import ctypes
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 from pandis.errors import PandisError
 from pandis.native.compiler import load
 from pandis.native.device.errors import ERRORS
+from pandis.native.device.watchdog import Watchdog
 from pandis.native.layout import compare_layouts
 
 #: Why a run ended: names of ``guard.h``, in its order, with which `library` compares them.
@@ -82,7 +83,7 @@ class Simulated(ctypes.Structure):
     )  # fmt: skip
 
 
-#: What is called between ticks; not 0 ends the run.
+#: What C calls.
 _BETWEEN = ctypes.CFUNCTYPE(ctypes.c_int)
 
 
@@ -103,6 +104,8 @@ class _Order(ctypes.Structure):
         ("between", _BETWEEN),
         ("every", ctypes.c_int),
         ("held", ctypes.c_int),
+        ("watch", _BETWEEN),
+        ("pulse", ctypes.c_void_p),
     )
 
 
@@ -113,6 +116,7 @@ class _Outcome(ctypes.Structure):
         ("stand_in", ctypes.c_int),
         ("simulated", ctypes.c_int),
         ("hangs", ctypes.c_int),
+        ("watched", ctypes.c_int),
         ("ticks", ctypes.c_longlong),
         ("worst", ctypes.c_double),
         *((name, ctypes.c_double) for name in ("strongest", "steepest", "fastest", "added")),
@@ -139,8 +143,8 @@ class Session(NamedTuple):
     worst : float
         J. The least balance of what the wall took and the device lost in a contact (see
         ``energy.h``): below zero, the wall gave more energy than it had stored and the device lost.
-    strongest, steepest, fastest, added : float
-        Largest force (N), change between ticks (N), speed (m/s) and addition between ticks (N).
+    strongest, steepest, added, fastest : float
+        Largest force, change and addition between ticks (N); largest speed (m/s).
     cut, slowed, damped : int
         Ticks in which the force, or its change, was beyond the limit, and those with damping.
     armed_at : int
@@ -160,6 +164,8 @@ class Session(NamedTuple):
         position.
     path : ndarray, shape (n, 3), or None
         Where a simulated device really was at the end of each tick, m.
+    watched : bool
+        Whether a process of its own could have ended the force: see ``watchdog.h``.
     """
 
     position: np.ndarray
@@ -185,6 +191,7 @@ class Session(NamedTuple):
     why: str
     proxy: np.ndarray
     path: np.ndarray | None = None
+    watched: bool = False
 
     @property
     def model(self):
@@ -271,8 +278,7 @@ class Order(NamedTuple):
 
     Notes
     -----
-    On the simulated device, in the time of ticks, nothing is late: deadline, gap and patience are
-    for real ones.
+    In the time of ticks nothing is late: deadline, gap and patience are for real devices.
     """
 
     scene: object
@@ -307,7 +313,10 @@ def run_device(path, name, order):
     Session
     """
     _by_the_clock(order)
-    return _run(order, lambda *ends: library().client_device(path.encode(), name.encode(), *ends))
+    lib = library()
+    with Watchdog(lib._name, path, name) as watchdog:
+        function = partial(lib.client_device, path.encode(), name.encode())
+        return _run(order, function, watchdog)
 
 
 def run_simulated(device, start, rest, press, order, clock=False):
@@ -349,7 +358,7 @@ def _by_the_clock(order):
         raise ValueError("between and held are for simulated time: use Bridge.order by the clock")
 
 
-def _run(order, function):
+def _run(order, function, watchdog=None):
     if min(order.ticks, order.every, order.held) < 1:
         raise ValueError("at least one tick is needed, and between calls and forces, too")
     position, force, proxy = (np.zeros((order.ticks, 3)) for _ in range(3))
@@ -369,14 +378,15 @@ def _run(order, function):
         *(column.ctypes.data for column in (position, force, taken, since, proxy)),
         order.bridge.address if order.bridge else None,
         _BETWEEN(between) if order.between else _BETWEEN(), order.every, order.held,
+        _BETWEEN(watchdog.start) if watchdog else _BETWEEN(),
+        ctypes.addressof(watchdog.pulse) if watchdog else None,
     )  # fmt: skip
     ended = _Outcome()
     function(ctypes.byref(given), ctypes.byref(ended))
     if raised:
         raise raised[0]
-    if ended.hangs:
-        # the callback is still at it, and may come back
-        _KEPT.append((order, given, ended, position, force, taken, since, proxy))
+    if ended.hangs:  # the callback is still at it, and may come back
+        _KEPT.append((order, given, ended, watchdog, position, force, taken, since, proxy))
         position, force, taken, since, proxy = (
             v.copy() for v in (position, force, taken, since, proxy)
         )
@@ -386,5 +396,5 @@ def _run(order, function):
         ended.worst, ended.strongest, ended.steepest, ended.fastest, ended.added, ended.cut,
         ended.slowed, ended.damped, ended.armed_at, ended.signs, ended.spec, ended.limits,
         bool(ended.stand_in), bool(ended.simulated), ended.why.decode(errors="replace"),
-        proxy[:count],
+        proxy[:count], watched=bool(ended.watched),
     )  # fmt: skip

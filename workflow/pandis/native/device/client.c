@@ -24,6 +24,14 @@
 #define RELEASE 5
 #define LOOK 1000000
 
+static double client_now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+#include "watchdog.h"
+
 typedef struct {
     pandis_scene *scene;
     guard_limits limits;
@@ -39,12 +47,14 @@ typedef struct {
     bridge *bridge;  /* to a simulation that moves the scene's objects, or NULL; with contacts only */
     int (*between)(void); /* called every so many ticks, where time is that of ticks; not 0: the run ends */
     int every, held;      /* ticks between these calls; and ticks for which each force is held */
+    int (*watch)(void);   /* starts a watchdog process, once the device is open; 0: there is none; or NULL */
+    watchdog_pulse *pulse; /* of that process, or NULL */
 } client_order;
 
 typedef struct {
     int cause;
     unsigned int code; /* of the device, where that is the cause */
-    int stand_in, simulated, hangs;
+    int stand_in, simulated, hangs, watched;
     long long ticks; /* so many were run */
     double worst;    /* J, see guard.h; of the simulated device by where it really was */
     double strongest, steepest, fastest, added;
@@ -80,12 +90,6 @@ static int client_state;
 static pthread_t client_ticking; /* the thread of the last tick */
 
 static void client_note_signal(int number) { client_signal = number; }
-
-static double client_now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* In the time of ticks nothing is late. */
 static int client_real(void) { return client.device.next == NULL; }
@@ -176,6 +180,7 @@ static int client_tick(void *data) {
     }
     client.last = begin;
     __atomic_store_n(&client.beat, tick + 1, __ATOMIC_SEQ_CST);
+    if (order->pulse) __atomic_store_n(&order->pulse->beat, tick + 1, __ATOMIC_SEQ_CST);
     /* the motors hold the last force: it is zero, whatever ends the run */
     if (g->cause || (tick >= order->ticks && !(length_of(force) > 0))) client.released++;
     int finished = client.released >= RELEASE;
@@ -250,6 +255,13 @@ static int client_meet(client_outcome *outcome) {
     return !outcome->cause;
 }
 
+/* What nothing here can prevent, told before a force is sent. */
+static void client_warn(void) {
+    fputs("pandis: forces are sent from now on. The device's library lets no second process have the device, so nobody else\n"
+          "can end them: if this process is killed (SIGKILL) or halted (SIGSTOP, a debugger), the motors hold the last force.\n"
+          "Keep the device's switch or its plug within reach.\n", stderr);
+}
+
 /* Run an order on a device, and let go of it whatever happens. */
 static int client_run(const device *made, const char *name, const client_order *order, client_outcome *outcome) {
     pthread_t pulling;
@@ -267,6 +279,8 @@ static int client_run(const device *made, const char *name, const client_order *
         d->close(d);
         return outcome->cause;
     }
+    outcome->watched = order->armed && order->watch && order->watch();
+    if (order->armed && d->start && !outcome->watched) client_warn();
     d->output(d, order->armed);
     if (d->start) code = d->start(d, client_tick, NULL);
     else if (!d->next) pulled = !pthread_create(&pulling, NULL, client_pull, NULL), code = !pulled;
@@ -313,31 +327,18 @@ static int client_end(const client_outcome *outcome) {
 
 #include "signals.h"
 
-/* What nothing here can prevent, told before a force is sent. */
-static void client_warn(void) {
-    fputs("pandis: forces are sent from now on. If this process is killed (SIGKILL) or halted (SIGSTOP, a debugger), the\n"
-          "motors hold the last force: keep the device's switch or its plug within reach.\n", stderr);
-}
-
 /* Run an order on OpenHaptics, or on what stands in for it: what such a library calls itself must say so.
  * While it runs, signals that would end or stop the program end it with zero force first. */
 int client_device(const char *library, const char *name, const client_order *order, client_outcome *outcome) {
     hd_api found;
     device made;
+    void *handle = NULL;
     if (client_begin(outcome)) return outcome->cause;
-    memset(&found, 0, sizeof found);
-    void *held = dlopen(library, RTLD_NOW | RTLD_LOCAL);
-    if (!held) client_fail(outcome, CAUSE_LIBRARY, dlerror());
-    for (size_t k = 0; !outcome->cause && k < sizeof hd_functions / sizeof *hd_functions; k++) {
-        void *function = dlsym(held, hd_functions[k].name);
-        if (!function) client_fail(outcome, CAUSE_LIBRARY, dlerror());
-        else memcpy((char *)&found + hd_functions[k].at, &function, sizeof function); /* as POSIX has it */
-    }
+    if (!hd_load(library, &found, &handle)) client_fail(outcome, CAUSE_LIBRARY, dlerror());
     if (outcome->cause) return client_end(outcome);
     hd_device(&found, &made);
-    outcome->stand_in = dlsym(held, "pandis_stand_in") != NULL;
+    outcome->stand_in = dlsym(handle, "pandis_stand_in") != NULL;
     client.device = made; /* for a signal that comes before the run does */
-    if (order->armed) client_warn();
     client_intercept();
     client_run(&made, name, order, outcome);
     client_give_back();

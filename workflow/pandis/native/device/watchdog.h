@@ -1,0 +1,63 @@
+/* A process of its own that ends a device's force when the run's process no longer comes to its ticks, because it was
+ * killed or halted. It needs a library that lets two processes have a device. Part of client.c. */
+#ifndef WATCHDOG_H
+#define WATCHDOG_H
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+/* s without a tick after which the force is ended, and between two looks. */
+#define WATCHDOG_PATIENCE 0.05
+#define WATCHDOG_LOOK 0.005
+
+enum { WATCHDOG_STARTS, WATCHDOG_READY, WATCHDOG_REFUSED, WATCHDOG_OVER };
+
+/* In memory that both processes have. */
+typedef struct {
+    long long beat; /* ticks of the run */
+    int state;      /* WATCHDOG_OVER is written by the run, the others by the watchdog */
+} watchdog_pulse;
+
+/* Fill in a library's functions; 0 where one is missing: see dlerror. */
+static int hd_load(const char *library, hd_api *api, void **handle) {
+    memset(api, 0, sizeof *api);
+    if (!(*handle = dlopen(library, RTLD_NOW | RTLD_LOCAL))) return 0;
+    for (size_t k = 0; k < sizeof hd_functions / sizeof *hd_functions; k++) {
+        void *function = dlsym(*handle, hd_functions[k].name);
+        if (!function) return 0;
+        memcpy((char *)api + hd_functions[k].at, &function, sizeof function); /* as POSIX has it */
+    }
+    return 1;
+}
+
+/* Watch a run until it is over, or its process is gone. `file`: of the pulse. Returns 1 if it had to end the force. */
+int client_watch(const char *library, const char *name, int file) {
+    const struct timespec look = {0, (long)(1e9 * WATCHDOG_LOOK)};
+    const pid_t parent = getppid();
+    hd_api api;
+    void *handle;
+    watchdog_pulse *pulse = (watchdog_pulse *)mmap(NULL, sizeof *pulse, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    if (pulse == MAP_FAILED) return 0;
+    int opened = hd_load(library, &api, &handle);
+    unsigned int device = opened ? api.init_device(name && *name ? name : NULL) : HD_INVALID_HANDLE;
+    if (device == HD_INVALID_HANDLE || api.get_error().code) {
+        __atomic_store_n(&pulse->state, WATCHDOG_REFUSED, __ATOMIC_SEQ_CST);
+        return 0;
+    }
+    __atomic_store_n(&pulse->state, WATCHDOG_READY, __ATOMIC_SEQ_CST);
+    long long seen = 0;
+    double since = client_now();
+    while (__atomic_load_n(&pulse->state, __ATOMIC_SEQ_CST) != WATCHDOG_OVER) {
+        nanosleep(&look, NULL);
+        long long beat = __atomic_load_n(&pulse->beat, __ATOMIC_SEQ_CST);
+        int gone = getppid() != parent;
+        if (beat != seen) seen = beat, since = client_now();
+        if (!gone && (!seen || client_now() - since < WATCHDOG_PATIENCE)) continue;
+        api.disable(HD_FORCE_OUTPUT);
+        api.disable_device(device);
+        return 1;
+    }
+    return 0; /* the device is the run's, which lets go of it */
+}
+
+#endif
