@@ -1,0 +1,86 @@
+"""Say which branches of the C code the tests of tests/native take, by gcov.
+
+Usage: .venv/bin/python tests/benchmarks/coverage.py [TEST…]
+Every C file is compiled with gcov's counters, in a cache of its own, and what ran is summed up over
+all that was compiled of a file. Printed are the share of branches taken in pandis.h, the contacts, the
+guard and the client, and the lines with branches that were not. Processes that die count nothing.
+"""
+
+import gzip
+import json
+import os
+import stat
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+NATIVE = ROOT / "workflow" / "pandis" / "native"
+#: Written for gcc; the name of a library's counters is that of its process.
+COMPILER = """#!/bin/sh
+exec gcc "$@" --coverage -fprofile-update=atomic -dumpdir "{counts}/$$-"
+"""
+#: What is reported, beside each other in workflow/pandis/native.
+FILES = ("pandis.h", "contact/contact.c", *(f"device/{name}" for name in (
+    "guard.h", "energy.h", "shaking.h", "client.c", "signals.h", "watchdog.h", "hd.h", "bridge.h",
+)))  # fmt: skip
+
+
+def counted(tests):
+    """Run the tests; return per file and line the counts of its branches, summed up."""
+    with tempfile.TemporaryDirectory() as place:
+        counts = Path(place) / "counts"
+        counts.mkdir()
+        compiler = Path(place) / "gcc"
+        compiler.write_text(COMPILER.format(counts=counts))
+        compiler.chmod(compiler.stat().st_mode | stat.S_IXUSR)
+        extra = {"CC": str(compiler), "XDG_CACHE_HOME": place}
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
+        subprocess.run(command, env=os.environ | extra, cwd=ROOT, check=False)
+        found = defaultdict(lambda: defaultdict(int))
+        for notes in counts.glob("*.gcno"):
+            if not notes.with_suffix(".gcda").exists():
+                continue
+            command = ["gcov", "--branch-probabilities", "--json-format", "--stdout", notes]
+            done = subprocess.run(command, cwd=place, capture_output=True, check=True)
+            data = gzip.decompress(done.stdout) if done.stdout[:2] == b"\x1f\x8b" else done.stdout
+            for part in data.splitlines():
+                _add(json.loads(part), found)
+    return found
+
+
+def _add(report, found):
+    for file in report["files"]:
+        path = Path(os.path.normpath(ROOT / file["file"]))
+        if not path.is_relative_to(NATIVE):
+            continue
+        seen = defaultdict(int)
+        for line in file["lines"]:
+            for branch in line["branches"]:
+                if branch["throw"]:
+                    continue
+                key = line["line_number"], line.get("function_name", "").split(".")[0]
+                number = seen[key]
+                seen[key] += 1
+                found[str(path.relative_to(NATIVE))][*key, number] += branch["count"]
+
+
+def main(tests):
+    found = counted(tests or ["tests/native"])
+    for name in FILES:
+        branches = found.get(name)
+        if not branches:
+            print(f"{name}: not compiled")
+            continue
+        taken = sum(count > 0 for count in branches.values())
+        print(f"{name}: {100 * taken / len(branches):.1f} % of {len(branches):,} branches")
+        lines = (NATIVE / name).read_text().splitlines()
+        missed = sorted({line for (line, _, _), count in branches.items() if not count})
+        for line in missed:
+            print(f"  {line}: {lines[line - 1].strip()[:110]}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
