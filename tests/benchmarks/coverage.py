@@ -2,8 +2,9 @@
 
 Usage: .venv/bin/python tests/benchmarks/coverage.py [TEST…]
 Every C file is compiled with gcov's counters, in a cache of its own, and what ran is summed up over
-all that was compiled of a file. Printed are the share of branches taken in pandis.h, the contacts, the
-guard and the client, and the lines with branches that were not. Processes that die count nothing.
+all that was compiled of a file. Printed are the share of branches taken in pandis.h, the contacts,
+the guard and the client, and the lines with branches that were not. Processes that die count
+nothing.
 """
 
 import gzip

@@ -5,6 +5,7 @@ What a contact does with its options is in test_contact.py and test_leaving.py.
 
 import ctypes
 import re
+import shutil
 import subprocess
 
 import numpy as np
@@ -88,6 +89,18 @@ def test_versions_and_lengths_are_checked(tmp_path, language):
     flags = ["-Wall", "-Werror", "-fsanitize=address,undefined"]
     program = compiled(tmp_path, *language, *flags, source=ROOT / "tests" / "native" / "api.c")
     assert subprocess.run([program], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("compiler", ["g++", "clang++"])
+def test_the_warnings_of_other_projects_find_nothing(tmp_path, compiler):
+    """They had 400 of these, in C++, for whoever compiles all with them."""
+    if not shutil.which(compiler):
+        pytest.skip(f"no {compiler} here")
+    flags = ["-Wall", "-Wextra", "-Werror", "-Wold-style-cast", "-Wcast-qual", "-Wshadow"]
+    flags += ["-Wuseless-cast"] if compiler == "g++" else []
+    source = ROOT / "tests" / "native" / "api.c"
+    program = compiled(tmp_path, compiler, "-std=c++11", "-x", "c++", *flags, source=source)
+    assert program == tmp_path / "main", program
 
 
 def test_a_flag_is_no_error_for_a_compiler(tmp_path):

@@ -596,7 +596,7 @@ typedef union {
 /* Doubles that a scene of so many objects needs; objects that are looked at together. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
-    (8 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
+    (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
 
 /* Begin a scene.
  *
@@ -671,7 +671,7 @@ typedef union {
 } pandis_poses;
 
 /* Doubles that so many objects need. */
-#define PANDIS_POSES_ROOM(count) (68 * (size_t)(count))
+#define PANDIS_POSES_ROOM(count) (sizeof(char) * 68 * (count))
 
 /* Begin where the objects lie.
  *
@@ -746,6 +746,14 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 /* A plain -O2 is enough for all that follows. GCC uses few vectors then, and fewer still as long as an operation might
  * trap, so it is told here; clang knows by itself. Products and sums are rounded one by one, whatever the flags say, so
  * that every compiler, every machine and every vector width gives the same bits. */
+#if defined(__cplusplus) && defined(__GNUC__) /* what follows is C, too, which has no other casts */
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wold-style-cast"
+#pragma GCC diagnostic ignored "-Wcast-qual"
+#if !defined(__clang__)
+#pragma GCC diagnostic ignored "-Wuseless-cast"
+#endif
+#endif
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #elif defined(__GNUC__) && !defined(__INTEL_COMPILER)
@@ -5006,6 +5014,9 @@ PANDIS_API const char *pandis_error_text(pandis_error error) {
 
 #ifdef PANDIS__PUSHED
 #pragma GCC pop_options
+#endif
+#if defined(__cplusplus) && defined(__GNUC__)
+#pragma GCC diagnostic pop
 #endif
 
 #endif /* PANDIS_IMPLEMENTATION */

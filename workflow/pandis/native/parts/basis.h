@@ -34,6 +34,14 @@
 /* A plain -O2 is enough for all that follows. GCC uses few vectors then, and fewer still as long as an operation might
  * trap, so it is told here; clang knows by itself. Products and sums are rounded one by one, whatever the flags say, so
  * that every compiler, every machine and every vector width gives the same bits. */
+#if defined(__cplusplus) && defined(__GNUC__) /* what follows is C, too, which has no other casts */
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wold-style-cast"
+#pragma GCC diagnostic ignored "-Wcast-qual"
+#if !defined(__clang__)
+#pragma GCC diagnostic ignored "-Wuseless-cast"
+#endif
+#endif
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #elif defined(__GNUC__) && !defined(__INTEL_COMPILER)

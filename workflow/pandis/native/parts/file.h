@@ -301,5 +301,8 @@ PANDIS_API const char *pandis_error_text(pandis_error error) {
 #ifdef PANDIS__PUSHED
 #pragma GCC pop_options
 #endif
+#if defined(__cplusplus) && defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
 
 #endif /* PANDIS_IMPLEMENTATION */

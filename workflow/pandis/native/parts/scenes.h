@@ -12,7 +12,7 @@ typedef union {
 /* Doubles that a scene of so many objects needs; objects that are looked at together. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
-    (8 * PANDIS_SCENE_BLOCK * (((size_t)(count) + PANDIS_SCENE_BLOCK - 1) / PANDIS_SCENE_BLOCK))
+    (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
 
 /* Begin a scene.
  *
@@ -87,7 +87,7 @@ typedef union {
 } pandis_poses;
 
 /* Doubles that so many objects need. */
-#define PANDIS_POSES_ROOM(count) (68 * (size_t)(count))
+#define PANDIS_POSES_ROOM(count) (sizeof(char) * 68 * (count))
 
 /* Begin where the objects lie.
  *
