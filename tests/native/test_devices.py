@@ -191,9 +191,9 @@ def test_a_long_way_along_a_wall_excuses_nothing(tmp_path):
     source.write_text(
         '#include "energy.h"\n#include <stdio.h>\n'
         "int main(void) {\n"
-        "    energy e = {0, 0, 0, 0};\n"
-        "    for (int k = 0; k < 1000; k++) energy_book(&e, 0.5, 0, 1e-4, 400, 0);\n"
-        "    for (int k = 0; k < 15; k++) energy_book(&e, 0.5, 1.4e-3, 0, 400, 0);\n"
+        "    energy e = {0};\n"
+        "    for (int k = 0; k < 1000; k++) energy_book(&e, 1, 0.5, 0, 1e-4, 400, 0);\n"
+        "    for (int k = 0; k < 15; k++) energy_book(&e, 1, 0.5, 1.4e-3, 0, 400, 0);\n"
         '    printf("%g", e.worst);\n'
         "    return 0;\n}\n"
     )

@@ -55,12 +55,12 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
     Returns
     -------
     stiffness : float
-        N/m: what is asked for, at most the device's own and 0.7 of what is safe for a hand of
-        0.3 Ns/m.
+        N/m: what is asked for, at most the device's own, what is gentle at its rate, and 0.7 of
+        what is safe for a hand of 0.3 Ns/m.
     refused : str
         Empty, or why no force may be sent.
     """
-    most = min(asked, spec.stiffness)
+    most = min(asked, spec.stiffest(1 / spec.rate))
     if pressed is None or walls is None:
         return most, "no safe stiffness is known for this field on this device"
     if not sound:

@@ -11,6 +11,8 @@ from pandis.native.device import NEEDS_BUTTON, Limits, Simulated
 
 #: Seconds until the whole force is given; largest addition, share of the largest force per ms.
 RAMP, IMPULSE = 0.5, 0.1
+#: So much a tick may give (J) to a hand that moves so fast (m/s).
+TICK_ENERGY, HAND_SPEED = 4e-5, 0.2
 
 
 class Specification(NamedTuple):
@@ -71,6 +73,13 @@ class Specification(NamedTuple):
             self.mass, self.damping, self.friction, self.encoder, self.force, self.impulse,
             self.speed, hand_stiffness, hand_damping, period, wall, delay,
         )  # fmt: skip
+
+    def stiffest(self, period):
+        """Return the largest stiffness (N/m) at a period (s): the device's, and what is gentle.
+
+        A wall that is a tick late gives up to k (vT)^2 / 2 in that tick.
+        """
+        return min(self.stiffness, 2 * TICK_ENERGY / (HAND_SPEED * period) ** 2)
 
     def limits(self, period, stiffness):
         """Return the limits that no force to this device may go beyond.

@@ -22,6 +22,7 @@
 
 /* Ticks of zero force before a run lets go of the device; how often the watchdog looks (ns). */
 #define RELEASE 5
+#define SLOWEST 0.004 /* s between two calls: with longer ones, walls give a light hand more than a millijoule */
 #define LOOK 1000000
 
 static double client_now(void) {
@@ -245,7 +246,9 @@ static int client_meet(client_outcome *outcome) {
     for (int k = 0; k < 3; k++)
         client.middle[k] = spec->high[k] > spec->low[k] ? (spec->low[k] + spec->high[k]) / 2 : 0;
     if (spec->has_switch) limits->needs |= NEEDS_SWITCH;
-    if (order->expected > 0 && (order->armed || spec->force > 0) && !(fabs(spec->force / order->expected - 1) <= 0.1))
+    if (order->armed && client.device.start && order->period > SLOWEST)
+        client_fail(outcome, CAUSE_DEVICE, "forces need a call every 4 ms, and this one calls more seldom");
+    else if (order->expected > 0 && (order->armed || spec->force > 0) && !(fabs(spec->force / order->expected - 1) <= 0.1))
         client_fail(outcome, CAUSE_DEVICE, "its largest force is that of another model: set hardware.attached.model");
     else if (spec->rate > 0 && fabs(spec->rate * order->period - 1) > 0.1)
         client_fail(outcome, CAUSE_DEVICE, "it runs at another rate than was asked for");

@@ -16,14 +16,14 @@ typedef struct {
 
 static double length_of(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-/* Book a tick: the force on the device during it, the work that the force did, what the device lost.
+/* Book a tick: whether the wall was touched, the force on the device, the work that it did, what the device lost.
  *
  * What the wall took is exact for a force that is held (Hannaford and Ryu 2002). Losses do not pile up:
  * of the balance no more is kept than the wall may have stored, F^2 / 2k and what it took at the largest
  * force, so that a long way along it excuses no shaking afterwards. From one contact to the next nothing is
  * kept but what is owed. `cut`: the force was the largest that may be given. */
-static void energy_book(energy *e, double force, double work, double lost, double stiffness, int cut) {
-    if (!(force > 0)) {
+static void energy_book(energy *e, int touching, double force, double work, double lost, double stiffness, int cut) {
+    if (!touching) {
         e->debt = fmin(0, e->debt + e->balance);
         e->balance = e->strongest = e->beyond = e->spare = 0;
         return;

@@ -9,7 +9,7 @@
  * 3. The whole force comes in over a ramp, and while it pushes no faster than the device's losses pay for.
  * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than the device
  *    stands, and never so that it pulls towards the wall. If that has not mended it after 50 ms, if it
- *    happens a third time within a second, or if a quarter of a millijoule is gone, the run ends.
+ *    shakes a third time within a second, or if a quarter of a millijoule is gone, the run ends.
  * 5. The force is cut at the largest: the device's peak, or what its motors stand for long once they have
  *    given that much on average.
  * 6. Slew: limited is what is added in a tick. Any share of the last force may go at once, up to the
@@ -86,7 +86,7 @@ typedef struct {
     double carried[3]; /* how far what is touched has moved since the last tick: the wall is where it is */
     double ticks, given; /* all of them; those since it was armed */
     double now, trouble; /* s since the start; since when something is wrong; below zero: nothing is */
-    double times[2];     /* when it last did, and the time before */
+    double times[2];     /* when it last shook, and the time before */
     double load;         /* mean square of the force over GUARD_WARM s */
     energy energy;
     shaking shaking;
@@ -94,6 +94,7 @@ typedef struct {
     long long cut, slowed, damped; /* ticks: more than the largest force, slewed, damped */
     long long armed_at, signs;     /* the tick from which on forces are given, or -1; how often something went wrong */
     int armed, cause, at_most; /* at_most: the last force was cut */
+    int touching;              /* there was a force in the last tick, whatever became of it here */
     double share;              /* of the whole force, by the ramp */
 } guard;
 
@@ -133,10 +134,9 @@ static void guard_observe(guard *g, const double *position, double dt) {
     }
     length = length_of(way);
     double lost = g->limits.damping * length * length / dt;
-    energy_book(&g->energy, length_of(g->sent), work, lost, g->limits.stiffness * g->share, g->at_most);
+    energy_book(&g->energy, g->touching, length_of(g->sent), work, lost, g->limits.stiffness * g->share, g->at_most);
     g->now += dt;
-    int touching = length_of(g->sent) > 0;
-    shaking_see(&g->shaking, position, g->now, touching);
+    shaking_see(&g->shaking, position, g->now, length_of(g->sent) > 0);
     double share = dt / GUARD_WARM, size = length_of(g->sent);
     g->load += (share < 1 ? share : 1) * (size * size - g->load);
     if (g->fastest < length / dt) g->fastest = length / dt;
@@ -161,13 +161,14 @@ static double guard_has(const guard *g) { return g->energy.balance + g->energy.d
 
 /* Something is wrong as long as energy is missing in this contact, or the probe shakes. */
 static int guard_troubled(guard *g) {
-    int wrong = g->energy.balance < -GUARD_SLACK || shaking_now(&g->shaking, g->now);
+    int shakes = shaking_now(&g->shaking, g->now), wrong = g->energy.balance < -GUARD_SLACK || shakes;
     if (guard_has(g) < -GUARD_SPENT) guard_end(g, CAUSE_UNSTABLE);
     if (!wrong) {
         g->trouble = -1e9;
     } else if (g->trouble < 0) {
-        if (g->now - g->times[1] < GUARD_AGAIN) guard_end(g, CAUSE_UNSTABLE);
-        g->trouble = g->now, g->times[1] = g->times[0], g->times[0] = g->now, g->signs++;
+        if (shakes && g->now - g->times[1] < GUARD_AGAIN) guard_end(g, CAUSE_UNSTABLE);
+        if (shakes) g->times[1] = g->times[0], g->times[0] = g->now;
+        g->trouble = g->now, g->signs++;
     } else if (g->now - g->trouble >= GUARD_PATIENCE - g->period) {
         guard_end(g, CAUSE_UNSTABLE); /* in the last tick of its time */
     }
@@ -247,7 +248,7 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
  * faster there than the device's losses pay for. */
 static void guard_ramp(guard *g, double size) {
     double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
-    if (length_of(g->sent) > 0 && g->limits.stiffness > 0 && size > 0 && share > g->share) {
+    if (g->touching && g->limits.stiffness > 0 && size > 0 && share > g->share) {
         double price = size * size / (2 * g->limits.stiffness), more = fmin(share - g->share, g->energy.spare / price);
         g->energy.spare -= more * price, share = g->share + more;
     }
@@ -269,6 +270,7 @@ static void guard_pass(guard *g, const device_state *state, double since, int ar
     if (!(length_of(force) <= 1e100)) guard_end(g, CAUSE_NUMBER);
     if (!g->cause && g->ticks > 0) guard_observe(g, state->position, dt), guard_compare(g, state, dt);
     int troubled = !g->cause && guard_troubled(g);
+    int touching = length_of(force) > 0;
     if (g->cause || !guard_armed(g, state, force, armed)) {
         force[0] = force[1] = force[2] = 0;
     } else {
@@ -282,6 +284,7 @@ static void guard_pass(guard *g, const device_state *state, double since, int ar
         g->given += part;
     }
     guard_close(g, force);
+    g->touching = touching;
     memcpy(g->position, state->position, sizeof g->position);
     memcpy(g->reported, state->velocity, sizeof g->reported);
     memcpy(g->sent, force, sizeof g->sent);

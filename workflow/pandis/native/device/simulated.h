@@ -159,7 +159,7 @@ static void simulated_move(void) {
         lost += s->damping * length * length / h + s->friction * length;
     }
     for (int k = 0; k < 3; k++) work += simulated.acting[k] * (simulated.position[k] - before[k]);
-    energy_book(&simulated.energy, length_of(simulated.acting), work, lost, s->wall,
+    energy_book(&simulated.energy, length_of(simulated.acting) > 0, length_of(simulated.acting), work, lost, s->wall,
                 length_of(simulated.acting) > s->force * (1 - 1e-6));
 }
 
