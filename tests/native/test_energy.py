@@ -82,13 +82,13 @@ def given(field, spec, period, stiffness, friction, spring, rest):
     order = hdapi.Order(
         NativeScene([placed(field, stiffness)]), len(rest), limits, period, armed=True, **PATIENT
     )
-    run = hdapi.run_simulated(device, rest[0], rest, np.zeros(3), order)
-    force, way = run.force[1:-1], np.diff(run.path[:-1], axis=0)
+    session = hdapi.run_simulated(device, rest[0], rest, np.zeros(3), order)
+    force, way = session.force[1:-1], np.diff(session.path[:-1], axis=0)
     length, pushed = np.linalg.norm(way, axis=1), force.any(axis=1)
     lost = spec.damping * length**2 / period + friction * length
     gone = np.cumsum((force * way).sum(axis=1) - np.where(pushed, lost, 0.0))
     free = np.concatenate([[0.0], gone[~pushed]])  # between contacts nothing is stored
-    return (free - np.minimum.accumulate(free)).max(), run.cause
+    return (free - np.minimum.accumulate(free)).max(), session.cause
 
 
 @pytest.mark.parametrize("period", [None, 2e-3, 3e-3, 4e-3])
