@@ -242,6 +242,47 @@ def test_options_change_between_steps(files):
     assert contact.options.budget == 8
 
 
+@pytest.mark.parametrize("kind", ["exact", "compact", "spline"])
+def test_a_larger_radius_moves_the_walls(kind, files):
+    """The air that was free for a point was taken to be free for a ball: it felt no wall at all."""
+    field, placed, contact = contact_of(files, kind)
+    radius = 0.05 / field.frame.scale
+    path, ball = slide(field), NativeContact(placed, radius)
+    contact.follow(path[:30])
+    contact.set(radius=radius)
+    late, whole = contact.follow(path[30:]), ball.follow(path)
+    assert whole.force.any()
+    assert (
+        np.flatnonzero(late.force.any(axis=1))[0] == np.flatnonzero(whole.force[30:].any(axis=1))[0]
+    )
+    assert late.force[-1] == pytest.approx(whole.force[-1], rel=1e-3)
+
+
+@pytest.mark.parametrize("bad", [np.nan, -1.0, np.inf])
+def test_what_is_beyond_its_range_in_a_step_gives_no_force(bad, files):
+    field, placed, contact = contact_of(files, material=Material(0.4, 0.3, 0.1, 0.1))
+    path = slide(field)
+    contact.follow(path[:90])
+    contact.move(placed._replace(stiffness=bad))
+    steps = contact.follow(path[90:100])
+    assert (steps.flag == INVALID).all()
+    assert not steps.force.any()
+    contact.move(placed)
+    assert contact.follow(path[100:110]).force.any()
+    contact.materials[0].damping = bad
+    steps = contact.follow(path[110:])
+    assert (steps.flag == INVALID).all()
+    assert not steps.force.any()
+
+
+def test_a_contact_is_given_no_grid_of_forces_later(files):
+    field, placed, contact = contact_of(files)
+    path = slide(field)
+    contact.follow(path[:90])
+    contact.move(placed._replace(field=NativeField(files["trilinear"])))
+    assert (contact.follow(path[90:]).flag == INVALID).all()
+
+
 def test_an_option_of_one_object_of_a_scene_that_is_refused_leaves_out_that_one(files):
     """Every other object is touched as before."""
     field = NativeField(files["exact"])

@@ -3,9 +3,23 @@
 What is checked is each tick's record of what the device was given, by the test's own arithmetic.
 """
 
+import subprocess
+
 import numpy as np
 import pytest
-from test_devices import HELD, LIMITS, RADIUS, STIFFNESS, TOUCH, added, order, run, stand_in  # noqa: F401
+from test_devices import (  # noqa: F401  # noqa: F401
+    HDAPI,
+    HELD,
+    HERE,
+    LIMITS,
+    RADIUS,
+    STIFFNESS,
+    TOUCH,
+    added,
+    order,
+    run,
+    stand_in,
+)
 
 from pandis.native import device as hdapi
 from pandis.stress.coupled import shaking
@@ -303,3 +317,35 @@ def test_what_damping_does_not_mend_ends_after_fifty_milliseconds(files):
     assert 40 <= last - first <= 50
     assert booked(session, STIFFNESS).min() > -1e-3
     allowed(session, limits={"needs": 0})
+
+
+@pytest.fixture(scope="module")
+def guard_program(tmp_path_factory):
+    """Return the program that leads a guard by a script."""
+    program = tmp_path_factory.mktemp("guard") / "guards"
+    command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Wno-unused-function", "-I", HDAPI]
+    subprocess.run([*command, HERE / "guards.c", "-o", program, "-lm"], check=True)
+
+    def go(script):
+        done = subprocess.run([program, script], capture_output=True, text=True, check=True)
+        cause, debt, signs = done.stdout.split()
+        return int(cause), float(debt), int(signs)
+
+    return go
+
+
+def test_shaking_counts_though_energy_was_missing_before(guard_program):
+    """Only a sign that began with shaking was counted: 17 shakes in a second ended nothing."""
+    assert guard_program("shakes")[0] == hdapi.UNSTABLE
+
+
+def test_a_probe_that_slides_and_presses_while_the_force_comes_in_owes_nothing(guard_program):
+    """What its own losses had paid for was charged again when it withdrew."""
+    cause, debt, signs = guard_program("ramp")
+    assert (cause, signs) == (hdapi.DONE, 0)
+    assert debt > -2e-5
+
+
+def test_a_force_that_outlives_its_wall_is_booked(guard_program):
+    """By a wall that stores little, it gives more than it took, and nothing saw it."""
+    assert guard_program("vanishes")[0] == hdapi.UNSTABLE

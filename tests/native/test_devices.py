@@ -20,6 +20,8 @@ import pytest
 import pandis
 from pandis.geometry.physical import Scale
 from pandis.native import device as hdapi
+from pandis.native.device import watchdog as watchdog_module
+from pandis.native.device.watchdog import Watchdog
 from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 from pandis.stress import coupled
@@ -527,7 +529,19 @@ def test_arming_says_what_a_killed_process_leaves_where_nobody_can_watch(stand_i
     assert last > 0.1
     assert output
     assert "motors hold the last force" in said.read_text()
-    assert "lets no second process have the device" in said.read_text()
+    assert "No second process could take the device" in said.read_text()
+
+
+def test_a_watchdog_that_starts_too_late_goes(stand_in, monkeypatch, tmp_path):
+    """It took the device after its run was over, and switched off the next one's force."""
+    monkeypatch.setenv("PANDIS_SHARED", "1")
+    monkeypatch.setenv("PANDIS_RECORD", str(tmp_path / "record"))
+    monkeypatch.setattr(watchdog_module, "_PATIENCE", 0.0)  # it gives up at once
+    compiled = hdapi.library()._name
+    with Watchdog(compiled, str(stand_in), "") as watchdog:
+        assert watchdog.start() == 0
+        assert watchdog.pulse.state == watchdog_module.OVER
+    assert watchdog._process.returncode is not None
 
 
 def test_a_run_that_ends_is_not_ended_by_its_watchdog(run, monkeypatch, tmp_path):

@@ -86,7 +86,7 @@ extern "C" {
 #define PANDIS_API extern
 #endif
 
-/* What is to be thought of an answer. */
+/* How far an answer can be trusted. */
 typedef enum {
     PANDIS_OK = 0,      /* within the accuracy of the field */
     PANDIS_BOUND = 1,   /* outside of what the field covers: the side is right, the distance an estimate that may be too large */
@@ -140,7 +140,7 @@ typedef struct {
                        * turn; 0 of grids of forces, which have none */
     double clear;     /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
     pandis_flag flag;
-    int32_t face;     /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several one:
+    int32_t face;     /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it); if several are equally near, one of them:
                        * of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and without an answer, -1 */
     int32_t region;   /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
 } pandis_answer;
@@ -340,7 +340,7 @@ PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
 /* [rt] Answer one point if the surface is nearer than a reach, to the last bit as pandis_query does. Else the flag may be
- * PANDIS_BEYOND: then no surface is nearer than answer->clear, which is the reach (less where the search was cut), nothing is
+ * PANDIS_BEYOND: then no surface is nearer than answer->clear, which is the reach (or less, if the search was cut short), nothing is
  * said of the side, and distance, normal and slope are NaN. Of meshes that takes a look at a few boxes, wherever the point is;
  * other fields, and a reach that is negative or NaN, are answered in full.
  *
@@ -504,8 +504,8 @@ typedef struct {
                      * by default), else PANDIS_ERROR_RADIUS. Default 0 */
     double slide;   /* scene lengths per second, from 0 on, by which the proxy moves beside the probe's own way: it bounds steps
                      * of the force at ridges. Default: half of the object's longest side */
-    int32_t budget; /* queries after which a step ends, two more at most, and one of `regions`; the next step goes on. From 8 on:
-                     * with fewer, each would begin anew. Default 24 */
+    int32_t budget; /* A step ends after this many queries (a look under way may add two, and `regions` one), and the next step
+                     * continues it. At least 8: with fewer, every step would start over. Default 24 */
     const pandis_material *materials; /* of each region, kept by the caller, who may change their values between steps; what
                                        * has no region, or one beyond them, has the first. Default NULL: smooth */
     size_t material_count;            /* 0: smooth */
@@ -530,8 +530,8 @@ typedef enum {
     PANDIS_STICKING = 2, /* friction holds it, too */
     PANDIS_BEHIND = 4,   /* the budget, or `slide`, did not let the proxy go as far as it would */
     PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. From which side it came is not known, so nothing
-                          * pushes it out; but it gets no deeper than it began, or was since. Where the field knows no distance
-                          * so deep inside, there is no force until the probe has come out */
+                          * pushes it out; but it is held at the depth where it began, or the least that it has reached since.
+                          * Where the field knows no distance so deep inside, there is no force until the probe is out */
 } pandis_touch_bits;
 
 /* What a step answers, in units and directions of the scene. */
@@ -560,7 +560,7 @@ PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandi
                                             const pandis_contact_options *options);
 
 /* [rt] The options of a contact that is open, and others for it, which count from the next step on. After an error the old
- * ones stay. Another radius is felt as a step: take one that lasts. */
+ * ones stay. Another radius moves the walls: of a scene's contact, call pandis_scene_moved, too. */
 PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *contact);
 PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options);
 
@@ -568,18 +568,18 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
  * thin what lies between; along the surface it takes short steps, on up to three planes at once, of the eight that it knows.
  *
  * object    it may have another pose than last time: the proxy goes with it. With another field or scale the contact begins
- *           anew, and where the probe is inside then, it WAITs
+ *           anew; if the probe is inside then, the state is PANDIS_WAITING
  * position  of the probe, scene lengths
  * dt        seconds since the last step, more than 0. Steps of 0.2 to 5 ms are tried
  *
- * Returns touch->flag. PANDIS_INVALID, where position or dt are beyond their range, means no force in this tick, which is a
- * step of the whole force. The force changes by at most the object's stiffness times (twice the way of the probe + slide * dt),
+ * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is beyond its range, means no force in
+ * this tick: it drops to zero at once. The force changes by at most the object's stiffness times (twice the way of the probe + slide * dt),
  * beside what damping adds. An object that jumps counts as a way of the probe. */
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
                                            double dt, pandis_touch *touch);
 
-/* [rt] Tell a contact that its object's field has another shape (pandis_refit): where it has come over the proxy, the next
- * step takes that out. */
+/* [rt] Tell a contact that its object's field has another shape (pandis_refit): if the surface has moved past the proxy, the
+ * next step moves the proxy back out. */
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact);
 
 /* ---------------------------------------------------------------- scenes
@@ -609,7 +609,8 @@ typedef union {
 PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
                                           size_t room_length);
 
-/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped, or given another field.
+/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped (then call pandis_contact_reshaped of its contact, too),
+ * or given another field.
  *
  * object   its index
  *
@@ -630,7 +631,7 @@ PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double poin
  * options   count of them, copied; NULL: the defaults
  * count     that of the objects, else PANDIS_ERROR_COUNT
  *
- * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object, and whatever lies nowhere, is left out. */
+ * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until this is called again. */
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
                                                 const pandis_contact_options *options, size_t count);
 
@@ -689,7 +690,7 @@ PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *ob
  * count    that of the objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
- * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE (a rotation is none, something is not finite, or an object turns more than halfway
+ * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE (a rotation matrix is not a rotation, something is not finite, or an object turns more than halfway
  * round in the period), and nothing is handed over. */
 PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
@@ -878,7 +879,8 @@ typedef struct {
 } pandis__handover;
 #endif
 
-/* The state behind each handle. Handles are aligned for doubles, and hold characters, which alias everything. */
+/* The state behind each handle. Handles are aligned for doubles; as unions with characters in them, compilers take them to
+ * share their place with anything. */
 #define PANDIS__STATE(handle)                                                                                     \
     typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];                     \
     PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) { return (pandis__##handle *)(void *)h; } \
@@ -4273,8 +4275,11 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
     pandis__contact *c = pandis__contact_of(contact);
     if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* it is not open */
     pandis_error error = pandis__check_options(options, &c->object);
-    if (!error) c->options = *options;
-    return error;
+    if (error) return error;
+    /* what is known to be free is so for the old radius, and without the new texture */
+    if (options->radius != c->options.radius || options->texture != c->options.texture) c->ball[3] = -1;
+    c->options = *options;
+    return PANDIS_SUCCESS;
 }
 
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
@@ -4352,9 +4357,11 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
-    if (!pandis__unit(f, point, probe) || !(dt > 0) || !options->budget || options->radius * per > pandis__widest(f)) return PANDIS_INVALID;
+    if (!pandis__unit(f, point, probe) || !(dt > 0) || !options->budget) return PANDIS_INVALID;
+    if (!pandis__knows_distance(f) || options->radius * per > pandis__widest(f)) return PANDIS_INVALID;
     const pandis_material *material = options->material_count ? options->materials : &smooth;
     if (contact->region > 0 && (size_t)contact->region < options->material_count) material += contact->region;
+    if (!pandis__in_range(object->stiffness, PANDIS__STIFFEST) || !pandis__material_is_sound(material)) return PANDIS_INVALID;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;

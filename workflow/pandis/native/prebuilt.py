@@ -23,7 +23,8 @@ FOREIGN = {"pandis-mujoco"}
 #: for AVX2, too, and taken where the processor has it. Answers are the same to the last bit.
 KINDS = {"x86_64": "x86-64", "aarch64": "armv8-a"}
 #: That nothing unwinds these, which ends no program that did not end before, saves a twentieth.
-SMALLER = ("-fno-asynchronous-unwind-tables", "-fno-unwind-tables", "-Wl,-z,noseparate-code",
+SMALLER = ("-fno-asynchronous-unwind-tables", "-fno-unwind-tables", "-fno-align-functions",
+           "-fno-align-loops", "-fno-align-jumps", "-fno-plt", "-Wl,-z,noseparate-code",
            "-Wl,--build-id=none", "-s")  # fmt: skip
 
 

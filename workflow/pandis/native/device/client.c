@@ -260,9 +260,9 @@ static int client_meet(client_outcome *outcome) {
 
 /* What nothing here can prevent, told before a force is sent. */
 static void client_warn(void) {
-    fputs("pandis: forces are sent from now on. The device's library lets no second process have the device, so nobody else\n"
-          "can end them: if this process is killed (SIGKILL) or halted (SIGSTOP, a debugger), the motors hold the last force.\n"
-          "Keep the device's switch or its plug within reach.\n", stderr);
+    fputs("pandis: forces are sent from now on. No second process could take the device (the library refused it, or it did not\n"
+          "start in time), so nobody else can end them: if this process is killed (SIGKILL) or halted (SIGSTOP, a debugger), the\n"
+          "motors hold the last force. Keep the device's switch or its plug within reach.\n", stderr);
 }
 
 /* Run an order on a device, and let go of it whatever happens. */

@@ -94,7 +94,8 @@ typedef struct {
     long long cut, slowed, damped; /* ticks: more than the largest force, slewed, damped */
     long long armed_at, signs;     /* the tick from which on forces are given, or -1; how often something went wrong */
     int armed, cause, at_most; /* at_most: the last force was cut */
-    int touching;              /* there was a force in the last tick, whatever became of it here */
+    int touching;              /* the wall pushed in the last tick, whatever became of it here, or a force was sent */
+    int shook;                 /* it shook in the last tick */
     double share;              /* of the whole force, by the ramp */
 } guard;
 
@@ -163,11 +164,14 @@ static double guard_has(const guard *g) { return g->energy.balance + g->energy.d
 static int guard_troubled(guard *g) {
     int shakes = shaking_now(&g->shaking, g->now), wrong = g->energy.balance < -GUARD_SLACK || shakes;
     if (guard_has(g) < -GUARD_SPENT) guard_end(g, CAUSE_UNSTABLE);
+    if (shakes && !g->shook) {
+        if (g->now - g->times[1] < GUARD_AGAIN) guard_end(g, CAUSE_UNSTABLE);
+        g->times[1] = g->times[0], g->times[0] = g->now;
+    }
+    g->shook = shakes;
     if (!wrong) {
         g->trouble = -1e9;
     } else if (g->trouble < 0) {
-        if (shakes && g->now - g->times[1] < GUARD_AGAIN) guard_end(g, CAUSE_UNSTABLE);
-        if (shakes) g->times[1] = g->times[0], g->times[0] = g->now;
         g->trouble = g->now, g->signs++;
     } else if (g->now - g->trouble >= GUARD_PATIENCE - g->period) {
         guard_end(g, CAUSE_UNSTABLE); /* in the last tick of its time */
@@ -250,7 +254,7 @@ static void guard_ramp(guard *g, double size) {
     double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
     if (g->touching && g->limits.stiffness > 0 && size > 0 && share > g->share) {
         double price = size * size / (2 * g->limits.stiffness), more = fmin(share - g->share, g->energy.spare / price);
-        g->energy.spare -= more * price, share = g->share + more;
+        g->energy.spare -= more * price, g->energy.balance += more * price, share = g->share + more;
     }
     g->share = share;
 }
@@ -284,7 +288,7 @@ static void guard_pass(guard *g, const device_state *state, double since, int ar
         g->given += part;
     }
     guard_close(g, force);
-    g->touching = touching;
+    g->touching = touching || length_of(force) > 0;
     memcpy(g->position, state->position, sizeof g->position);
     memcpy(g->reported, state->velocity, sizeof g->reported);
     memcpy(g->sent, force, sizeof g->sent);

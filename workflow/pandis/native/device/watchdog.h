@@ -30,21 +30,29 @@ static int hd_load(const char *library, hd_api *api, void **handle) {
     return 1;
 }
 
-/* Watch a run until it is over, or its process is gone. `file`: of the pulse. Returns 1 if it had to end the force. */
-int client_watch(const char *library, const char *name, int file) {
+/* Say what became of the start, unless the run is over. */
+static int watchdog_say(watchdog_pulse *pulse, int state) {
+    int starts = WATCHDOG_STARTS;
+    return __atomic_compare_exchange_n(&pulse->state, &starts, state, 0, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST);
+}
+
+/* Watch a run until it is over, or its process is gone. `file`: of the pulse; `parent`: the run's process. Returns 1 if it
+ * had to end the force. */
+int client_watch(const char *library, const char *name, int file, int parent) {
     const struct timespec look = {0, (long)(1e9 * WATCHDOG_LOOK)};
-    const pid_t parent = getppid();
     hd_api api;
     void *handle;
     watchdog_pulse *pulse = (watchdog_pulse *)mmap(NULL, sizeof *pulse, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (pulse == MAP_FAILED) return 0;
-    int opened = hd_load(library, &api, &handle);
-    unsigned int device = opened ? api.init_device(name && *name ? name : NULL) : HD_INVALID_HANDLE;
-    if (device == HD_INVALID_HANDLE || api.get_error().code) {
-        __atomic_store_n(&pulse->state, WATCHDOG_REFUSED, __ATOMIC_SEQ_CST);
+    if (!hd_load(library, &api, &handle)) return watchdog_say(pulse, WATCHDOG_REFUSED), 0;
+    for (int k = 0; k < 64 && api.get_error().code; k++) continue; /* of what went before */
+    unsigned int device = api.init_device(name && *name ? name : NULL);
+    if (device == HD_INVALID_HANDLE) return watchdog_say(pulse, WATCHDOG_REFUSED), 0;
+    if (api.get_error().code || !watchdog_say(pulse, WATCHDOG_READY)) {
+        (void)watchdog_say(pulse, WATCHDOG_REFUSED);
+        api.disable_device(device);
         return 0;
     }
-    __atomic_store_n(&pulse->state, WATCHDOG_READY, __ATOMIC_SEQ_CST);
     long long seen = 0;
     double since = client_now();
     while (__atomic_load_n(&pulse->state, __ATOMIC_SEQ_CST) != WATCHDOG_OVER) {

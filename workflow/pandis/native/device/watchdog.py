@@ -1,11 +1,10 @@
 """A process of its own that ends a device's force when the run's process is killed or halted."""
 
-import contextlib
 import ctypes
 import mmap
+import os
 import subprocess
 import sys
-import tempfile
 import time
 
 #: As in ``watchdog.h``.
@@ -13,8 +12,8 @@ STARTS, READY, REFUSED, OVER = range(4)
 #: Seconds in which a process that starts and opens the device has to say so.
 _PATIENCE = 5.0
 _PROGRAM = (
-    "import ctypes, sys; compiled, library, name, file = sys.argv[1:]; "
-    "ctypes.CDLL(compiled).client_watch(library.encode(), name.encode(), int(file))"
+    "import ctypes, sys; compiled, library, name, file, run = sys.argv[1:]; "
+    "ctypes.CDLL(compiled).client_watch(library.encode(), name.encode(), int(file), int(run))"
 )
 
 
@@ -42,26 +41,35 @@ class Watchdog:
         self._words, self._process = (compiled, library, name), None
 
     def __enter__(self):
-        self._file = tempfile.TemporaryFile()
-        self._file.truncate(mmap.PAGESIZE)
-        self._memory = mmap.mmap(self._file.fileno(), mmap.PAGESIZE)
+        # memory alone: a tick that writes to a file of a disk may have to wait for it
+        self._file = os.memfd_create("pandis-pulse")
+        os.ftruncate(self._file, mmap.PAGESIZE)
+        self._memory = mmap.mmap(self._file, mmap.PAGESIZE)
         self.pulse = _Pulse.from_buffer(self._memory)
         return self
 
     def __exit__(self, *_):
         self.pulse.state = OVER
-        if self._process is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(_PATIENCE)
-        self._file.close()
+        self._end(_PATIENCE)
+        os.close(self._file)
+
+    def _end(self, patience):
+        """Wait for the process for so many seconds; then it has to go."""
+        if self._process is None:
+            return
+        try:
+            self._process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
     def start(self):
         """Start the process; return 1 once it has the device, 0 if it cannot."""
-        file = self._file.fileno()
+        numbers = str(self._file), str(os.getpid())
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-I", "-S", "-c", _PROGRAM, *self._words, str(file)],
-                pass_fds=[file], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                [sys.executable, "-I", "-S", "-c", _PROGRAM, *self._words, *numbers],
+                pass_fds=[self._file], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL, start_new_session=True,
             )  # fmt: skip
         except OSError:
@@ -71,4 +79,8 @@ class Watchdog:
             if self._process.poll() is not None:
                 return 0
             time.sleep(0.002)
-        return int(self.pulse.state == READY)
+        if self.pulse.state == READY:
+            return 1
+        self.pulse.state = OVER
+        self._end(0)
+        return 0

@@ -73,8 +73,11 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
     pandis__contact *c = pandis__contact_of(contact);
     if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* it is not open */
     pandis_error error = pandis__check_options(options, &c->object);
-    if (!error) c->options = *options;
-    return error;
+    if (error) return error;
+    /* what is known to be free is so for the old radius, and without the new texture */
+    if (options->radius != c->options.radius || options->texture != c->options.texture) c->ball[3] = -1;
+    c->options = *options;
+    return PANDIS_SUCCESS;
 }
 
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
@@ -152,9 +155,11 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
-    if (!pandis__unit(f, point, probe) || !(dt > 0) || !options->budget || options->radius * per > pandis__widest(f)) return PANDIS_INVALID;
+    if (!pandis__unit(f, point, probe) || !(dt > 0) || !options->budget) return PANDIS_INVALID;
+    if (!pandis__knows_distance(f) || options->radius * per > pandis__widest(f)) return PANDIS_INVALID;
     const pandis_material *material = options->material_count ? options->materials : &smooth;
     if (contact->region > 0 && (size_t)contact->region < options->material_count) material += contact->region;
+    if (!pandis__in_range(object->stiffness, PANDIS__STIFFEST) || !pandis__material_is_sound(material)) return PANDIS_INVALID;
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;

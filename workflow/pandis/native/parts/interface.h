@@ -78,7 +78,7 @@ PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
 /* [rt] Answer one point if the surface is nearer than a reach, to the last bit as pandis_query does. Else the flag may be
- * PANDIS_BEYOND: then no surface is nearer than answer->clear, which is the reach (less where the search was cut), nothing is
+ * PANDIS_BEYOND: then no surface is nearer than answer->clear, which is the reach (or less, if the search was cut short), nothing is
  * said of the side, and distance, normal and slope are NaN. Of meshes that takes a look at a few boxes, wherever the point is;
  * other fields, and a reach that is negative or NaN, are answered in full.
  *

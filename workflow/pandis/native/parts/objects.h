@@ -68,8 +68,8 @@ typedef struct {
                      * by default), else PANDIS_ERROR_RADIUS. Default 0 */
     double slide;   /* scene lengths per second, from 0 on, by which the proxy moves beside the probe's own way: it bounds steps
                      * of the force at ridges. Default: half of the object's longest side */
-    int32_t budget; /* queries after which a step ends, two more at most, and one of `regions`; the next step goes on. From 8 on:
-                     * with fewer, each would begin anew. Default 24 */
+    int32_t budget; /* A step ends after this many queries (a look under way may add two, and `regions` one), and the next step
+                     * continues it. At least 8: with fewer, every step would start over. Default 24 */
     const pandis_material *materials; /* of each region, kept by the caller, who may change their values between steps; what
                                        * has no region, or one beyond them, has the first. Default NULL: smooth */
     size_t material_count;            /* 0: smooth */
@@ -94,8 +94,8 @@ typedef enum {
     PANDIS_STICKING = 2, /* friction holds it, too */
     PANDIS_BEHIND = 4,   /* the budget, or `slide`, did not let the proxy go as far as it would */
     PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. From which side it came is not known, so nothing
-                          * pushes it out; but it gets no deeper than it began, or was since. Where the field knows no distance
-                          * so deep inside, there is no force until the probe has come out */
+                          * pushes it out; but it is held at the depth where it began, or the least that it has reached since.
+                          * Where the field knows no distance so deep inside, there is no force until the probe is out */
 } pandis_touch_bits;
 
 /* What a step answers, in units and directions of the scene. */
@@ -124,7 +124,7 @@ PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandi
                                             const pandis_contact_options *options);
 
 /* [rt] The options of a contact that is open, and others for it, which count from the next step on. After an error the old
- * ones stay. Another radius is felt as a step: take one that lasts. */
+ * ones stay. Another radius moves the walls: of a scene's contact, call pandis_scene_moved, too. */
 PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *contact);
 PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options);
 
@@ -132,17 +132,17 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
  * thin what lies between; along the surface it takes short steps, on up to three planes at once, of the eight that it knows.
  *
  * object    it may have another pose than last time: the proxy goes with it. With another field or scale the contact begins
- *           anew, and where the probe is inside then, it WAITs
+ *           anew; if the probe is inside then, the state is PANDIS_WAITING
  * position  of the probe, scene lengths
  * dt        seconds since the last step, more than 0. Steps of 0.2 to 5 ms are tried
  *
- * Returns touch->flag. PANDIS_INVALID, where position or dt are beyond their range, means no force in this tick, which is a
- * step of the whole force. The force changes by at most the object's stiffness times (twice the way of the probe + slide * dt),
+ * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is beyond its range, means no force in
+ * this tick: it drops to zero at once. The force changes by at most the object's stiffness times (twice the way of the probe + slide * dt),
  * beside what damping adds. An object that jumps counts as a way of the probe. */
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
                                            double dt, pandis_touch *touch);
 
-/* [rt] Tell a contact that its object's field has another shape (pandis_refit): where it has come over the proxy, the next
- * step takes that out. */
+/* [rt] Tell a contact that its object's field has another shape (pandis_refit): if the surface has moved past the proxy, the
+ * next step moves the proxy back out. */
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact);
 

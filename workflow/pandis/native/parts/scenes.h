@@ -25,7 +25,8 @@ typedef union {
 PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
                                           size_t room_length);
 
-/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped, or given another field.
+/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped (then call pandis_contact_reshaped of its contact, too),
+ * or given another field.
  *
  * object   its index
  *
@@ -46,7 +47,7 @@ PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double poin
  * options   count of them, copied; NULL: the defaults
  * count     that of the objects, else PANDIS_ERROR_COUNT
  *
- * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object, and whatever lies nowhere, is left out. */
+ * Returns PANDIS_SUCCESS, or the first error of pandis_contact_open: that object is left out until this is called again. */
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
                                                 const pandis_contact_options *options, size_t count);
 
@@ -105,7 +106,7 @@ PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *ob
  * count    that of the objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
- * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE (a rotation is none, something is not finite, or an object turns more than halfway
+ * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE (a rotation matrix is not a rotation, something is not finite, or an object turns more than halfway
  * round in the period), and nothing is handed over. */
 PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 

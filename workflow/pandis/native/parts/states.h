@@ -34,7 +34,8 @@ typedef struct {
 } pandis__handover;
 #endif
 
-/* The state behind each handle. Handles are aligned for doubles, and hold characters, which alias everything. */
+/* The state behind each handle. Handles are aligned for doubles; as unions with characters in them, compilers take them to
+ * share their place with anything. */
 #define PANDIS__STATE(handle)                                                                                     \
     typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];                     \
     PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) { return (pandis__##handle *)(void *)h; } \

@@ -1,4 +1,4 @@
-/* What is to be thought of an answer. */
+/* How far an answer can be trusted. */
 typedef enum {
     PANDIS_OK = 0,      /* within the accuracy of the field */
     PANDIS_BOUND = 1,   /* outside of what the field covers: the side is right, the distance an estimate that may be too large */
@@ -52,7 +52,7 @@ typedef struct {
                        * turn; 0 of grids of forces, which have none */
     double clear;     /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
     pandis_flag flag;
-    int32_t face;     /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it), of several one:
+    int32_t face;     /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it); if several are equally near, one of them:
                        * of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and without an answer, -1 */
     int32_t region;   /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
 } pandis_answer;
