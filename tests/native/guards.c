@@ -9,7 +9,7 @@
 
 #include <stdio.h>
 
-static guard_limits limits = {3.3, 0, 3.3, 3.3, 1.5, 0, 0.1, 280, 2, 0};
+static guard_limits limits = {3.3, 0, 3.3, 3.3, 1.5, 0, 0.1, 0, 280, 2, 0};
 
 /* The force of a wall of 280 N/m at x = 0 on a probe that is at a place. */
 static void tick(guard *g, const double *place, int wall, double dt, const double *speed) {

@@ -265,7 +265,7 @@ def test_an_unstable_wall_is_damped_or_ended(times, damping, files):
     side = np.array([1.0, 0, 0])
 
     def go(stiffness):
-        limits = {"stiffness": stiffness, "needs": 0, "ramp": 0}
+        limits = {"stiffness": stiffness, "needs": 0, "ramp": 0, "encoder": 20e-6}
         spec = hdapi.Simulated(**(lively | {"wall": stiffness}))
         wanted = order(files, 1500, stiffness, LIMITS | ARMED | limits)
         places = (RADIUS + 2e-4) * side, RADIUS * side, -0.5 * side

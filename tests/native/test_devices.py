@@ -33,7 +33,7 @@ HDAPI = Path(pandis.__file__).parent / "native" / "device"
 RADIUS, STIFFNESS = 0.05, 400.0
 LIMITS = {
     "force": 3.3, "continuous": 0.0, "step": 3.3, "impulse": 3.3, "speed": 1.5, "ramp": 100,
-    "damping": 0.1, "stiffness": STIFFNESS, "most_damping": 2.0, "needs": 0,
+    "damping": 0.1, "encoder": 55e-6, "stiffness": STIFFNESS, "most_damping": 2.0, "needs": 0,
 }  # fmt: skip
 TOUCH = {
     "mass": 0.045, "damping": 0.1, "friction": 0.26, "encoder": 55e-6, "force": 3.3,
@@ -364,7 +364,7 @@ from pandis.native.runtime import NativeField
 from pandis.native.scene import NativeScene, Placed
 field = NativeField({field!r})
 scene = NativeScene([Placed(field, np.eye(3), np.zeros(3), 0.05, 400.0)])
-limits = hdapi.Limits(3.3, 0, 3.3, 3.3, 1.5, 4, 0.1, 400.0, 2.0, 0)
+limits = hdapi.Limits(3.3, 0, 3.3, 3.3, 1.5, 4, 0.1, 55e-6, 400.0, 2.0, 0)
 order = hdapi.Order(scene, 150, limits, 1e-3, 100, 3, 100, {patience}, armed=True)
 session = hdapi.run_device({library!r}, "", order)
 print(session.cause, len(session.force))
@@ -427,7 +427,7 @@ if {faulthandler}:
     faulthandler.enable()
 field = NativeField({field!r})
 scene = NativeScene([Placed(field, np.eye(3), np.zeros(3), 0.05, 400.0)])
-limits = hdapi.Limits(3.3, 0, 3.3, 3.3, 1.5, 4, 0.1, 400.0, 2.0, 0)
+limits = hdapi.Limits(3.3, 0, 3.3, 3.3, 1.5, 4, 0.1, 55e-6, 400.0, 2.0, 0)
 order = hdapi.Order(scene, 100000, limits, 1e-3, 100, 3, 100, 100, armed=True)
 if {outside}:
     def send():

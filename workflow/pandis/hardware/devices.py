@@ -97,7 +97,7 @@ class Specification(NamedTuple):
         step = min(change, IMPULSE * self.force * period * 1e3)
         return Limits(
             self.force, self.continuous, step, change, self.speed, RAMP / period,
-            self.damping, stiffness, self.most_damping,
+            self.damping, self.encoder, stiffness, self.most_damping,
             NEEDS_BUTTON if self.button else 0,
         )  # fmt: skip
 

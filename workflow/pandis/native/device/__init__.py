@@ -33,9 +33,9 @@ class Limits(ctypes.Structure):
 
     ``force`` and ``continuous`` (largest, and for long; 0: not known), ``step`` (largest addition
     between ticks) and ``impulse`` (largest change between ticks), N; ``speed`` of the probe, m/s;
-    ``ramp``, ticks until the whole force is given; ``damping`` (Ns/m) of the
-    device itself; ``stiffness`` of the wall, N/m: what energy it can store; ``most_damping``
-    (Ns/m) that may be added; ``needs``: NEEDS_BUTTON, NEEDS_SWITCH, what must be held or closed.
+    ``ramp``, ticks until the whole force is given; ``damping`` (Ns/m) and ``encoder`` (m, a step)
+    of the device; ``stiffness`` of the wall, N/m: what energy it can store; ``most_damping`` (Ns/m)
+    that may be added; ``needs``: NEEDS_BUTTON, NEEDS_SWITCH, what must be held or closed.
     """
 
     _fields_ = (
@@ -43,7 +43,7 @@ class Limits(ctypes.Structure):
             (name, ctypes.c_double)
             for name in (
                 "force", "continuous", "step", "impulse", "speed", "ramp", "damping",
-                "stiffness", "most_damping",
+                "encoder", "stiffness", "most_damping",
             )
         ),
         ("needs", ctypes.c_int),

@@ -17,7 +17,7 @@ const layout_entry *client_layout(void) {
     static const layout_entry entries[] = {
         LAYOUT_TYPE(guard_limits), LAYOUT(guard_limits, force), LAYOUT(guard_limits, continuous),
         LAYOUT(guard_limits, step), LAYOUT(guard_limits, impulse), LAYOUT(guard_limits, speed),
-        LAYOUT(guard_limits, ramp), LAYOUT(guard_limits, damping),
+        LAYOUT(guard_limits, ramp), LAYOUT(guard_limits, damping), LAYOUT(guard_limits, encoder),
         LAYOUT(guard_limits, stiffness), LAYOUT(guard_limits, most_damping), LAYOUT(guard_limits, needs),
         LAYOUT_TYPE(device_spec), LAYOUT(device_spec, model), LAYOUT(device_spec, force),
         LAYOUT(device_spec, continuous), LAYOUT(device_spec, speed), LAYOUT(device_spec, impulse),

@@ -29,11 +29,11 @@ static void energy_book(energy *e, int touching, double force, double work, doub
         return;
     }
     e->strongest = fmax(e->strongest, force);
-    if (cut) e->beyond = fmax(0, e->beyond - work);
     /* the force is that of the depth where the tick begins: so much the wall can have stored there */
     double most = stiffness > 0 ? e->strongest * e->strongest / (2 * stiffness) + e->beyond : e->balance;
     if (e->balance > most) e->spare += e->balance - most, e->balance = most;
     e->balance += lost - work;
+    if (cut) e->beyond = fmax(0, e->beyond - work);
     if (e->balance < e->worst) e->worst = e->balance;
 }
 

@@ -73,6 +73,7 @@ typedef struct {
     double speed;             /* of the probe, m/s; faster, and the run ends */
     double ramp;              /* ticks until the whole force is given */
     double damping;           /* of the device: what takes energy away for certain, Ns/m; its friction may be any */
+    double encoder;           /* step of the positions, m; 0: not known */
     double stiffness;         /* of the wall, N/m: what it can store */
     double most_damping;      /* that may be added, Ns/m */
     int needs;                /* NEEDS_... */
@@ -106,8 +107,8 @@ static void guard_end(guard *g, int cause) {
 /* Begin with limits; the run ends at once where one of them is no limit. */
 static void guard_start(guard *g, const guard_limits *limits, double period) {
     const double all[] = {limits->force,   limits->continuous, limits->step,      limits->impulse,
-                          limits->speed,   limits->ramp,       limits->damping,   limits->stiffness,
-                          limits->most_damping};
+                          limits->speed,   limits->ramp,       limits->damping,   limits->encoder,
+                          limits->stiffness, limits->most_damping};
     memset(g, 0, sizeof *g);
     for (size_t k = 0; k < sizeof all / sizeof *all; k++)
         if (!(all[k] >= 0 && all[k] <= DBL_MAX)) guard_end(g, CAUSE_LIMITS);
@@ -126,15 +127,23 @@ static void guard_watch(guard *g, const device_state *state, int calibrated) {
     if (!(state->temperature < GUARD_HOT)) guard_end(g, CAUSE_HOT);
 }
 
+/* What a way seems to give a wall too little, because an encoder tells of it in steps: in the middle of a step the force
+ * has been that of its beginning for half of it, and that of its end for the rest, unless it is gone within a tick. */
+static double guard_unseen(const guard *g, double length, double speed, double dt) {
+    double step = g->limits.encoder;
+    if (!(step > 0 && length > 0 && length <= 2 * step)) return 0;
+    return 0.5 * g->limits.stiffness * g->share * length * fmax(0, step - speed * dt);
+}
+
 /* Observe the way since the last tick, under the force that was sent for it, and whether it shakes. */
-static void guard_observe(guard *g, const double *position, double dt) {
+static void guard_observe(guard *g, const double *position, const double *speed, double dt) {
     double way[3], work = 0, length;
     for (int k = 0; k < 3; k++) {
         way[k] = position[k] - g->position[k];
         work += g->sent[k] * (way[k] - g->carried[k]), g->velocity[k] = way[k] / dt;
     }
     length = length_of(way);
-    double lost = g->limits.damping * length * length / dt;
+    double lost = g->limits.damping * length * length / dt + guard_unseen(g, length, length_of(speed), dt);
     energy_book(&g->energy, g->touching, length_of(g->sent), work, lost, g->limits.stiffness * g->share, g->at_most);
     g->now += dt;
     shaking_see(&g->shaking, position, g->now, length_of(g->sent) > 0);
@@ -272,7 +281,7 @@ static void guard_pass(guard *g, const device_state *state, double since, int ar
     double dt = since > g->period ? since : g->period; /* calls that catch up are no fast probe */
     double part = fmin(1, fmax(0, since / g->period));
     if (!(length_of(force) <= 1e100)) guard_end(g, CAUSE_NUMBER);
-    if (!g->cause && g->ticks > 0) guard_observe(g, state->position, dt), guard_compare(g, state, dt);
+    if (!g->cause && g->ticks > 0) guard_observe(g, state->position, state->velocity, dt), guard_compare(g, state, dt);
     int troubled = !g->cause && guard_troubled(g);
     int touching = length_of(force) > 0;
     if (g->cause || !guard_armed(g, state, force, armed)) {
