@@ -10,6 +10,7 @@ nothing.
 import gzip
 import json
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -21,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 NATIVE = ROOT / "workflow" / "pandis" / "native"
 #: Written for gcc; the name of a library's counters is that of its process.
 COMPILER = """#!/bin/sh
-exec gcc "$@" --coverage -fprofile-update=atomic -dumpdir "{counts}/$$-"
+exec {gcc} "$@" --coverage -fprofile-update=atomic -dumpdir "{counts}/$$-"
 """
 #: What is reported, beside each other in workflow/pandis/native.
 FILES = ("pandis.h", "contact/contact.c", *(f"device/{name}" for name in (
@@ -35,9 +36,10 @@ def counted(tests):
         counts = Path(place) / "counts"
         counts.mkdir()
         compiler = Path(place) / "gcc"
-        compiler.write_text(COMPILER.format(counts=counts))
+        compiler.write_text(COMPILER.format(gcc=shutil.which("gcc"), counts=counts))
         compiler.chmod(compiler.stat().st_mode | stat.S_IXUSR)
-        extra = {"CC": str(compiler), "XDG_CACHE_HOME": place}
+        path = f"{place}{os.pathsep}{os.environ['PATH']}"  # tests compile programs of their own
+        extra = {"CC": str(compiler), "PATH": path, "XDG_CACHE_HOME": place}
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
         subprocess.run(command, env=os.environ | extra, cwd=ROOT, check=False)
         found = defaultdict(lambda: defaultdict(int))

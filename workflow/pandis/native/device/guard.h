@@ -9,7 +9,8 @@
  * 3. The whole force comes in over a ramp, and while it pushes no faster than the device's losses pay for.
  * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than the device
  *    stands, and never so that it pulls towards the wall. If that has not mended it after 50 ms, if it
- *    shakes a third time within a second, or if a quarter of a millijoule is gone, the run ends.
+ *    shakes a third time within a second, if energy is missing again and again, or if a quarter of a millijoule
+ *    is gone, the run ends.
  * 5. The force is cut at the largest: the device's peak, or what its motors stand for long once they have
  *    given that much on average.
  * 6. Slew: limited is what is added in a tick. Any share of the last force may go at once, up to the
@@ -58,7 +59,8 @@ enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
 #define GUARD_SLACK 2e-5     /* J that may be missing: an encoder's step hides it */
 #define GUARD_SPENT 2.5e-4   /* J: so much gone ends the run at once, and no tick may give more */
 #define GUARD_PATIENCE 0.05  /* s until what is wrong must be mended */
-#define GUARD_AGAIN 1.0      /* s in which it may happen twice */
+#define GUARD_AGAIN 1.0      /* s in which it may shake twice */
+#define GUARD_OFTEN 4        /* signs of any kind that may come together, and in a second */
 #define GUARD_HOT 0.9        /* of a motor's largest temperature */
 #define GUARD_WARM 10.0      /* s over which the motors' load is averaged */
 #define GUARD_CHECK 100      /* ticks between two looks at the calibration */
@@ -97,6 +99,7 @@ typedef struct {
     int armed, cause, at_most; /* at_most: the last force was cut */
     int touching;              /* the wall pushed in the last tick, whatever became of it here, or a force was sent */
     int shook;                 /* it shook in the last tick */
+    double often, sign;        /* signs, less GUARD_OFTEN of them a second; when the last one was, s */
     double share;              /* of the whole force, by the ramp */
 } guard;
 
@@ -182,6 +185,8 @@ static int guard_troubled(guard *g) {
         g->trouble = -1e9;
     } else if (g->trouble < 0) {
         g->trouble = g->now, g->signs++;
+        g->often = fmax(0, g->often - GUARD_OFTEN * (g->now - g->sign)) + 1, g->sign = g->now;
+        if (g->often > GUARD_OFTEN) guard_end(g, CAUSE_UNSTABLE);
     } else if (g->now - g->trouble >= GUARD_PATIENCE - g->period) {
         guard_end(g, CAUSE_UNSTABLE); /* in the last tick of its time */
     }
