@@ -148,7 +148,7 @@ def test_what_is_sent_is_what_was_found_safe_for_the_proxy(libraries, files, mon
     assert (found.contact, found.stiffness) == ("proxy", pytest.approx(70.0))
     depth = np.maximum(radius - np.linalg.norm(arrays["position"], axis=1), 0)
     strength = np.linalg.norm(arrays["force"], axis=1)
-    assert strength.max() > 0.3
+    assert strength.max() > 0.1  # it is touched while the force comes in, which waits
     assert (strength <= 70.0 * depth + 0.05).all()
     assert run_attached(*given)[1].contact == "penalty"
     assert [isinstance(scene, TouchedScene) for scene in scenes] == [True, False]

@@ -57,7 +57,11 @@ def stale(tree, name, old, new, options=None):
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        ("native/pandis.h", "/* An answer.", "/* An answer, and more.\n *"),
+        (
+            "native/pandis.h",
+            "/* An answer to one point.",
+            "/* An answer to one point, and more.\n *",
+        ),
         (
             "native/pandis.h",
             "if (!good || ",

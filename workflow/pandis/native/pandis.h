@@ -896,7 +896,7 @@ PANDIS__STATE(handover)
 
 PANDIS_API const char *pandis_version(void) { return PANDIS_VERSION; }
 
-PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch) {
+PANDIS__ONCE PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch) {
     int same = strlen(version) == sizeof PANDIS_VERSION - 1 && !memcmp(version, PANDIS_VERSION, sizeof PANDIS_VERSION - 1);
     same = same && field == sizeof(pandis_field) && options == sizeof(pandis_contact_options) && touch == sizeof(pandis_touch);
     return same ? PANDIS_SUCCESS : PANDIS_ERROR_HEADER;
@@ -4233,7 +4233,7 @@ static int pandis__material_is_sound(const pandis_material *m) {
            pandis__in_range(m->damping, 1e100) && pandis__in_range(m->drag, 1e100);
 }
 
-static pandis_error pandis__check_options(const pandis_contact_options *options, const pandis_object *o) {
+PANDIS__ONCE static pandis_error pandis__check_options(const pandis_contact_options *options, const pandis_object *o) {
     const pandis_texture *t = options->texture;
     double per = o->field->scale / o->scale;
     int sound = options->budget >= PANDIS__LEAST_BUDGET && pandis__in_range(options->slide, 1e100) &&
@@ -4244,7 +4244,7 @@ static pandis_error pandis__check_options(const pandis_contact_options *options,
     return options->radius * per <= pandis__widest(o->field) ? PANDIS_SUCCESS : PANDIS_ERROR_RADIUS;
 }
 
-PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object) {
+PANDIS__ONCE PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object) {
     pandis_contact_options options;
     memset(&options, 0, sizeof options);
     options.budget = PANDIS__BUDGET;
@@ -4252,7 +4252,7 @@ PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *o
     return options;
 }
 
-PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
+PANDIS__ONCE PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
                                             const pandis_contact_options *options) {
     pandis__contact *c = pandis__contact_of(contact);
     pandis_contact_options defaults = pandis_contact_defaults(object);
@@ -4977,7 +4977,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_open_file(pandis_field *field, const
 }
 #endif
 
-PANDIS_API void pandis_close(pandis_field *field) {
+PANDIS__ONCE PANDIS_API void pandis_close(pandis_field *field) {
 #ifndef PANDIS_NO_FILE
     void *data = (void *)(uintptr_t)field->data;
 #ifndef PANDIS__READ
@@ -4989,7 +4989,7 @@ PANDIS_API void pandis_close(pandis_field *field) {
     memset(field, 0, sizeof *field);
 }
 
-PANDIS_API const char *pandis_error_text(pandis_error error) {
+PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
         case PANDIS_SUCCESS: return "no error";
         case PANDIS_ERROR_FILE: return "the file cannot be read";

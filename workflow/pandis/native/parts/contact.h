@@ -31,7 +31,7 @@ static int pandis__material_is_sound(const pandis_material *m) {
            pandis__in_range(m->damping, 1e100) && pandis__in_range(m->drag, 1e100);
 }
 
-static pandis_error pandis__check_options(const pandis_contact_options *options, const pandis_object *o) {
+PANDIS__ONCE static pandis_error pandis__check_options(const pandis_contact_options *options, const pandis_object *o) {
     const pandis_texture *t = options->texture;
     double per = o->field->scale / o->scale;
     int sound = options->budget >= PANDIS__LEAST_BUDGET && pandis__in_range(options->slide, 1e100) &&
@@ -42,7 +42,7 @@ static pandis_error pandis__check_options(const pandis_contact_options *options,
     return options->radius * per <= pandis__widest(o->field) ? PANDIS_SUCCESS : PANDIS_ERROR_RADIUS;
 }
 
-PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object) {
+PANDIS__ONCE PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object) {
     pandis_contact_options options;
     memset(&options, 0, sizeof options);
     options.budget = PANDIS__BUDGET;
@@ -50,7 +50,7 @@ PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *o
     return options;
 }
 
-PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
+PANDIS__ONCE PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
                                             const pandis_contact_options *options) {
     pandis__contact *c = pandis__contact_of(contact);
     pandis_contact_options defaults = pandis_contact_defaults(object);

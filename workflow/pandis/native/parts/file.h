@@ -256,7 +256,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_open_file(pandis_field *field, const
 }
 #endif
 
-PANDIS_API void pandis_close(pandis_field *field) {
+PANDIS__ONCE PANDIS_API void pandis_close(pandis_field *field) {
 #ifndef PANDIS_NO_FILE
     void *data = (void *)(uintptr_t)field->data;
 #ifndef PANDIS__READ
@@ -268,7 +268,7 @@ PANDIS_API void pandis_close(pandis_field *field) {
     memset(field, 0, sizeof *field);
 }
 
-PANDIS_API const char *pandis_error_text(pandis_error error) {
+PANDIS__ONCE PANDIS_API const char *pandis_error_text(pandis_error error) {
     switch (error) {
         case PANDIS_SUCCESS: return "no error";
         case PANDIS_ERROR_FILE: return "the file cannot be read";

@@ -51,7 +51,7 @@ PANDIS__STATE(handover)
 
 PANDIS_API const char *pandis_version(void) { return PANDIS_VERSION; }
 
-PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch) {
+PANDIS__ONCE PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch) {
     int same = strlen(version) == sizeof PANDIS_VERSION - 1 && !memcmp(version, PANDIS_VERSION, sizeof PANDIS_VERSION - 1);
     same = same && field == sizeof(pandis_field) && options == sizeof(pandis_contact_options) && touch == sizeof(pandis_touch);
     return same ? PANDIS_SUCCESS : PANDIS_ERROR_HEADER;
