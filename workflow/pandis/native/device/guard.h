@@ -130,8 +130,8 @@ static void guard_watch(guard *g, const device_state *state, int calibrated) {
     if (!(state->temperature < GUARD_HOT)) guard_end(g, CAUSE_HOT);
 }
 
-/* What a way seems to give a wall too little, because an encoder tells of it in steps: in the middle of a step the force
- * has been that of its beginning for half of it, and that of its end for the rest, unless it is gone within a tick. */
+/* Energy (J) that seems to be missing because an encoder reports a way in steps: the whole step is booked with the force of
+ * its beginning, though the force of its end has acted on half of it, unless the step was made within one tick. */
 static double guard_unseen(const guard *g, double length, double speed, double dt) {
     double step = g->limits.encoder;
     if (!(step > 0 && length > 0 && length <= 2 * step)) return 0;

@@ -54,7 +54,7 @@ class Watchdog:
         os.close(self._file)
 
     def _end(self, patience):
-        """Wait for the process for so many seconds; then it has to go."""
+        """Wait some seconds for the process to end, and kill it if it does not."""
         if self._process is None:
             return
         try:
