@@ -245,13 +245,12 @@ def behind(own, followed):
 
 def judge(field, kind, solid, ways, largest):
     """Return a `Counter` of what came of ways on one field, and how far (mm) the worst is left."""
-    error = float(np.abs(field.query(solid.points(20_000)).distance).max())
     own = solid.distance if kind == "exact" else lambda points: field.query(points)[:2]
     seen, followed = Counter(ways=len(ways)), [Followed(field, way, largest) for way in ways]
     for one in followed:
         places = np.concatenate(one.proxies)
-        deep = one.radius - solid.distance(places[:: 1 if one.way.dt > 1e-3 else 4])[0]
-        seen["passes"] += int(deep.max() > error + DEEP * MM)
+        deep = one.radius - own(places[:: 1 if one.way.dt > 1e-3 else 4])[0]
+        seen["passes"] += int(deep.max() > max(0, deep[0]) + DEEP * MM)
         seen["bounds"] += one.over > 0
     late = [followed[i] for i in np.flatnonzero(behind(own, followed)[1])]
     for one in late:

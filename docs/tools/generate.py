@@ -68,6 +68,7 @@ PARTS = (
         "planes",
         "proxy",
         "following",
+        "walking",
         "contact",
         "touches",
         "sections",

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import common  # noqa: F401 - makes pandis importable
 import numpy as np
@@ -37,7 +38,8 @@ def file_of(body, name):
     ----------
     body : pandis.geometry.body.Body
     name : str
-        ``exact``, ``compact-{bits}``, ``spline-{kilobytes}K`` or a grid, as in a configuration.
+        ``exact``, ``compact-{bits}``, ``spline-{kilobytes}K``, ``network-{steps}``, which is a
+        small one, or a grid, as in a configuration.
 
     Returns
     -------
@@ -50,6 +52,8 @@ def file_of(body, name):
     kind, size = re.fullmatch(r"(.*)-(\d+)K?", name).groups()
     if kind == "compact":
         return pack(COMPACT, UNIT, *file_parts(*pack_body(body, int(size))), {}, 3)
+    if kind == "network":
+        return _network_of(body, int(size))
     if kind == "spline":
         budget = 1000 * int(size)
         fit = SplineFit(engine, body.surface, BAND, 0, samples_for(budget=budget))
@@ -60,6 +64,17 @@ def file_of(body, name):
         values = np.concatenate(list(grid.slabs(32)))
         field, rule = _opened(name, {"values": values}, grid.attributes()), kind
     return native_bytes(field, rule, {}, safe=_safe(field, engine))
+
+
+def _network_of(body, steps):
+    """Return the file of a network of 32 channels that was trained for so many steps."""
+    from networks import ExactRecipe, export, train  # with PyTorch
+
+    with TemporaryDirectory() as folder:
+        recipe = ExactRecipe(steps=steps, width=32)
+        field, trainer = train(body, recipe, Path(folder) / "checkpoint.pt")
+        trainer.finish()
+    return export(field, body)
 
 
 def _opened(name, arrays, attributes):

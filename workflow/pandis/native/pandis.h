@@ -847,10 +847,10 @@ static double pandis__clamp(const double *u, double *inside) {
 
 typedef struct {
     pandis_contact_options options; /* budget 0: it is not open */
-    int32_t state, planes, sticks, settled, close, stalled, face, region;
+    int32_t state, planes, sticks, settled, close, stalled, idle, face, region;
     /* in the object's unit frame */
     pandis_object object; /* as it lay in the last step */
-    double ball[5], sunk, lift, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
+    double ball[5], sunk, lift, pace, rested, proxy[3], probe[3], velocity[3], pull[3], plane[8][7];
 } pandis__contact;
 
 typedef struct {
@@ -4200,6 +4200,134 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
     return 1;
 }
 
+/* ---------------------------------------------------------------- how a proxy walks where hops lead nowhere
+ *
+ * Where an approximate surface is rounded, in grooves and corners, planes that were seen from different places contradict
+ * each other, and no hop leads nearer to the probe. A walk uses none of them. Each of its steps goes straight towards the
+ * probe, and out of the surface again by planes that are looked at for this step alone. */
+
+#define PANDIS__PACE 1.6e-3        /* its longest step; it begins with an eighth of that, */
+#define PANDIS__TIRED (1 / 1024.0) /* and ends at so small a share, for each step that fails halves the next */
+#define PANDIS__IDLE 16            /* it begins after half as many steps of the contact that lead nowhere: */
+#define PANDIS__GAIN 0.05          /* not this share of how far the proxy may go, or no nearer to the probe */
+#define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
+#define PANDIS__MOVED 0.2          /* or when the probe has gone this share of its distance to the proxy */
+#define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which it rests */
+#define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper, */
+#define PANDIS__SUNK_SHARE 0.1     /* and no deeper than this share of a step */
+
+/* Look for the place nearest to a goal that walls leave free, at most `reach` away. Returns 1 if it is in `look`, 0 if none
+ * was seen, -1 if there was no answer. `slope` is by how much the distance grows along the normal: in a rounded corner by
+ * less than 1, and in one of a trilinear field's cells it may even fall. */
+PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
+    double at[3] = {goal[0], goal[1], goal[2]}, last[3] = {0}, before = 0;
+    const double sunk = fmin(PANDIS__SUNK, PANDIS__SUNK_SHARE * p->state->pace);
+    *slope = fmax(0.1, *slope);
+    for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget && pandis__between(at, goal) <= reach;) {
+        if (!pandis__look_at(p, at, look)) return -1;
+        if (look->distance >= -sunk) return 1;
+        pandis__plane *seen = p->plane + p->count;
+        if (p->count && pandis__dot(seen[-1].normal, look->normal) > 0.9) {
+            double risen = 0;
+            for (int k = 0; k < 3; k++) risen += (at[k] - last[k]) * seen[-1].normal[k];
+            double rate = risen != 0 ? (look->distance - before) / risen : *slope;
+            *slope = rate > 0 ? fmax(0.1, fmin(1.2, rate)) : fmin(-0.1, fmax(-1.2, rate));
+        }
+        before = look->distance;
+        for (int k = 0; k < 3; k++) {
+            last[k] = at[k];
+            seen->normal[k] = *slope > 0 ? look->normal[k] : -look->normal[k];
+            seen->foot[k] = at[k] - look->distance / *slope * look->normal[k];
+        }
+        seen->offset = pandis__dot(seen->normal, seen->foot);
+        pandis__nearest_in_front(p->plane, ++p->count, goal, at);
+    }
+    return 0;
+}
+
+/* Take a ball that is free above a place, by the planes that hold the proxy there. Returns whether it joins the last one:
+ * on an exact surface, which may be thinner than a step, a place alone says nothing of the way to it. -1: no answer. */
+static int pandis__covers(pandis__proxy *p, const double *place, int anew) {
+    pandis__look look;
+    double at[3];
+    pandis__lifted(p, place, NULL, p->state->lift, at);
+    if (!pandis__look_at(p, at, &look)) return -1;
+    double reach = (anew ? 0 : p->ball[3]) + look.free, gap = pandis__between(at, anew ? place : p->ball) - reach;
+    if (!(look.free > 0 && gap <= (anew ? PANDIS__GAP : 0))) return 0;
+    pandis__take_ball(p, &look);
+    return 1;
+}
+
+/* Walk towards the probe, with most of the budget. 0: no answer. */
+PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, const double *probe) {
+    pandis__contact *c = p->state;
+    pandis__plane known[PANDIS__PLANES];
+    pandis__look look;
+    double slip = -1, clear = 0, slope = 1;
+    const int most = p->exact ? c->options.budget - 1 : p->queries + (c->options.budget - p->queries) * 5 / 8;
+    const double longest = p->exact ? PANDIS__SLIVER : PANDIS__PACE;
+    int first = !p->exact, good = 1; /* out of the surface at first, where the proxy has sunk in */
+    if (p->exact && pandis__between(p->ball, p->x) > p->ball[3] + PANDIS__GAP) good = pandis__covers(p, p->x, 1);
+    if (good < 1) return good + 1;
+    for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
+        double goal[3], left = pandis__between(probe, p->x), along = 0, share = 1;
+        if (left <= PANDIS__SMALL) break;
+        const double pace = first ? 0 : fmin(fmax(fmin(c->pace, longest), clear), left);
+        for (int k = 0; k < 3; k++) goal[k] = p->x[k] + pace / left * (probe[k] - p->x[k]);
+        const int count = p->count;
+        memcpy(known, p->plane, sizeof known);
+        good = pandis__free_place(p, goal, first ? longest : 3 * pace, &slope, &look);
+        double step = pandis__between(look.at, p->x), nearer = left - pandis__between(look.at, probe);
+        for (int k = 0; k < 3; k++) along += (look.at[k] - p->x[k]) * (probe[k] - p->x[k]);
+        along /= fmax(step, PANDIS__SMALL);
+        double friction = (c->sticks ? way->sticking : way->sliding) * sqrt(fmax(0, left * left - along * along));
+        if (!p->count) friction = 0;
+        if (good == 1 && first) good = p->count > 0;
+        else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
+        if (good == 1 && p->exact && p->count) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 0) : 0;
+        if (good < 0) return 0;
+        if (!good) {
+            p->count = count;
+            memcpy(p->plane, known, sizeof known);
+            if (!first) c->pace = fmin(c->pace, longest) / 2;
+            clear = 0;
+            continue;
+        }
+        if (p->count && !first) {
+            if (slip < 0) slip = way->soft < 1 ? way->soft * (along - friction) : 1e300;
+            share = fmax(0, fmin(1, fmin(slip, way->travel) / step));
+            slip -= share * step, way->travel -= share * step, way->slid += share * step;
+        }
+        for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
+        c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
+        if (!p->count || !p->exact) { /* a ball of no size, on an approximate surface: that is looked at from above next */
+            pandis__take_ball(p, &look);
+            memcpy(p->ball, p->x, 3 * sizeof *p->ball);
+            if (p->count || !(look.free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
+        }
+        if (first) continue;
+        c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
+        if (p->exact) c->idle = 0; /* hops are faster, if they lead anywhere from here */
+        if (share < 1) break;
+    }
+    return 1;
+}
+
+/* Bring the proxy as near to the probe as it can come: by hops, and by a walk where these lead nowhere. 0: no answer. */
+static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe) {
+    pandis__contact *c = p->state;
+    const double least = p->exact ? 1e-9 : PANDIS__GAIN * way->travel, apart = pandis__between(probe, p->x);
+    const double moved = pandis__between(probe, c->probe);
+    c->rested += 1.0 / PANDIS__AGAIN + moved / fmax(PANDIS__MOVED * apart, PANDIS__SMALL);
+    if (c->rested > 1) c->rested = 0, c->pace = fmax(c->pace, PANDIS__PACE / 8);
+    if (c->idle >= PANDIS__IDLE && !pandis__walk_on(p, way, probe)) return 0;
+    const double before[3] = {p->x[0], p->x[1], p->x[2]};
+    if (!pandis__follow(p, way, probe)) return 0;
+    const double left = pandis__between(probe, p->x), gone = pandis__between(p->x, before);
+    int nowhere = left > PANDIS__SMALL && (gone < least || pandis__between(probe, before) <= left);
+    c->idle += nowhere ? 2 * (c->idle < PANDIS__IDLE) : -(c->idle > 0);
+    return 1;
+}
 /* ---------------------------------------------------------------- contact */
 
 /* The pull of the spring and the damping, in the object's frame and scene units, from where probe and proxy are. */
@@ -4263,7 +4391,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact
     pandis_error error = pandis__check_options(options, object);
     if (error) return error;
     c->options = *options, c->object = *object;
-    c->lift = PANDIS__HOVER, c->face = c->region = -1;
+    c->lift = PANDIS__HOVER, c->pace = PANDIS__PACE / 8, c->face = c->region = -1;
     return PANDIS_SUCCESS;
 }
 
@@ -4382,7 +4510,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
-    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
+    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__come(&p, &way, probe);
     if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe)) answered = answered && pandis__rise(&p, probe);
     if (answered && way.active && p.queries && options->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
@@ -4396,7 +4524,10 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     int active = way.active;
     contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;
     if (!active) contact->sticks = 0;
-    if (contact->state == PANDIS__CLEAR) contact->lift = PANDIS__HOVER, contact->settled = contact->close = 0;
+    if (contact->state == PANDIS__CLEAR) {
+        contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
+        contact->settled = contact->close = contact->idle = 0;
+    }
     /* the spring, whose length changes by no more than probe and proxy may go */
     double most = 2 * moved + options->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {

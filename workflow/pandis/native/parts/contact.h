@@ -61,7 +61,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact
     pandis_error error = pandis__check_options(options, object);
     if (error) return error;
     c->options = *options, c->object = *object;
-    c->lift = PANDIS__HOVER, c->face = c->region = -1;
+    c->lift = PANDIS__HOVER, c->pace = PANDIS__PACE / 8, c->face = c->region = -1;
     return PANDIS_SUCCESS;
 }
 
@@ -180,7 +180,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
-    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__follow(&p, &way, probe);
+    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__come(&p, &way, probe);
     if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe)) answered = answered && pandis__rise(&p, probe);
     if (answered && way.active && p.queries && options->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;
@@ -194,7 +194,10 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     int active = way.active;
     contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;
     if (!active) contact->sticks = 0;
-    if (contact->state == PANDIS__CLEAR) contact->lift = PANDIS__HOVER, contact->settled = contact->close = 0;
+    if (contact->state == PANDIS__CLEAR) {
+        contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
+        contact->settled = contact->close = contact->idle = 0;
+    }
     /* the spring, whose length changes by no more than probe and proxy may go */
     double most = 2 * moved + options->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {
