@@ -353,3 +353,23 @@ def test_a_probe_that_slides_and_presses_while_the_force_comes_in_owes_nothing(g
 def test_a_force_that_outlives_its_wall_is_booked(guard_program):
     """By a wall that stores little, it gives more than it took, and nothing saw it."""
     assert guard_program("vanishes")[0] == hdapi.UNSTABLE
+
+
+def test_whatever_a_guard_is_given_it_keeps_its_rules(tmp_path):
+    """20,000 runs of odd limits, periods, states and forces: every cause of a guard's own ends some."""
+    command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Wno-unused-function", "-I", HDAPI]
+    subprocess.run([*command, HERE / "guard_fuzz.c", "-o", tmp_path / "fuzz", "-lm"], check=True)
+    done = subprocess.run([tmp_path / "fuzz", "20000", "1"], capture_output=True, check=True)
+    broken, causes = map(int, done.stdout.split())
+    assert broken == 0
+    for cause in (
+        "SPEED",
+        "NUMBER",
+        "CALIBRATION",
+        "SWITCH",
+        "HOT",
+        "UNSTABLE",
+        "LIMITS",
+        "ENCODER",
+    ):
+        assert causes >> getattr(hdapi, cause) & 1, cause
