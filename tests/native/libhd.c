@@ -195,7 +195,8 @@ void hdGetIntegerv(unsigned int what, int *values) {
 }
 
 void hdGetBooleanv(unsigned int what, unsigned char *values) {
-    if (what == HD_CURRENT_SAFETY_SWITCH) *values = !faulty("open");
+    if (faulty("mute")) simulated_report(HD_INVALID_ENUM);
+    else if (what == HD_CURRENT_SAFETY_SWITCH) *values = !faulty("open");
 }
 
 /* What a position is delayed or spoilt by. */
@@ -217,6 +218,8 @@ void hdGetDoublev(unsigned int what, double *values) {
     double place[3];
     simulated_tell(&spec);
     simulated_place(place);
+    int moves = what == HD_CURRENT_POSITION || what == HD_CURRENT_VELOCITY || what == HD_CURRENT_TRANSFORM;
+    if (faulty("mute") && !moves) what = 0; /* it knows nothing of itself */
     switch (what) {
         case HD_NOMINAL_MAX_FORCE: *values = faulty("weak") ? 1 : spec.force; break;
         case HD_NOMINAL_MAX_CONTINUOUS_FORCE: *values = faulty("tired") ? 0.2 : 0.88; break;
@@ -254,7 +257,9 @@ void hdSetDoublev(unsigned int what, const double *values) {
     else memcpy(pending, values, sizeof pending);
 }
 
-const char *hdGetString(unsigned int what) { return what == HD_DEVICE_MODEL_TYPE ? "stand-in" : ""; }
+const char *hdGetString(unsigned int what) {
+    return faulty("mute") ? NULL : what == HD_DEVICE_MODEL_TYPE ? "stand-in" : "";
+}
 
 hd_error hdGetError(void) {
     hd_error found = {simulated_take_error(), 0, 0};

@@ -356,7 +356,7 @@ def test_a_force_that_outlives_its_wall_is_booked(guard_program):
 
 
 def test_whatever_a_guard_is_given_it_keeps_its_rules(tmp_path):
-    """20,000 runs of odd limits, periods, states and forces: every cause of a guard's own ends some."""
+    """20,000 runs of odd limits, states and forces; each of a guard's own causes ends some."""
     command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Wno-unused-function", "-I", HDAPI]
     subprocess.run([*command, HERE / "guard_fuzz.c", "-o", tmp_path / "fuzz", "-lm"], check=True)
     done = subprocess.run([tmp_path / "fuzz", "20000", "1"], capture_output=True, check=True)

@@ -599,6 +599,20 @@ def test_a_device_that_is_not_the_one_expected_is_refused(fault, said, run):
     assert seen.enabled == seen.calls == 0
 
 
+def test_a_device_that_tells_nothing_of_itself(run):
+    """It runs within the limits that were asked for, but is armed as no particular model."""
+    session, seen = run("mute", expected=3.3)
+    assert session.cause == hdapi.DEVICE
+    assert "another model" in session.sentence
+    assert seen.enabled == 0
+    session, seen = run("mute", expected=3.3, armed=False)
+    assert (session.cause, session.model) == (hdapi.DONE, "")
+    session, seen = run("mute")
+    assert session.cause == hdapi.DONE
+    assert 0.1 < seen.largest < 1.0
+    assert session.said.force == session.said.rate == 0
+
+
 def test_a_position_that_is_no_number(run):
     session, _ = run("nan 40")
     assert session.cause == hdapi.NUMBER
