@@ -32,6 +32,7 @@ FILES = ("pandis.h", "contact/contact.c", *(f"device/{name}" for name in (
 REASONS = {
     "for (int k = 0; k < 16; k++) {": "no library has reported sixteen errors between two ticks",
     "if (flag == PANDIS_INVALID) guard_end": "positions that are no numbers end runs before",
+    "if (g->cause || (tick >= order->ticks": "after its last tick a run asks for no force",
     "if (now.tv_sec > due.tv_sec": "late by a second: the watchdog has ended the run before",
     "if (client_signal)": "a process that ends by a signal counts nothing",
     "__atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG": "a callback that "

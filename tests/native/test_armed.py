@@ -103,6 +103,23 @@ def test_a_touch_and_go_while_the_force_comes_in_is_no_fault(files):
     assert (session.cause, session.signs) == (hdapi.DONE, 0), session.sentence
 
 
+def test_a_force_that_is_asked_for_every_third_tick_is_held_between(files):
+    """Simulated time alone has it, for rates that no device has."""
+    ticks = 150
+    rest = np.zeros((ticks, 3))
+    rest[:, 0] = RADIUS - 2e-3 + 1e-3 * np.sin(0.03 * np.arange(ticks))
+    places = np.array([RADIUS + 1e-3, 0, 0]), rest, np.zeros(3)
+    limits = LIMITS | ARMED | {"needs": 0, "step": 3.3}
+    wanted = order(files, ticks, limits=limits, held=3)
+    spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 400.0, "hand_damping": 8.0}))
+    session = hdapi.run_simulated(spec, *places, wanted)
+    assert session.cause == hdapi.DONE, session.sentence
+    assert session.damped == 0
+    late = session.force[30:ticks].reshape(-1, 3, 3)  # after the ramp
+    assert (late == late[:, :1]).all()
+    assert len(np.unique(late[:, 0], axis=0)) > 5
+
+
 @pytest.mark.parametrize("fault", ["frozen 60", "creep 60 14", "creep 60 64"])
 def test_an_encoder_that_sticks_or_drifts_ends_the_run(fault, run):  # noqa: F811
     """A position that crept into the wall at 20 or 100 mm/s gave 3.3 N to the end of the run."""

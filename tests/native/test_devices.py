@@ -593,10 +593,11 @@ def test_two_runs_in_a_row(run):
 
 @pytest.mark.parametrize(("fault", "said"), [("weak", "another model"), ("fast", "another rate")])
 def test_a_device_that_is_not_the_one_expected_is_refused(fault, said, run):
-    session, seen = run(fault, expected=3.3)
-    assert session.cause == hdapi.DEVICE
-    assert said in session.sentence
-    assert seen.enabled == seen.calls == 0
+    for armed in (True, False):
+        session, seen = run(fault, expected=3.3, armed=armed)
+        assert session.cause == hdapi.DEVICE
+        assert said in session.sentence
+        assert seen.enabled == seen.calls == 0
 
 
 def test_a_device_that_tells_nothing_of_itself(run):
