@@ -4320,7 +4320,8 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe)
     const double moved = pandis__between(probe, c->probe);
     c->rested += 1.0 / PANDIS__AGAIN + moved / fmax(PANDIS__MOVED * apart, PANDIS__SMALL);
     if (c->rested > 1) c->rested = 0, c->pace = fmax(c->pace, PANDIS__PACE / 8);
-    if (c->idle >= PANDIS__IDLE && !pandis__walk_on(p, way, probe)) return 0;
+    /* a probe that goes faster than the proxy may is not followed by short steps: it has to slow down before */
+    if (c->idle >= PANDIS__IDLE && moved < 0.5 * way->travel && !pandis__walk_on(p, way, probe)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     if (!pandis__follow(p, way, probe)) return 0;
     const double left = pandis__between(probe, p->x), gone = pandis__between(p->x, before);
