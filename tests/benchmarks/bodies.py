@@ -38,8 +38,8 @@ def file_of(body, name):
     ----------
     body : pandis.geometry.body.Body
     name : str
-        ``exact``, ``compact-{bits}``, ``spline-{kilobytes}K``, ``network-{steps}``, which is a
-        small one, or a grid, as in a configuration.
+        ``exact``, ``compact-{bits}``, ``spline-{kilobytes}K``, ``network-{steps}`` (a small one,
+        trained for so many steps), or a grid, as in a configuration.
 
     Returns
     -------

@@ -7,7 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from test_devices import (  # noqa: F401  # noqa: F401
+from test_devices import (  # noqa: F401
     HDAPI,
     HELD,
     HERE,
@@ -379,14 +379,6 @@ def test_whatever_a_guard_is_given_it_keeps_its_rules(tmp_path):
     done = subprocess.run([tmp_path / "fuzz", "20000", "1"], capture_output=True, check=True)
     broken, causes = map(int, done.stdout.split())
     assert broken == 0
-    for cause in (
-        "SPEED",
-        "NUMBER",
-        "CALIBRATION",
-        "SWITCH",
-        "HOT",
-        "UNSTABLE",
-        "LIMITS",
-        "ENCODER",
-    ):
+    own = "SPEED", "NUMBER", "CALIBRATION", "SWITCH", "HOT", "UNSTABLE", "LIMITS", "ENCODER"
+    for cause in own:
         assert causes >> getattr(hdapi, cause) & 1, cause

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -14,6 +15,8 @@ from bodies import UNIT, field_of
 from oracle import Solid
 from pandis.geometry.body import Body
 from pandis.geometry.frame import Frame
+from pandis.native.contact import NativeContact
+from pandis.native.scene import Placed
 from ways import SHAPES, draw, judge
 
 #: Shapes in which approximate fields are rounded.
@@ -27,7 +30,7 @@ KINDS = {
     "spline-100K": (1.0, ("corner of 3", "groove")),
     "network-100": (5.0, ("slit",)),
 }
-COUNT = 60
+COUNT = 61
 
 
 @pytest.mark.parametrize(
@@ -48,3 +51,24 @@ def test_a_proxy_always_comes_along(kind, name):
     assert seen["left"] == 0, worst
     assert seen["passes"] == seen["bounds"] == 0
     assert seen["late"] <= COUNT / 10
+
+
+@pytest.mark.parametrize("kind", ["exact", "compact-16"])
+@pytest.mark.parametrize("thick", [5e-5, 1e-4, 3e-4, 2e-3])
+def test_nothing_walks_through_a_foil(kind, thick):
+    """On less than a step of matter a place straight towards the probe is free: beyond it."""
+    foil = trimesh.creation.box((1.2, 1.2, thick))
+    turn = Rotation.random(random_state=5).as_matrix()
+    body = Body(foil.vertices @ turn.T, np.asarray(foil.faces, np.int32), UNIT)
+    placed = Placed(field_of(body, kind), np.eye(3), np.zeros(3), 1.0, 400.0)
+    rng = np.random.default_rng(0)
+    for radius in (0.0, thick):
+        for _ in range(4):
+            begin, pressed, aside = rng.uniform(-0.2, 0.2, (3, 3))
+            begin[2], pressed[2], aside[2] = 0.05, -rng.uniform(1e-3, 0.1), -0.03
+            there, back = np.linspace(begin, pressed, 40), np.linspace(pressed, aside, 40)
+            rests = (np.repeat(place[None], 300, 0) for place in (pressed, aside))
+            path = np.concatenate([there, next(rests), back, next(rests)])
+            steps = NativeContact(placed, radius).follow(path @ turn.T)
+            assert (steps.proxy @ turn)[:, 2].min() > thick / 2 + radius - 3e-5
+            assert steps.force[-1].any()

@@ -6,8 +6,9 @@
 
 #define PANDIS__PACE 1.6e-3        /* its longest step; it begins with an eighth of that, */
 #define PANDIS__TIRED (1 / 1024.0) /* and ends at so small a share, for each step that fails halves the next */
-#define PANDIS__IDLE 16            /* it begins after half as many steps of the contact that lead nowhere: */
-#define PANDIS__GAIN 0.05          /* not this share of how far the proxy may go, or no nearer to the probe */
+#define PANDIS__IDLE 16            /* it begins at this count: a step of the contact that leads nowhere is 2, another -1 */
+#define PANDIS__GAIN 0.05          /* what leads nowhere: less than this share of how far the proxy may go, */
+#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, than this, or no nearer to the probe */
 #define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
 #define PANDIS__MOVED 0.2          /* or when the probe has gone this share of its distance to the proxy */
 #define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which it rests */
@@ -43,8 +44,9 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     return 0;
 }
 
-/* Take a ball that is free above a place, by the planes that hold the proxy there. Returns whether it joins the last one:
- * on an exact surface, which may be thinner than a step, a place alone says nothing of the way to it. -1: no answer. */
+/* Take a ball that is free above a place, by the planes that hold the proxy there, if any. Returns whether it joins the
+ * last one: of an exact surface, which may be thinner than a step, a free place says nothing of the way to it. -1: no
+ * answer. `anew`: it need not join any, but has to reach the place. */
 static int pandis__covers(pandis__proxy *p, const double *place, int anew) {
     pandis__look look;
     double at[3];
@@ -61,7 +63,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     pandis__contact *c = p->state;
     pandis__plane known[PANDIS__PLANES];
     pandis__look look;
-    double slip = -1, clear = 0, slope = 1;
+    double slip = -1, clear = 0, slope = 1, side[3] = {0};
     const int most = p->exact ? c->options.budget - 1 : p->queries + (c->options.budget - p->queries) * 5 / 8;
     const double longest = p->exact ? PANDIS__SLIVER : PANDIS__PACE;
     int first = !p->exact, good = 1; /* out of the surface at first, where the proxy has sunk in */
@@ -75,15 +77,21 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         const int count = p->count;
         memcpy(known, p->plane, sizeof known);
         good = pandis__free_place(p, goal, first ? longest : 3 * pace, &slope, &look);
-        double step = pandis__between(look.at, p->x), nearer = left - pandis__between(look.at, probe);
-        for (int k = 0; k < 3; k++) along += (look.at[k] - p->x[k]) * (probe[k] - p->x[k]);
+        double step = pandis__between(look.at, p->x), behind = 0, nearer = left - pandis__between(look.at, probe);
+        for (int k = 0; k < 3; k++) {
+            along += (look.at[k] - p->x[k]) * (probe[k] - p->x[k]);
+            behind -= (look.at[k] - p->x[k]) * side[k];
+        }
         along /= fmax(step, PANDIS__SMALL);
         double friction = (c->sticks ? way->sticking : way->sliding) * sqrt(fmax(0, left * left - along * along));
         if (!p->count) friction = 0;
         if (good == 1 && first) good = p->count > 0;
         else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
-        if (good == 1 && p->exact && p->count) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 0) : 0;
+        /* a place behind the surface, which faces the other way there, is a thin wall's other side */
+        if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
+        if (good == 1 && p->exact) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 0) : 0;
         if (good < 0) return 0;
+        if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good) {
             p->count = count;
             memcpy(p->plane, known, sizeof known);
@@ -98,7 +106,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         }
         for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
         c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
-        if (!p->count || !p->exact) { /* a ball of no size, on an approximate surface: that is looked at from above next */
+        if (!p->exact) { /* on the surface a ball of no size: that is looked at from above next */
             pandis__take_ball(p, &look);
             memcpy(p->ball, p->x, 3 * sizeof *p->ball);
             if (p->count || !(look.free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
@@ -114,8 +122,8 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
 /* Bring the proxy as near to the probe as it can come: by hops, and by a walk where these lead nowhere. 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
-    const double least = p->exact ? 1e-9 : PANDIS__GAIN * way->travel, apart = pandis__between(probe, p->x);
-    const double moved = pandis__between(probe, c->probe);
+    const double least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
+    const double moved = pandis__between(probe, c->probe), apart = pandis__between(probe, p->x);
     c->rested += 1.0 / PANDIS__AGAIN + moved / fmax(PANDIS__MOVED * apart, PANDIS__SMALL);
     if (c->rested > 1) c->rested = 0, c->pace = fmax(c->pace, PANDIS__PACE / 8);
     /* a probe that goes faster than the proxy may is not followed by short steps: it has to slow down before */
