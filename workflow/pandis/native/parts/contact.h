@@ -180,7 +180,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);
-    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__come(&p, &way, probe);
+    if (contact->state != PANDIS__BEGINS) answered = answered && pandis__come(&p, &way, probe, moved);
     if (contact->sunk > 0 && !way.active && !memcmp(p.x, probe, sizeof probe)) answered = answered && pandis__rise(&p, probe);
     if (answered && way.active && p.queries && options->regions && !f->regions) pandis__find_region(&p);
     touch->queries = p.queries, touch->flag = p.flag;

@@ -10,30 +10,24 @@ typedef struct {
 
 static double pandis__height(const pandis__plane *p, const double *x) { return pandis__dot(p->normal, x) - p->offset; }
 
-/* The point on one, two or three planes that is nearest to a goal, if the goal is behind all of them together: each
- * has to push, or the point is not the nearest one in front of them. 0 if not so, or if they are nearly parallel. */
-static int pandis__onto(const pandis__plane *planes, const int *which, int count, const double *goal, double *y) {
-    double gram[3][3], right[3], push[3];
-    for (int i = 0; i < count; i++) {
-        for (int j = 0; j < count; j++) gram[i][j] = pandis__dot(planes[which[i]].normal, planes[which[j]].normal);
-        right[i] = -pandis__height(planes + which[i], goal);
-    }
-    if (count == 1) {
-        push[0] = right[0];
-    } else if (count == 2) {
-        double cross[3], c = gram[0][1];
-        pandis__cross(planes[which[0]].normal, planes[which[1]].normal, cross);
-        double det = pandis__dot(cross, cross); /* 1 - c^2, without what that loses */
+/* The point on two or three planes that is nearest to a goal, if the goal is behind all of them together: each has to
+ * push, or the point is not the nearest one in front of them. 0 if not so, or if they are nearly parallel. */
+static int pandis__onto(const pandis__plane *planes, const int *which, int count, const double *under, const double *goal,
+                        double *y) {
+    const double *a = planes[which[0]].normal, *b = planes[which[1]].normal;
+    double push[3], across[3][3], sum[3];
+    pandis__cross(a, b, across[2]);
+    if (count == 2) {
+        double c = pandis__dot(a, b), det = pandis__dot(across[2], across[2]); /* 1 - c^2, without what that loses */
         if (!(det > 1e-14)) return 0;
-        push[0] = (right[0] - c * right[1]) / det, push[1] = (right[1] - c * right[0]) / det;
+        push[0] = (c * under[which[1]] - under[which[0]]) / det, push[1] = (c * under[which[0]] - under[which[1]]) / det;
     } else {
-        double across[3][3], sum[3];
-        for (int i = 0; i < 3; i++)
-            pandis__cross(planes[which[(i + 1) % 3]].normal, planes[which[(i + 2) % 3]].normal, across[i]);
-        double det = pandis__dot(planes[which[0]].normal, across[0]);
+        const double *last = planes[which[2]].normal;
+        pandis__cross(b, last, across[0]), pandis__cross(last, a, across[1]);
+        double det = pandis__dot(a, across[0]);
         if (!(fabs(det) > 1e-9)) return 0;
         for (int k = 0; k < 3; k++)
-            sum[k] = (right[0] * across[0][k] + right[1] * across[1][k] + right[2] * across[2][k]) / det;
+            sum[k] = -(under[which[0]] * across[0][k] + under[which[1]] * across[1][k] + under[which[2]] * across[2][k]) / det;
         for (int i = 0; i < 3; i++) push[i] = pandis__dot(sum, across[i]) / det;
     }
     for (int k = 0; k < 3; k++) y[k] = goal[k];
@@ -44,36 +38,44 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
-/* Whether a set of planes, by their bits, gives the point: all others lie behind it. */
-static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *goal, double *y) {
-    int active = 0;
-    if (!pandis__onto(planes, which, size, goal, y)) return 0;
-    for (int i = 0; i < size; i++) active |= 1 << which[i];
+/* Whether a set of planes gives the point: the goal is behind one of them, and all others lie behind the point. Returns a
+ * bit for each of the set, or 0. */
+static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *under, int behind,
+                         const double *goal, double *y) {
+    int set = 0;
+    for (int i = 0; i < size; i++) set |= 1 << which[i];
+    if (!(set & behind)) return 0;
+    if (size == 1)
+        for (int k = 0; k < 3; k++) y[k] = goal[k] - under[which[0]] * planes[which[0]].normal[k];
+    else if (!pandis__onto(planes, which, size, under, goal, y))
+        return 0;
     for (int i = 0; i < count; i++)
-        if (!(active >> i & 1) && pandis__height(planes + i, y) < -1e-13) return 0;
-    return active;
+        if (!(set >> i & 1) && pandis__height(planes + i, y) < -1e-13) return 0;
+    return set;
 }
 
 /* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. With planes
  * that nothing satisfies together, the last one, which was looked at last, decides. */
 static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
-    int which[3], active = 0, behind = 0;
-    for (int i = 0; i < count; i++) behind |= pandis__height(planes + i, goal) < 0;
+    double under[PANDIS__PLANES];
+    int set, behind = 0;
+    for (int i = 0; i < count; i++) under[i] = pandis__height(planes + i, goal), behind |= (under[i] < 0) << i;
     memcpy(y, goal, 3 * sizeof *y);
     if (!behind) return 0;
     for (int i = 0; i < count; i++)
-        if (which[0] = i, (active = pandis__gives(planes, count, which, 1, goal, y))) return active;
+        if ((set = pandis__gives(planes, count, &i, 1, under, behind, goal, y))) return set;
     for (int j = 1; j < count; j++)
-        for (int i = 0; i < j; i++)
-            if (which[0] = i, which[1] = j, (active = pandis__gives(planes, count, which, 2, goal, y))) return active;
+        for (int i = 0; i < j; i++) {
+            const int which[2] = {i, j};
+            if ((set = pandis__gives(planes, count, which, 2, under, behind, goal, y))) return set;
+        }
     for (int k = 2; k < count; k++)
         for (int j = 1; j < k; j++)
-            for (int i = 0; i < j; i++)
-                if (which[0] = i, which[1] = j, which[2] = k, (active = pandis__gives(planes, count, which, 3, goal, y)))
-                    return active;
+            for (int i = 0; i < j; i++) {
+                const int which[3] = {i, j, k};
+                if ((set = pandis__gives(planes, count, which, 3, under, behind, goal, y))) return set;
+            }
     int last = count - 1;
-    memcpy(y, goal, 3 * sizeof *y);
-    double under = pandis__height(planes + last, goal);
-    for (int k = 0; under < 0 && k < 3; k++) y[k] -= under * planes[last].normal[k];
-    return under < 0 ? 1 << last : 0;
+    for (int k = 0; k < 3; k++) y[k] = goal[k] - fmin(0, under[last]) * planes[last].normal[k];
+    return under[last] < 0 ? 1 << last : 0;
 }

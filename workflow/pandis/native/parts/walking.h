@@ -119,19 +119,31 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     return 1;
 }
 
-/* Bring the proxy as near to the probe as it can come: by hops, and by a walk where these lead nowhere. 0: no answer. */
-static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe) {
+/* Walk, if the proxy is not at rest. 0: no answer. */
+PANDIS__ONCE static int pandis__try_walk(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
+    pandis__contact *c = p->state;
+    c->rested += 1.0 / PANDIS__AGAIN + moved / fmax(PANDIS__MOVED * pandis__between(probe, p->x), PANDIS__SMALL);
+    if (c->rested > 1) c->rested = 0, c->pace = fmax(c->pace, PANDIS__PACE / 8);
+    return pandis__walk_on(p, way, probe);
+}
+
+/* Bring the proxy as near to the probe, which moved so far, as it can come: by hops, and by a walk where these lead
+ * nowhere. 0: no answer. */
+static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
     const double least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
-    const double moved = pandis__between(probe, c->probe), apart = pandis__between(probe, p->x);
-    c->rested += 1.0 / PANDIS__AGAIN + moved / fmax(PANDIS__MOVED * apart, PANDIS__SMALL);
-    if (c->rested > 1) c->rested = 0, c->pace = fmax(c->pace, PANDIS__PACE / 8);
+    if (c->idle < PANDIS__IDLE) c->rested = 1;
     /* a probe that goes faster than the proxy may is not followed by short steps: it has to slow down before */
-    if (c->idle >= PANDIS__IDLE && moved < 0.5 * way->travel && !pandis__walk_on(p, way, probe)) return 0;
+    else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     if (!pandis__follow(p, way, probe)) return 0;
-    const double left = pandis__between(probe, p->x), gone = pandis__between(p->x, before);
-    int nowhere = left > PANDIS__SMALL && (gone < least || pandis__between(probe, before) <= left);
+    double gone = 0, apart = 0, left = 0; /* all of them squared */
+    for (int k = 0; k < 3; k++) {
+        gone += (p->x[k] - before[k]) * (p->x[k] - before[k]);
+        apart += (probe[k] - before[k]) * (probe[k] - before[k]);
+        left += (probe[k] - p->x[k]) * (probe[k] - p->x[k]);
+    }
+    int nowhere = left > PANDIS__SMALL * PANDIS__SMALL && (gone < least * least || apart <= left);
     c->idle += nowhere ? 2 * (c->idle < PANDIS__IDLE) : -(c->idle > 0);
     return 1;
 }
