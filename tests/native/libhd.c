@@ -2,6 +2,8 @@
  * 1 kHz. It faults as PANDIS_FAULT says:
  *
  *     init            there is no device
+ *     nothing         there is none, and it says nothing of it
+ *     doubtful        it opens the device, and reports errors of that
  *     start           the scheduler does not start
  *     error N CODE    the device reports CODE at tick N
  *     ending N CODE   the device reports CODE at the end of tick N's frame, and calls no more
@@ -122,10 +124,11 @@ unsigned int hdInitDevice(const char *name) {
     simulated_prepare(&touch, start, hand, press, 1);
     memcpy(simulated.error, error, sizeof error), simulated.errors = errors;
     framed = frames = scheduled = 0;
-    if (faulty("init") || (name && strcmp(name, "Default Device"))) {
-        simulated_report(HD_DEVICE_FAULT);
+    if (faulty("init") || faulty("nothing") || (name && strcmp(name, "Default Device"))) {
+        if (!faulty("nothing")) simulated_report(HD_DEVICE_FAULT);
         return HD_INVALID_HANDLE;
     }
+    if (faulty("doubtful")) simulated_report(HD_COMM_ERROR), simulated_report(HD_DEVICE_FAULT);
     if (initialised || !own()) {
         simulated_report(HD_INVALID_OPERATION);
         return HD_INVALID_HANDLE;

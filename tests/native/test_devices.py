@@ -469,6 +469,18 @@ def test_a_process_that_dies_lets_go_of_the_device(name, outside, stand_in, file
     assert "motors hold the last force" in done.stderr
 
 
+def test_a_signal_that_the_program_has_plans_for_is_left_to_it(run):
+    seen = []
+    before = signal.signal(signal.SIGUSR1, lambda number, _: seen.append(number))
+    try:
+        session, _ = run(f"raise 60 {int(signal.SIGUSR1):x}")
+        assert session.cause == hdapi.DONE
+        assert session.force[60:].any()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert seen == [signal.SIGUSR1]
+
+
 @contextmanager
 def armed_process(stand_in, files, record, *, shared):
     """Give an armed run in a process of its own, once it has sent a force."""
@@ -627,12 +639,21 @@ def test_a_position_that_jumps(run):
     assert not session.force[40:].any()
 
 
-def test_no_device(run):
-    for fault, name in (("init", ""), ("", "Left Device")):
-        session, seen = run(fault, name)
-        assert (session.cause, session.code) == (hdapi.DEVICE, 0x0300)
-        assert len(session.force) == 0
-        assert seen.enabled == 0
+@pytest.mark.parametrize(
+    ("fault", "name", "code"),
+    [
+        ("init", "", 0x0300),
+        ("nothing", "", 0x0300),
+        ("doubtful", "", 0x0302),
+        ("", "Left Device", 0x0300),
+    ],
+)
+def test_no_device(fault, name, code, run):
+    session, seen = run(fault, name)
+    assert (session.cause, session.code) == (hdapi.DEVICE, code)
+    assert len(session.force) == 0
+    assert seen.enabled == 0
+    assert run()[0].cause == hdapi.DONE  # nothing of it is left open
 
 
 def test_a_scheduler_that_does_not_start(run):

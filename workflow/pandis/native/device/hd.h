@@ -132,6 +132,13 @@ static unsigned int hd_drain(void) {
     return first;
 }
 
+/* Whether a safety switch is closed, in however many bytes the library says so. */
+static int hd_closed(const unsigned char *safety) {
+    int any = 0;
+    for (int k = 0; k < HD_BOOLEAN; k++) any |= safety[k];
+    return any != 0;
+}
+
 /* A number, or several, that a device may not know. */
 static int hd_ask(unsigned int what, double *values, int count) {
     for (int k = 0; k < count; k++) values[k] = 0;
@@ -164,7 +171,7 @@ static unsigned int hd_open(device *self, const char *name, device_spec *spec) {
     hd.api.get_booleans(HD_CURRENT_SAFETY_SWITCH, safety);
     hd.safety = hd_drain() == HD_SUCCESS;
     /* what reads as open at the start may be a device without one */
-    spec->has_switch = hd.safety && (safety[0] || safety[1] || safety[2] || safety[3]);
+    spec->has_switch = hd.safety && hd_closed(safety);
     return 0;
 }
 
@@ -197,7 +204,7 @@ static void hd_read(device *self, device_state *state) {
     for (int k = 0; k < HD_MOTORS; k++)
         if (isnan(heat[k]) || heat[k] > state->temperature) state->temperature = heat[k]; /* NaN stays */
     state->buttons = (unsigned int)buttons[0];
-    state->safe = safety[0] || safety[1] || safety[2] || safety[3];
+    state->safe = hd_closed(safety);
     state->time = (double)NAN;
 }
 
