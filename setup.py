@@ -12,8 +12,8 @@ from setuptools.command.build_py import build_py
 
 sys.path.insert(0, str(Path(__file__).parent / "workflow"))
 
-from pandis.errors import PandisError
-from pandis.native.compiler import prebuild
+from pandis.base.errors import PandisError
+from pandis.engine.compiler import prebuild
 
 #: The oldest C library that a wheel for all Linux systems may ask for: 2.17.
 OLDEST = 17
@@ -38,7 +38,7 @@ class BuildPy(build_py):
         super().run()
         if self.editable_mode:
             return
-        folder = Path(self.build_lib) / "pandis/native/built"
+        folder = Path(self.build_lib) / "pandis/engine/built"
         shutil.rmtree(folder, ignore_errors=True)  # an earlier build's are of other sources
         try:
             BuildPy.made = prebuild(folder, foreign())

@@ -4,7 +4,8 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 try:
-    from pandis.run import cluster, ending, scheduling, stored
+    from pandis.pipeline.run.host import cluster, ending, scheduling
+    from pandis.pipeline.run.job import stored
 except ModuleNotFoundError as error:
     if error.name != "pandis":
         raise
@@ -12,8 +13,8 @@ except ModuleNotFoundError as error:
         "the library pandis lies beside its Snakefile, and this one was fetched without it: clone "
         "the repository (git submodule add) and name the Snakefile of the clone by its path"
     ) from None
-from pandis.run.catalogue import GRID_FIELDS, MESH_NAME
-from pandis.run.plan import open_plan
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, MESH_NAME
+from pandis.pipeline.run.plan.plan import open_plan
 
 # the library of this file's own repository: another workflow may have taken it in as a module
 root = Path(workflow.current_basedir).parent / "workflow"

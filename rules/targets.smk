@@ -1,4 +1,4 @@
-# What else can be asked for by name; see the targets in workflow/pandis/run/stages.py.
+# What else can be asked for by name; see the targets in workflow/pandis/pipeline/run/plan/stages.py.
 rule meshes:
     input:
         plan.target("meshes"),

@@ -1,9 +1,9 @@
 """Fill one grid. Reads mesh.zarr.zip, writes grid-{content}-{size}.zarr.zip."""
 
-from pandis.geometry.body import Body
-from pandis.grids.dense import DenseGrid
-from pandis.run.stage import stage
-from pandis.run.tasks import BakeTask
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.run.ask.tasks import BakeTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, BakeTask) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,11 +1,11 @@
 """Search the size of one grid, and make it. Writes grid-{kind}-auto.zarr.zip."""
 
-from pandis.evaluation.points import Points
-from pandis.fields.sizing import Sizing
-from pandis.geometry.body import Body
-from pandis.geometry.physical import Scale
-from pandis.run.stage import stage
-from pandis.run.tasks import BakeAutoTask
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.sizing import Sizing
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.ask.tasks import BakeAutoTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, BakeAutoTask) as job:
     mesh = job.read("mesh", "mesh")

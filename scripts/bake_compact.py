@@ -1,9 +1,9 @@
 """Pack one mesh on a lattice. Reads mesh.zarr.zip, writes compact-{bits}.zarr.zip."""
 
-from pandis.geometry.body import Body
-from pandis.grids.compact import build_compact
-from pandis.run.stage import stage
-from pandis.run.tasks import BakeCompactTask
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.grids.compact import build_compact
+from pandis.pipeline.run.ask.tasks import BakeCompactTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, BakeCompactTask) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,11 +1,11 @@
 """Search bits and faces of a compact mesh, and pack it. Writes compact-auto.zarr.zip."""
 
-from pandis.evaluation.points import Points
-from pandis.fields.compact_sizing import CompactSizing
-from pandis.geometry.body import Body
-from pandis.geometry.physical import Scale
-from pandis.run.stage import stage
-from pandis.run.tasks import BakeCompactAutoTask
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.compact_sizing import CompactSizing
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.ask.tasks import BakeCompactAutoTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, BakeCompactAutoTask) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,9 +1,9 @@
 """Fit one spline. Reads mesh.zarr.zip, writes grid-spline-{size}.zarr.zip."""
 
-from pandis.geometry.body import Body
-from pandis.grids.spline import SplineFit, samples_for
-from pandis.run.stage import stage
-from pandis.run.tasks import BakeSplineTask
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.run.ask.tasks import BakeSplineTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, BakeSplineTask) as job:
     mesh = job.read("mesh", "mesh")

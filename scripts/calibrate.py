@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from pandis.evaluation.calibration import calibrate
-from pandis.run.artifact import write_atomically
-from pandis.run.stage import stage
-from pandis.run.tasks import CalibrateTask
+from pandis.pipeline.judge.timing.calibration import calibrate
+from pandis.pipeline.run.ask.tasks import CalibrateTask
+from pandis.pipeline.run.job.artifact import write_atomically
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, CalibrateTask) as job:
     table = calibrate(job.progress).encode()

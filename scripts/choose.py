@@ -1,12 +1,12 @@
 """Build the cheapest field that meets the budget. Writes choice.zarr.zip."""
 
-from pandis.evaluation.choice import Chooser
-from pandis.evaluation.points import Points
-from pandis.geometry.body import Body
-from pandis.geometry.physical import Scale
-from pandis.run.query_times import QueryTimes
-from pandis.run.stage import stage
-from pandis.run.tasks import ChooseTask
+from pandis.base.physical import Scale
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.judge.choice import Chooser
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.ask.tasks import ChooseTask
+from pandis.pipeline.run.job.stage import stage
+from pandis.pipeline.run.plan.query_times import QueryTimes
 
 with stage(snakemake, ChooseTask) as job:
     mesh, times = job.read("mesh", "mesh"), QueryTimes(job.note_file(job.input.times))

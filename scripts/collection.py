@@ -3,10 +3,10 @@
 import hashlib
 from pathlib import Path
 
-from pandis.report.collection import build, collect, to_csv
-from pandis.report.seal import seal
-from pandis.run.stage import stage
-from pandis.run.tasks import SummaryTask
+from pandis.pipeline.report.collection import build, collect, to_csv
+from pandis.pipeline.report.seal import seal
+from pandis.pipeline.run.ask.tasks import SummaryTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, SummaryTask) as job:
     folder = Path(job.output[0]).parent

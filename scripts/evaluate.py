@@ -1,9 +1,9 @@
 """Compare all fields of a mesh with the exact one. Writes evaluation.zarr.zip."""
 
-from pandis.evaluation.comparison import compare
-from pandis.fields.registry import open_fields
-from pandis.run.stage import stage
-from pandis.run.tasks import EvaluateTask
+from pandis.pipeline.fields.registry import open_fields
+from pandis.pipeline.judge.errors.comparison import compare
+from pandis.pipeline.run.ask.tasks import EvaluateTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, EvaluateTask) as job:
     mesh = job.read("mesh", "mesh")

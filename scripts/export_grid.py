@@ -1,8 +1,8 @@
 """Export one grid field. Reads grid-….zarr.zip, writes export/{field}.onnx."""
 
-from pandis.export.grids import export_grid
-from pandis.run.stage import stage
-from pandis.run.tasks import ExportTask
+from pandis.pipeline.export.grids import export_grid
+from pandis.pipeline.run.ask.tasks import ExportTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ExportTask) as job:
     grid = job.read("grid", "grid")

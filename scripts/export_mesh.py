@@ -1,10 +1,10 @@
 """Write the mesh for other programs. Reads mesh.zarr.zip, writes export/mesh.obj."""
 
-from pandis.export.drawn import export_mesh
-from pandis.geometry.body import Body
-from pandis.report.seal import seal
-from pandis.run.stage import stage
-from pandis.run.tasks import ExportMeshTask
+from pandis.pipeline.export.drawn import export_mesh
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.report.seal import seal
+from pandis.pipeline.run.ask.tasks import ExportMeshTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ExportMeshTask) as job:
     body = Body.open(job.read("mesh", "mesh"))

@@ -1,9 +1,9 @@
 """Write a model for MuJoCo. Reads export/*.pandis and mesh.obj, writes export/mujoco.xml."""
 
-from pandis.export.mjcf import export_mjcf
-from pandis.report.seal import seal
-from pandis.run.stage import stage
-from pandis.run.tasks import ExportMjcfTask
+from pandis.pipeline.export.mjcf import export_mjcf
+from pandis.pipeline.report.seal import seal
+from pandis.pipeline.run.ask.tasks import ExportMjcfTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ExportMjcfTask) as job:
     files = [job.note_file(path) for path in job.input.exports]

@@ -1,11 +1,11 @@
 """Export one field for pandis.h. Reads what holds it, writes export/{field}.pandis."""
 
-from pandis.export.native import export_native
-from pandis.fields.registry import kind_of, open_field
-from pandis.geometry.body import Body
-from pandis.run.catalogue import parse_field
-from pandis.run.stage import stage
-from pandis.run.tasks import ExportNativeTask
+from pandis.pipeline.export.native import export_native
+from pandis.pipeline.fields.registry import kind_of, open_field
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.tasks import ExportNativeTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ExportNativeTask) as job:
     task, name = job.options, job.options.field

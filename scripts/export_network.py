@@ -1,9 +1,9 @@
 """Export one network. Reads model-{recipe}.zarr.zip, writes export/{recipe}.onnx and .pt2."""
 
-from pandis.export.networks import export_network
-from pandis.export.programs import export_program
-from pandis.run.stage import stage
-from pandis.run.tasks import ExportTask
+from pandis.pipeline.export.networks import export_network
+from pandis.pipeline.export.programs import export_program
+from pandis.pipeline.run.ask.tasks import ExportTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ExportTask) as job:
     model = job.read("model", "model")

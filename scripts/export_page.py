@@ -1,10 +1,10 @@
 """Put the exported fields of a mesh on a page. Reads export/*.pandis, writes export/touch.html."""
 
-from pandis.native.runtime import NativeField
-from pandis.native.web import STIFFEST, page, with_proxies
-from pandis.report.seal import seal
-from pandis.run.stage import stage
-from pandis.run.tasks import ExportPageTask
+from pandis.bridges.web import STIFFEST, page, with_proxies
+from pandis.pipeline.report.seal import seal
+from pandis.pipeline.run.ask.tasks import ExportPageTask
+from pandis.pipeline.run.job.stage import stage
+from pandis.runtime.field import NativeField
 
 with stage(snakemake, ExportPageTask) as job:
     fields = with_proxies([NativeField(job.note_file(path)) for path in job.input.exports], job.log)

@@ -1,8 +1,8 @@
 """Write one grid field as VTK image data. Reads grid-….zarr.zip, writes export/{field}.vti."""
 
-from pandis.export.vti import export_vti
-from pandis.run.stage import stage
-from pandis.run.tasks import ExportTask
+from pandis.pipeline.export.vti import export_vti
+from pandis.pipeline.run.ask.tasks import ExportTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ExportTask) as job:
     grid = job.read("grid", "grid")

@@ -1,9 +1,9 @@
 """Read and repair one mesh. Reads its source, writes mesh.zarr.zip."""
 
-from pandis.mesh.build import build
-from pandis.run.sourcing import source_path
-from pandis.run.stage import stage
-from pandis.run.tasks import MeshTask
+from pandis.pipeline.mesh.build import build
+from pandis.pipeline.run.ask.sourcing import source_path
+from pandis.pipeline.run.ask.tasks import MeshTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, MeshTask) as job:
     files = [job.note_file(path) for path in job.input]

@@ -1,8 +1,8 @@
 """Say why a mesh cannot be built, and fail. Writes nothing."""
 
-from pandis.errors import PandisError
-from pandis.run.stage import stage
-from pandis.run.tasks import RefuseTask
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.tasks import RefuseTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, RefuseTask) as job:
     raise PandisError(job.options.why)

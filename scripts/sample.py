@@ -1,9 +1,9 @@
 """Draw and label training points. Reads mesh.zarr.zip, writes samples.zarr.zip."""
 
-from pandis.geometry.body import Body
-from pandis.geometry.strata import Strata
-from pandis.run.stage import stage
-from pandis.run.tasks import SampleTask
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.run.ask.tasks import SampleTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, SampleTask) as job:
     mesh = job.read("mesh", "mesh")

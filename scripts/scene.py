@@ -1,8 +1,8 @@
 """Try a scene. Reads its objects' fields, writes scenes/{scene}.zarr.zip, .json and .h."""
 
-from pandis.evaluation.scenes import try_scene
-from pandis.run.stage import stage
-from pandis.run.tasks import SceneTask
+from pandis.pipeline.judge.scenes import try_scene
+from pandis.pipeline.run.ask.tasks import SceneTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, SceneTask) as job:
     files = [job.note_file(path) for path in job.input.fields]

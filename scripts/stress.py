@@ -1,11 +1,11 @@
 """Ask all fields of a mesh what they do to a device and a hand. Writes stress.zarr.zip."""
 
-from pandis.fields.controls import controls
-from pandis.fields.registry import open_fields
-from pandis.geometry.physical import Scale
-from pandis.run.stage import stage
-from pandis.run.tasks import StressTask
-from pandis.stress.suite import Suite, stress
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.controls import controls
+from pandis.pipeline.fields.registry import open_fields
+from pandis.pipeline.judge.stress.suite import Suite, stress
+from pandis.pipeline.run.ask.tasks import StressTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, StressTask) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,8 +1,8 @@
 """Collect one row per mesh and field. Writes results/summary.csv."""
 
-from pandis.report.tables import summarise, to_csv
-from pandis.run.stage import stage
-from pandis.run.tasks import SummaryTask
+from pandis.pipeline.report.tables import summarise, to_csv
+from pandis.pipeline.run.ask.tasks import SummaryTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, SummaryTask) as job:
     inputs = job.input

@@ -1,9 +1,9 @@
 """Lay support planes around a mesh. Writes method-support-planes.zarr.zip."""
 
-from pandis.geometry.body import Body
-from pandis.grids.planes import build_planes
-from pandis.run.stage import stage
-from pandis.run.tasks import SupportPlanesTask
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.grids.planes import build_planes
+from pandis.pipeline.run.ask.tasks import SupportPlanesTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, SupportPlanesTask) as job:
     mesh = job.read("mesh", "mesh")

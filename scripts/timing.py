@@ -1,9 +1,9 @@
 """Time all fields of a mesh. Writes timing.zarr.zip."""
 
-from pandis.evaluation.timing import time_fields, time_program
-from pandis.fields.registry import open_fields
-from pandis.run.stage import stage
-from pandis.run.tasks import TimingTask
+from pandis.pipeline.fields.registry import open_fields
+from pandis.pipeline.judge.timing.timing import time_fields, time_program
+from pandis.pipeline.run.ask.tasks import TimingTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, TimingTask) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,12 +1,12 @@
 """Train one network. Reads mesh.zarr.zip, samples.zarr.zip, writes model-{recipe}.zarr.zip."""
 
-from pandis.evaluation.points import Points
-from pandis.geometry.body import Body
-from pandis.geometry.physical import Scale
-from pandis.geometry.strata import Strata
-from pandis.run.stage import stage
-from pandis.run.tasks import TrainTask
-from pandis.training.sizing import train
+from pandis.base.physical import Scale
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.ask.tasks import TrainTask
+from pandis.pipeline.run.job.stage import stage
+from pandis.pipeline.training.sizing import train
 
 with stage(snakemake, TrainTask) as job:
     mesh, samples = job.read("mesh", "mesh"), job.read("samples", "samples")

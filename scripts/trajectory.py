@@ -1,9 +1,9 @@
 """Trace the probe's path. Reads mesh.zarr.zip, writes trajectory.zarr.zip."""
 
-from pandis.geometry.body import Body
-from pandis.geometry.trajectories import trace
-from pandis.run.stage import stage
-from pandis.run.tasks import TrajectoryTask
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.run.ask.tasks import TrajectoryTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, TrajectoryTask) as job:
     mesh = job.read("mesh", "mesh")

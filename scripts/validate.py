@@ -1,13 +1,13 @@
 """Run every exported field of a mesh at the servo rate. Writes hardware.zarr.zip and .json."""
 
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.physical import Scale
-from pandis.hardware.passes import Oracle
-from pandis.hardware.validation import validate_exports
-from pandis.hardware.walls import open_walls
-from pandis.run.stage import stage
-from pandis.run.tasks import ValidateTask
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.judge.servo.passes import Oracle
+from pandis.pipeline.judge.servo.validation import validate_exports
+from pandis.pipeline.judge.servo.walls import open_walls
+from pandis.pipeline.run.ask.tasks import ValidateTask
+from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ValidateTask) as job:
     mesh = job.read("mesh", "mesh")

@@ -1,9 +1,9 @@
 """Check the whole chain of results against the configuration; exit 1 on a mismatch."""
 
-from pandis.run.plan import Plan
-from pandis.run.stage import stage
-from pandis.run.tasks import VerifyTask
-from pandis.run.verification import demand_files, verify
+from pandis.pipeline.check.verification import demand_files, verify
+from pandis.pipeline.run.ask.tasks import VerifyTask
+from pandis.pipeline.run.job.stage import stage
+from pandis.pipeline.run.plan.plan import Plan
 
 with stage(snakemake, VerifyTask) as job:
     demand_files(job.options.store)

@@ -9,16 +9,18 @@ import pytest
 from jaxtyping import install_import_hook
 
 PACKAGE = Path(__file__).parents[1] / "workflow/pandis"
-#: Rooms whose functions Warp compiles from their source: nothing may be wrapped around them.
+#: Folders whose functions Warp compiles from their source: nothing may be wrapped around them.
 COMPILED = ("warp", "cuda")
 
 #: What an array's shape may be stands in signatures: here every call is checked.
 install_import_hook(
-    [f"pandis.{path.stem}" for path in PACKAGE.iterdir() if path.stem != "native"]
-    + [f"pandis.native.{path.stem}" for path in (PACKAGE / "native").iterdir()
-       if path.stem not in COMPILED],
+    [
+        f"pandis.{path.parent.name}.{path.stem}"
+        for path in PACKAGE.glob("*/*")
+        if path.stem not in (*COMPILED, "__init__")
+    ],
     "beartype.beartype",
-)  # fmt: skip
+)
 
 import support  # noqa: E402
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pandis.fields.base import Field, normalise
-from pandis.fields.exact import ExactField
-from pandis.geometry.places import THICKEST
-from pandis.geometry.thickness import inscribed_radius
+from pandis.pipeline.fields.base import Field, normalise
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.places import THICKEST
+from pandis.pipeline.geometry.thickness import inscribed_radius
 
 #: Surface points that shares of area are counted on.
 POOL = 20_000
@@ -35,7 +35,7 @@ class Damaged(Field):
     Parameters
     ----------
     name : str
-    exact : pandis.fields.exact.ExactField
+    exact : pandis.pipeline.fields.exact.ExactField
     change : callable
         Returns distance (n,) and normal (n, 3) for points (n, 3), their feet, and what is exact.
     """
@@ -158,9 +158,9 @@ def damages(body, surface, scale):
 
     Parameters
     ----------
-    body : pandis.geometry.body.Body
-    surface : pandis.geometry.sampling.Surface
-    scale : pandis.geometry.physical.Scale
+    body : pandis.pipeline.geometry.body.Body
+    surface : pandis.pipeline.geometry.sampling.Surface
+    scale : pandis.base.physical.Scale
 
     Returns
     -------

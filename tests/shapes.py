@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface
-from pandis.mesh import tools
-from pandis.run.artifact import Artifact
+from pandis.base.frame import Frame
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.mesh import tools
+from pandis.pipeline.run.job.artifact import Artifact
 from support import artifact
 
 

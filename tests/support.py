@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from pandis.geometry.strata import Strata
-from pandis.run.artifact import Artifact
+from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.run.job.artifact import Artifact
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("workflow", "rules", "scripts", "config")
@@ -141,7 +141,7 @@ def octahedron():
 
 
 def box_mesh():
-    from pandis.geometry.shapes import Box
+    from pandis.pipeline.geometry.shapes import Box
 
     return Box().tessellation(cuts=4)
 

@@ -1,6 +1,11 @@
 """Records of a validation that has found nothing amiss, to be changed where a test wants it."""
 
-from pandis.run.records.hardware import DeviceVerdict, FieldVerdict, HardwareRecord, WallVerdict
+from pandis.pipeline.run.records.hardware import (
+    DeviceVerdict,
+    FieldVerdict,
+    HardwareRecord,
+    WallVerdict,
+)
 
 TIMES = dict.fromkeys(("p50", "p99", "p99.9", "max"), 4.0)
 WHOLE = WallVerdict(

@@ -11,9 +11,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from oracle import walk
-from pandis.geometry.frame import UNIT_SIDE
-from pandis.native.contact import Material, NativeContact
-from pandis.native.scene import Placed
+from pandis.base.frame import UNIT_SIDE
+from pandis.runtime.contact import Material, NativeContact
+from pandis.runtime.scene import Placed
 
 #: Of a block, mm; how fast a probe goes (mm/s).
 BLOCK, SPEED = 100.0, 200.0

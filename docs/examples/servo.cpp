@@ -1,6 +1,6 @@
 // A servo loop on a .pandis file: position in, force out, a thousand times a second.
 //
-//     g++ -std=c++17 -O2 -I workflow/pandis/native docs/examples/servo.cpp -o servo
+//     g++ -std=c++17 -O2 -I workflow/pandis/engine docs/examples/servo.cpp -o servo
 //     ./servo results/bunny/export/pandis-exact.pandis 400
 //
 // A probe of 50 g is let down onto the object from above, guided by a hand that keeps it over one place,

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 import pandis
-from pandis.geometry.frame import UNIT_SIDE
+from pandis.base.frame import UNIT_SIDE
 
 MASS, GRAVITY = 0.05, 9.81
 #: Of the hand that keeps the probe over its place: Ns/m, N/m.

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from pandis.run.provenance import DISTRIBUTIONS, ON_GPUS, CodeDigests
+from pandis.pipeline.run.job.provenance import DISTRIBUTIONS, ON_GPUS, CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVS = ROOT / "workflow" / "envs"

@@ -11,14 +11,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import yaml
-
 import tables
 from environments import environments
-from pandis.native.sources import included
-from pandis.run import config, contacts, options, recipes
-from pandis.run.machine import describe
-from pandis.run.provenance import CodeDigests
+from pandis.engine.sources import included
+from pandis.pipeline.run.ask import config, contacts, options, recipes
+from pandis.pipeline.run.job.machine import describe
+from pandis.pipeline.run.job.provenance import CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
@@ -31,10 +29,9 @@ TRAINING = ROOT / "docs" / "training.md"
 CLUSTER = ROOT / "docs" / "cluster.md"
 STALENESS = ROOT / "docs" / "staleness.md"
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
-FLOORS = ROOT / "docs" / "floors.yaml"
-NATIVE = ROOT / "workflow" / "pandis" / "native"
-HEADER = NATIVE / "pandis.h"
-#: What pandis.h is joined from, in this order: `native/parts`.
+ENGINE = ROOT / "workflow" / "pandis" / "engine"
+HEADER = ENGINE / "pandis.h"
+#: What pandis.h is joined from, in this order: `engine/parts`.
 PARTS = (
     *(
         "opening",
@@ -108,7 +105,7 @@ def schema_text():
 
 def header_text():
     """Return the one header that users take, joined from its parts."""
-    return "".join((NATIVE / "parts" / f"{part}.h").read_text("utf-8") for part in PARTS)
+    return "".join((ENGINE / "parts" / f"{part}.h").read_text("utf-8") for part in PARTS)
 
 
 def option_tables():
@@ -196,7 +193,6 @@ def generated():
         ),
         CLUSTER: with_generated(CLUSTER, cluster=tables.cluster_table()),
         STALENESS: with_generated(STALENESS, staleness=stale_table()),
-        ARCHITECTURE: with_generated(ARCHITECTURE, floors=floor_table()),
         TRAINING: with_generated(
             TRAINING,
             training=tables.training_table(),
@@ -208,17 +204,6 @@ def generated():
             throughput=tables.throughput_table(),
         ),
     }
-
-
-def floor_table():
-    """Return the table of docs/architecture.md: rooms and modules by floor, from the ground up."""
-    lines = ["| floor | room or module | what for |", "|--:|---|---|"]
-    for level, floor in enumerate(yaml.safe_load(FLOORS.read_text(encoding="utf-8"))):
-        for name, purpose in floor.items():
-            path = name.replace(".", "/")
-            folder = (ROOT / "workflow" / "pandis" / path).is_dir()
-            lines.append(f"| {level} | `{path}{'/' if folder else '.py'}` | {purpose} |")
-    return "\n".join(lines)
 
 
 def stale_table():

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 import pandis
 from generate import ROOT
-from pandis.geometry.frame import Frame
-from pandis.report.render import render
-from pandis.run.artifact import read_artifact
+from pandis.base.frame import Frame
+from pandis.pipeline.report.render import render
+from pandis.pipeline.run.job.artifact import read_artifact
 
 HOME = ROOT / "results" / "bunny"
 #: Where the slice lies (unit frame), how finely it is asked, and how deep a probe is pushed in.

@@ -3,7 +3,7 @@
 import csv
 from pathlib import Path
 
-from pandis.evaluation.paths import spread
+from pandis.pipeline.judge.errors.paths import spread
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "figures"

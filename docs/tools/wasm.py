@@ -7,8 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pandis.native.sources import digest
-from pandis.native.web import HERE, MODULE, SOURCE
+from pandis.bridges.web import HERE, MODULE, SOURCE
+from pandis.engine.sources import digest
 
 EXPORTS = "numbers", "room", "open", "error", "begin", "ticks", "query", "digest"
 FLAGS = (

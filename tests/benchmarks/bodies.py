@@ -7,19 +7,19 @@ from tempfile import TemporaryDirectory
 import common  # noqa: F401 - makes pandis importable
 import numpy as np
 
-from pandis.export.clearance import clearance
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.fields.grids import open_field
-from pandis.geometry.frame import Frame
-from pandis.grids.compact import file_parts, pack_body
-from pandis.grids.dense import DenseGrid
-from pandis.grids.spline import SplineFit, samples_for
-from pandis.native.runtime import COMPACT, NativeField
-from pandis.native.runtime.files import pack
-from pandis.run.artifact import Artifact
-from pandis.run.catalogue import GRID_FIELDS, parse_field
-from pandis.run.stage import silent_progress
+from pandis.base.frame import Frame
+from pandis.pipeline.export.clearance import clearance
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.grids import open_field
+from pandis.pipeline.grids.compact import file_parts, pack_body
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field.files import pack
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 #: Unit frame, inside and outside: of the splines and of the grids.
@@ -36,7 +36,7 @@ def file_of(body, name):
 
     Parameters
     ----------
-    body : pandis.geometry.body.Body
+    body : pandis.pipeline.geometry.body.Body
     name : str
         ``exact``, ``compact-{bits}``, ``spline-{kilobytes}K``, ``network-{steps}`` (a small one,
         trained for so many steps), or a grid, as in a configuration.

@@ -4,7 +4,8 @@ Usage: .venv/bin/python tests/benchmarks/bridge.py; prints a table.
 
 MuJoCo moves a box of 6 cm at 200 Hz. The hand holds a simulated device and presses onto the box
 from above: fixed in the world, on a floor, or on a spring. *bridge*: the haptic loop asks at every
-tick of the device, and forces go back (`pandis.native.mujoco.bridge`). *held*: the same loop, but a
+tick of the device, and forces go back (`pandis.bridges.mujoco.bridge`). *held*: the same loop, but
+a
 force is computed after each step of the simulation only, and held for 5 ms, as in a simulator that
 renders by itself. The stiffness rises by a factor of √2 as long as all presses stay quiet (less
 than 0.1 mm of shaking above 30 Hz in the last third, and nothing that the guard has to end); the
@@ -19,12 +20,12 @@ import common  # noqa: F401 - makes pandis importable
 import mujoco
 import numpy as np
 
-from pandis.hardware.devices import DEVICES, RAMP
-from pandis.native import mujoco as plugin
-from pandis.native.device import DONE, run_simulated
-from pandis.native.mujoco.bridge import Bridge
-from pandis.native.samples import sample_bytes
-from pandis.stress.coupled import QUIET, shaking
+from pandis.bridges import mujoco as plugin
+from pandis.bridges.mujoco.bridge import Bridge
+from pandis.pipeline.judge.servo.devices import DEVICES, RAMP
+from pandis.pipeline.judge.stress.coupled import QUIET, shaking
+from pandis.runtime.device import DONE, run_simulated
+from pandis.runtime.samples import sample_bytes
 
 #: Half of the box (m), its mass (kg), the simulation's step and how long is pressed (s).
 HALF, MASS, STEP, PRESSED = 0.03, 0.4, 0.005, 1.0

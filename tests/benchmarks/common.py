@@ -9,9 +9,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "workflow"))
 
-from pandis.geometry.frame import Frame  # noqa: E402
-from pandis.run.machine import describe  # noqa: E402
-from pandis.run.tasks import MeshTask  # noqa: E402
+from pandis.base.frame import Frame  # noqa: E402
+from pandis.pipeline.run.ask.tasks import MeshTask  # noqa: E402
+from pandis.pipeline.run.job.machine import describe  # noqa: E402
 
 #: The scans that the accuracy bars name.
 SCANS = {
@@ -23,7 +23,7 @@ SCANS = {
 
 def load(path):
     """Read, repair and scale a mesh of the collection that PANDIS_MESHES names."""
-    from pandis.mesh.build import build  # needs the mesh libraries, training does not
+    from pandis.pipeline.mesh.build import build  # needs the mesh libraries, training does not
 
     path = Path(os.environ["PANDIS_MESHES"]) / path
     task = MeshTask(source=str(path), sha256=None, seed=0)

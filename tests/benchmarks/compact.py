@@ -15,21 +15,21 @@ import time
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.export.native import native_bytes
-from pandis.fields.base import CUT
-from pandis.fields.exact import ExactField
-from pandis.forces import penalty_force
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.geometry.measure import contact_errors, draw_contacts
-from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import probes
-from pandis.geometry.trajectories import trace
-from pandis.grids.compact import build_compact, file_parts
-from pandis.native.runtime import COMPACT, NativeField
-from pandis.native.runtime.files import pack
-from pandis.run.options import TrajectoryOptions
-from pandis.run.stage import silent_progress
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.base import CUT
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
+from pandis.pipeline.geometry.sampling import probes
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.grids.compact import build_compact, file_parts
+from pandis.pipeline.run.ask.options import TrajectoryOptions
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field.files import pack
 
 COLUMNS = (
     *("mesh", "bits", "faces", "bytes", "build_s", "shallow", "deep", "missing"),

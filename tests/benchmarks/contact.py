@@ -16,14 +16,14 @@ from bodies import UNIT, field_of
 from common import SCANS, load, write
 from presses import SIZE, places_on
 
-from pandis.geometry.body import Body
-from pandis.geometry.frame import UNIT_SIDE
-from pandis.geometry.trajectories import trace
-from pandis.hardware.passes import MARGIN
-from pandis.native.contact import TOUCHING, NativeContact
-from pandis.native.scene import Placed
-from pandis.run.options import TrajectoryOptions
-from pandis.run.stage import silent_progress
+from pandis.base.frame import UNIT_SIDE
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.judge.servo.passes import MARGIN
+from pandis.pipeline.run.ask.options import TrajectoryOptions
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.contact import TOUCHING, NativeContact
+from pandis.runtime.scene import Placed
 
 KINDS = (
     *("exact", "compact-16", "spline-800K", "tricubic-96"),

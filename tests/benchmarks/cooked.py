@@ -23,10 +23,10 @@ import warp as wp
 from common import SCANS, load
 from newton._src.geometry import _sdf_cache, sdf_texture
 
-from pandis.forces import penalty_force
-from pandis.native.newton import cook
-from pandis.native.newton.reading import sample
-from pandis.native.runtime import NativeField
+from pandis.base.forces import penalty_force
+from pandis.bridges.newton import cook
+from pandis.bridges.newton.reading import sample
+from pandis.runtime.field import NativeField
 
 COLUMNS = "mesh,resolution,nodes,device,mb,seconds,shallow,shallow_p99,deep,deep_p99"
 COUNT = 20_000
@@ -36,8 +36,8 @@ def prepare(name, folder):
     """Write what is asked of a mesh."""
     from bodies import UNIT, file_of
 
-    from pandis.geometry.body import Body
-    from pandis.geometry.sampling import probes
+    from pandis.pipeline.geometry.body import Body
+    from pandis.pipeline.geometry.sampling import probes
 
     vertices, faces = load(SCANS[name])
     body = Body(vertices, faces, UNIT)

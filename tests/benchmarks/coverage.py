@@ -20,7 +20,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-NATIVE = ROOT / "workflow" / "pandis" / "native"
+PACKAGE = ROOT / "workflow" / "pandis"
 LIBRARY = ("test_compact", "test_spline", "test_fields_and_export", "test_stress_proxy")
 TESTS = ("tests/native", *(f"tests/library/{name}.py" for name in LIBRARY))
 #: Written for gcc; the name of a library's counters is that of its process.
@@ -35,8 +35,8 @@ exec {gcc} "$@" -O1 -fno-inline --coverage -fprofile-update=atomic -dumpdir "{co
 RAISING = """void __gcov_dump(void); int __real_raise(int), __wrap_raise(int);
 int __wrap_raise(int number) { __gcov_dump(); return __real_raise(number); }
 """
-#: What is reported, beside each other in workflow/pandis/native.
-FILES = ("pandis.h", "contact/contact.c", *(f"device/{name}" for name in (
+#: What is reported, of workflow/pandis.
+FILES = ("engine/pandis.h", "runtime/contact/contact.c", *(f"runtime/device/{name}" for name in (
     "guard.h", "energy.h", "shaking.h", "client.c", "signals.h", "watchdog.h", "hd.h", "bridge.h",
 )))  # fmt: skip
 #: Why no test takes a branch of a line that begins so.
@@ -84,7 +84,7 @@ def counted(tests):
 def _add(report, found):
     for file in report["files"]:
         path = Path(os.path.normpath(ROOT / file["file"]))
-        if not path.is_relative_to(NATIVE):
+        if not path.is_relative_to(PACKAGE):
             continue
         seen = defaultdict(int)
         for line in file["lines"]:
@@ -94,7 +94,7 @@ def _add(report, found):
                 key = line["line_number"], line.get("function_name", "").split(".")[0]
                 number = seen[key]
                 seen[key] += 1
-                found[str(path.relative_to(NATIVE))][*key, number] += branch["count"]
+                found[str(path.relative_to(PACKAGE))][*key, number] += branch["count"]
 
 
 def main(tests):
@@ -106,7 +106,7 @@ def main(tests):
             continue
         taken = sum(count > 0 for count in branches.values())
         print(f"{name}: {100 * taken / len(branches):.1f} % of {len(branches):,} branches")
-        lines = (NATIVE / name).read_text().splitlines()
+        lines = (PACKAGE / name).read_text().splitlines()
         missed = sorted({line for (line, _, _), count in branches.items() if not count})
         for line in missed:
             text = lines[line - 1].strip()

@@ -17,13 +17,13 @@ import igl
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.sampling import Surface
-from pandis.geometry.strata import Strata
-from pandis.grids.dense import DenseGrid
-from pandis.run.artifact import ArtifactWriter
-from pandis.run.options import SampleOptions
-from pandis.run.stage import silent_progress
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.run.ask.options import SampleOptions
+from pandis.pipeline.run.job.artifact import ArtifactWriter
+from pandis.pipeline.run.job.stage import silent_progress
 
 COLUMNS = ("what", "case", "value", "unit", "ratio")
 BAND = (0.045, 0.02)

@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.fields.grids import GRID_OPENERS
-from pandis.forces import penalty_force
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface, probes
-from pandis.grids.dense import DenseGrid
-from pandis.grids.spline import SplineFit, samples_for
-from pandis.run.artifact import Artifact, ArtifactWriter, write_artifact
-from pandis.run.catalogue import GRID_FIELDS
-from pandis.run.stage import silent_progress
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.pipeline.fields.grids import GRID_OPENERS
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.sampling import Surface, probes
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS
+from pandis.pipeline.run.job.artifact import Artifact, ArtifactWriter, write_artifact
+from pandis.pipeline.run.job.stage import silent_progress
 
 COLUMNS = ("mesh", "field", "bytes", "disk_bytes", "build_s", "shallow", "deep", "flagged")
 BAND = (0.045, 0.02)

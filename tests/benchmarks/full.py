@@ -20,17 +20,17 @@ from common import ROOT, SCANS, write
 from fields import dense, spline
 from training import Scan, log
 
-from pandis.fields.grids import GRID_OPENERS
-from pandis.fields.siren import SirenField
-from pandis.forces import penalty_force
-from pandis.geometry.frame import Frame
-from pandis.geometry.measure import contact_errors, draw_contacts
-from pandis.geometry.physical import Scale
-from pandis.geometry.trajectories import trace
-from pandis.run.artifact import Artifact
-from pandis.run.options import DeviceOptions, TrajectoryOptions
-from pandis.run.stage import silent_progress
-from pandis.training.network import usual_omega
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.grids import GRID_OPENERS
+from pandis.pipeline.fields.siren import SirenField
+from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.run.ask.options import DeviceOptions, TrajectoryOptions
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.training.network import usual_omega
 
 SEEDS = range(2, 10)
 POINTS = 50_000

@@ -15,8 +15,8 @@ import common  # noqa: F401 - makes pandis importable
 import numpy as np
 import warp as wp
 
-from pandis.native.runtime import NativeField
-from pandis.native.warp import WarpField
+from pandis.bridges.warp import WarpField
+from pandis.runtime.field import NativeField
 
 TURNS, COMPARED, NEAR = 7, 100_000, 0.02
 COLUMNS = "field,points,device,mega_points_per_s,distance,gradient,pandis_h_mega_points_per_s"

@@ -29,8 +29,8 @@ from common import ROOT, SCANS, load
 sys.path.insert(0, str(ROOT / "tests"))
 
 from oracle import Solid
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
+from pandis.base.frame import Frame
+from pandis.pipeline.geometry.body import Body
 from ways import SHAPES, draw, judge, told
 
 #: Per kind of field: the share of all ways, and the largest radius (mm of 100).

@@ -21,11 +21,11 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 import counter
 from cases import CASES, mutations
-from pandis.errors import PandisError
-from pandis.mesh.build import build
-from pandis.mesh.formats import READERS, FormatError, read
-from pandis.mesh.intake import check_arrays
-from pandis.run.tasks import MeshTask
+from pandis.base.errors import PandisError
+from pandis.pipeline.mesh.build import build
+from pandis.pipeline.mesh.formats import READERS, FormatError, read
+from pandis.pipeline.mesh.intake import check_arrays
+from pandis.pipeline.run.ask.tasks import MeshTask
 
 #: Seconds that a small file may take.
 LIMIT = 2.0

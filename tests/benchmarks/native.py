@@ -23,29 +23,29 @@ import numpy as np
 import torch
 from common import write
 
-from pandis.export.native import native_bytes
-from pandis.export.networks import network_graph
-from pandis.export.session import Session
-from pandis.fields.exact import ExactField
-from pandis.fields.grids import open_field
-from pandis.fields.siren import SirenField
-from pandis.geometry.body import Body
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface
-from pandis.geometry.trajectories import trace
-from pandis.grids.dense import DenseGrid
-from pandis.grids.spline import SplineFit, samples_for
-from pandis.mesh.build import build as build_mesh
-from pandis.native.compiler import build, find_compiler, load
-from pandis.native.runtime import NativeField
-from pandis.native.runtime.binding import SOURCE, declared
-from pandis.run.artifact import Artifact
-from pandis.run.catalogue import GRID_FIELDS, parse_field
-from pandis.run.options import TrajectoryOptions
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import MeshTask
-from pandis.training.network import Siren, named_arrays
+from pandis.base.frame import Frame
+from pandis.engine.compiler import build, find_compiler, load
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.export.networks import network_graph
+from pandis.pipeline.export.session import Session
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.grids import open_field
+from pandis.pipeline.fields.siren import SirenField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.mesh.build import build as build_mesh
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.run.ask.options import TrajectoryOptions
+from pandis.pipeline.run.ask.tasks import MeshTask
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.training.network import Siren, named_arrays
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.binding import SOURCE, declared
 
 TURNS, QUERIES = 5, 2000
 UNIT = Frame((0.0, 0.0, 0.0), 1.0).attributes()

@@ -21,23 +21,23 @@ import torch
 import yaml
 from bodies import UNIT
 
-from pandis.export.clearance import clearance
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.fields.exported import ExportedField
-from pandis.fields.siren import SirenField
-from pandis.geometry.body import Body
-from pandis.geometry.physical import Scale
-from pandis.geometry.shares import MISSING_LIMIT
-from pandis.geometry.strata import Strata
-from pandis.hardware.walls import compare, open_walls
-from pandis.native.runtime import NativeField
-from pandis.run.artifact import Artifact
-from pandis.run.options import SampleOptions
-from pandis.run.recipes import RECIPES, ExactRecipe
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import TrainTask
-from pandis.training.trainer import Trainer
+from pandis.base.physical import Scale
+from pandis.pipeline.export.clearance import clearance
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.exported import ExportedField
+from pandis.pipeline.fields.siren import SirenField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.shares import MISSING_LIMIT
+from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.judge.servo.walls import compare, open_walls
+from pandis.pipeline.run.ask.options import SampleOptions
+from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe
+from pandis.pipeline.run.ask.tasks import TrainTask
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.training.trainer import Trainer
+from pandis.runtime.field import NativeField
 
 RECIPE, STEPS, SEED = "pandis-exact", 45_000, 1
 

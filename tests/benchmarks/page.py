@@ -14,7 +14,7 @@ from common import ROOT
 sys.path.insert(0, str(ROOT / "tests"))
 
 from browser import Browser
-from pandis.native.web import write_page
+from pandis.bridges.web import write_page
 
 TOUCH, ROUNDS, WAY = "document.querySelector('section.touch')", 10, 150
 

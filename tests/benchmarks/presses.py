@@ -7,8 +7,8 @@ simulated device at its stiffness (1000 N/m at most). The hand presses with 1.2 
 largest force, up to 17 degrees off the normal. Fields that miss more of the force on a shape than
 is allowed (`missing`) are listed with that share, and not pressed. Some presses begin where the
 field has the object and the shape has none (`ghosts`). What counts as a pass, and who says so:
-`pandis.hardware.passes`. PRESSES are all presses together (10,000 by default); a twentieth of them
-is on networks, if NETWORKS, a folder of `networks.py`, holds some.
+`pandis.pipeline.judge.servo.passes`. PRESSES are all presses together (10,000 by default); a
+twentieth of them is on networks, if NETWORKS, a folder of `networks.py`, holds some.
 """
 
 import sys
@@ -19,18 +19,18 @@ import trimesh
 from bodies import UNIT, field_of
 from common import SCANS, load, write
 
-from pandis.errors import PandisError
-from pandis.fields.exact import ExactField
-from pandis.fields.exported import ExportedField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import UNIT_SIDE, Frame
-from pandis.geometry.physical import Scale
-from pandis.geometry.shares import MISSING_LIMIT
-from pandis.hardware.devices import DEVICES
-from pandis.hardware.passes import ABOVE, Oracle, draw, free_starts, judge, run
-from pandis.hardware.walls import compare, open_walls
-from pandis.native.contact import Feel
-from pandis.native.runtime import NativeField
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE, Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.exported import ExportedField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.shares import MISSING_LIMIT
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.pipeline.judge.servo.passes import ABOVE, Oracle, draw, free_starts, judge, run
+from pandis.pipeline.judge.servo.walls import compare, open_walls
+from pandis.runtime.contact import Feel
+from pandis.runtime.field import NativeField
 
 SIZE, STIFFEST, SLANT, SURFACE = 0.1, 1000.0, 0.3, 100_000
 SWORD = "watertight/sword_22293v_44582f.obj"

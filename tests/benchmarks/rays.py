@@ -15,18 +15,18 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from pandis.fields.spline import SplineField
-from pandis.forces import penalty_force
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.geometry.thickness import inscribed_radius
-from pandis.grids.spline import SplineFit, samples_for
-from pandis.run.artifact import Artifact
-from pandis.run.sourcing import source_path
-from pandis.run.stage import silent_progress
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.spline import SplineField
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.geometry.thickness import inscribed_radius
+from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.run.ask.sourcing import source_path
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
 
 RAYS, STEP, DEEPEST, BYTES = 4000, 0.028e-3, 8.25e-3, 800_000
 SCALE = Scale(0.1, 400.0)

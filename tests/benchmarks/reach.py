@@ -12,16 +12,16 @@ millionth, over one that is not, point by point, in the median.
 import numpy as np
 from common import SCANS, load
 
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.geometry.trajectories import trace
-from pandis.grids.compact import file_parts, pack_body
-from pandis.native.runtime import COMPACT, NativeField
-from pandis.native.runtime.files import pack
-from pandis.run.options import TrajectoryOptions
-from pandis.run.stage import silent_progress
+from pandis.base.frame import Frame
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.grids.compact import file_parts, pack_body
+from pandis.pipeline.run.ask.options import TrajectoryOptions
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field.files import pack
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
 TURNS, QUERIES, REACH = 5, 8000, 0.05

@@ -14,12 +14,12 @@ import sys
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.mesh.tools import call
-from pandis.native.runtime import NativeField
+from pandis.base.frame import Frame
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.mesh.tools import call
+from pandis.runtime.field import NativeField
 
 COLUMNS = (
     *("mesh", "faces", "frames", "refit_ms", "refit_worst_ms", "compared", "unequal"),

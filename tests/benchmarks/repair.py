@@ -19,10 +19,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "workflow"))
 
-from pandis.errors import PandisError  # noqa: E402
-from pandis.mesh.build import build  # noqa: E402
-from pandis.run.machine import describe  # noqa: E402
-from pandis.run.tasks import MeshTask  # noqa: E402
+from pandis.base.errors import PandisError  # noqa: E402
+from pandis.pipeline.mesh.build import build  # noqa: E402
+from pandis.pipeline.run.ask.tasks import MeshTask  # noqa: E402
+from pandis.pipeline.run.job.machine import describe  # noqa: E402
 
 COLUMNS = (
     "folder",

@@ -23,7 +23,7 @@ from common import ROOT
 
 sys.path.insert(0, str(ROOT / "tests"))
 
-from pandis.run.artifact import read_artifact
+from pandis.pipeline.run.job.artifact import read_artifact
 from support import copy_workflow, environment, results, snakemake_command
 
 #: By which share the mean error of a field's force may differ on another machine: of networks of

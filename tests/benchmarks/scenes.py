@@ -16,11 +16,11 @@ from common import write
 from scipy.spatial.transform import Rotation
 
 from native import bunny, fields
-from pandis.export.clearance import clearance
-from pandis.export.native import native_bytes
-from pandis.geometry.frame import UNIT_SIDE
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
+from pandis.base.frame import UNIT_SIDE
+from pandis.pipeline.export.clearance import clearance
+from pandis.pipeline.export.native import native_bytes
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 
 #: Half the side of the cube (m), way of a tick (m), ticks.
 HALF, PACE, TICKS, TURNS = 0.15, 5e-4, 20_000, 3

@@ -3,7 +3,7 @@
 Usage: .venv/bin/python tests/benchmarks/servo.py [SECONDS]
 
 After `make all`: the fields that it has exported of the Bunny, along its trajectory, in the servo
-loop of `pandis.native.servo`, and the same clock without any work. Nothing else should run. Then
+loop of `pandis.runtime.servo`, and the same clock without any work. Nothing else should run. Then
 each for a sixth of the time beside a busy loop on every core.
 """
 
@@ -12,12 +12,12 @@ import sys
 import numpy as np
 from common import ROOT, write
 
-from pandis.geometry.frame import Frame
-from pandis.hardware.load import busy_cores
-from pandis.native.runtime import NativeField
-from pandis.native.servo import run_ticks
-from pandis.run.artifact import read_artifact
-from pandis.run.options import HardwareOptions
+from pandis.base.frame import Frame
+from pandis.pipeline.judge.servo.load import busy_cores
+from pandis.pipeline.run.ask.options import HardwareOptions
+from pandis.pipeline.run.job.artifact import read_artifact
+from pandis.runtime.field import NativeField
+from pandis.runtime.servo import run_ticks
 
 HOME = ROOT / "results" / "bunny"
 RATE, DEADLINE = 1000.0, HardwareOptions().deadline

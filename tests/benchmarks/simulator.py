@@ -31,17 +31,17 @@ import trimesh
 from bodies import UNIT, file_of
 from common import ROOT, SCANS, load, write
 
-from pandis.errors import PandisError
-from pandis.geometry.body import Body
-from pandis.geometry.frame import UNIT_SIDE
-from pandis.geometry.measure import contact_errors, draw_contacts
-from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import blue_noise, probes
-from pandis.native import mujoco as plugin
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.base.physical import Scale
+from pandis.bridges import mujoco as plugin
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
+from pandis.pipeline.geometry.sampling import blue_noise, probes
 
 sys.path.insert(0, str(ROOT / "tests"))
 
-from pandis.native.mujoco.asking import asker
+from pandis.bridges.mujoco.asking import asker
 
 STEPS, EVERY, POINTS, TIMED, CONTROL = 300, 10, 400, 400, 20
 NATIVE = {f"native-{depth}": depth for depth in (6, 7, 8)}

@@ -14,16 +14,16 @@ import numpy as np
 from common import load, write
 from front import MESHES
 
-from pandis.evaluation.points import Points
-from pandis.fields.compact_sizing import Packer
-from pandis.fields.sizing import Grids
-from pandis.forces import penalty_force
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import probes
-from pandis.grids.compact import size_of
-from pandis.run.stage import silent_progress
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.compact_sizing import Packer
+from pandis.pipeline.fields.sizing import Grids
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.sampling import probes
+from pandis.pipeline.grids.compact import size_of
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.job.stage import silent_progress
 
 COLUMNS = (
     *("mesh", "kind", "budget", "bytes", "faces", "bits", "build_s"),

@@ -15,8 +15,8 @@ import numpy as np
 from common import write
 from scenes import HALF, TICKS, TURNS, native_fields, place, walk
 
-from pandis.native.contact import Material, TouchedScene
-from pandis.native.scene import NativeScene
+from pandis.runtime.contact import Material, TouchedScene
+from pandis.runtime.scene import NativeScene
 
 COUNT, PIECE = 200, 50_000
 COLUMNS = (

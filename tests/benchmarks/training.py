@@ -35,20 +35,20 @@ import yaml
 from common import SCANS, load, notes
 from runs import expand
 
-from pandis.errors import PandisError
-from pandis.fields.siren import SirenField
-from pandis.forces import penalty_force
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface, probes
-from pandis.geometry.strata import Strata
-from pandis.geometry.trajectories import trace
-from pandis.run.artifact import Artifact
-from pandis.run.options import SampleOptions, TrajectoryOptions
-from pandis.run.recipes import RECIPES, ExactRecipe, PaperRecipe
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import TrainTask
-from pandis.training.trainer import Trainer
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.pipeline.fields.siren import SirenField
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.sampling import Surface, probes
+from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.run.ask.options import SampleOptions, TrajectoryOptions
+from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe, PaperRecipe
+from pandis.pipeline.run.ask.tasks import TrainTask
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.training.trainer import Trainer
 
 COLUMNS = ("mesh", "recipe", "options", "device", "steps", "seconds", "points_per_s", "bytes")
 COLUMNS += ("shallow", "deep", "trajectory", "ghost", "ghosts", "core", "restarts")

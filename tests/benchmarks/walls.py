@@ -28,25 +28,25 @@ from common import ROOT
 
 sys.path.insert(0, str(ROOT / "tests"))
 
-from pandis.errors import PandisError
-from pandis.evaluation.choice import Chooser
-from pandis.evaluation.points import Points
-from pandis.export.native import export_native
-from pandis.fields.exact import ExactField
-from pandis.fields.registry import kind_of, open_field
-from pandis.geometry.body import Body
-from pandis.geometry.frame import UNIT_SIDE
-from pandis.geometry.physical import Scale
-from pandis.native.contact import Material, NativeContact
-from pandis.native.processes import each
-from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed
-from pandis.run.artifact import Artifact
-from pandis.run.catalogue import parse_field
-from pandis.run.config import MeshEntry
-from pandis.run.query_times import QueryTimes
-from pandis.run.stage import silent_progress
-from pandis.run.stages import STAGES, PlannedJob
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.base.physical import Scale
+from pandis.pipeline.export.native import export_native
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.registry import kind_of, open_field
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.judge.choice import Chooser
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.config import MeshEntry
+from pandis.pipeline.run.host.processes import each
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.run.plan.query_times import QueryTimes
+from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
+from pandis.runtime.contact import Material, NativeContact
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
 from shapes import box, opened, plate, union
 
 TABLE = ROOT / "config" / "query-times.csv"

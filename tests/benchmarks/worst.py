@@ -15,15 +15,15 @@ import sys
 import numpy as np
 from common import SCANS, load, write
 
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.geometry.measure import draw_contacts
-from pandis.geometry.physical import Scale
-from pandis.grids.compact import build_compact, file_parts
-from pandis.native.runtime import COMPACT, NativeField
-from pandis.native.runtime.files import pack
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.measure import draw_contacts
+from pandis.pipeline.grids.compact import build_compact, file_parts
+from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field.files import pack
 
 COLUMNS = (
     *("mesh", "field", "faces", "slowest_us", "box_us"),

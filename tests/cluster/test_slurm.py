@@ -12,8 +12,8 @@ import pytest
 import yaml
 from small import CONFIG, copied, differing, results
 
-from pandis.errors import PandisError
-from pandis.run import cluster
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.host import cluster
 from support import ROOT, environment, snakemake, snakemake_command
 
 PROFILE = ("--profile", "workflow/profiles/slurm")

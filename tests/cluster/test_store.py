@@ -13,8 +13,8 @@ import pytest
 from node import free_ports
 from small import CONFIG, copied
 
-from pandis.run import stored
-from pandis.run.ending import farewell
+from pandis.pipeline.run.host.ending import farewell
+from pandis.pipeline.run.job import stored
 from shapes import box
 from support import environment, snakemake, snakemake_command
 

@@ -8,8 +8,13 @@ import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pandis.errors import ArtifactError, PandisError
-from pandis.run.artifact import ArtifactWriter, read_artifact, write_artifact, write_atomically
+from pandis.base.errors import ArtifactError, PandisError
+from pandis.pipeline.run.job.artifact import (
+    ArtifactWriter,
+    read_artifact,
+    write_artifact,
+    write_atomically,
+)
 
 ARRAYS = {
     "points": np.arange(30, dtype=np.float32).reshape(10, 3),

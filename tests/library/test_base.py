@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from pandis.fields.siren import SirenField
-from pandis.forces import penalty_force
-from pandis.geometry.frame import Frame
-from pandis.grids.base import fit_base
-from pandis.run.recipes import ExactRecipe
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import TrainTask
-from pandis.training.trainer import Trainer
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.pipeline.fields.siren import SirenField
+from pandis.pipeline.grids.base import fit_base
+from pandis.pipeline.run.ask.recipes import ExactRecipe
+from pandis.pipeline.run.ask.tasks import TrainTask
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.training.trainer import Trainer
 from support import artifact
 from test_training import samples  # noqa: F401  (a fixture)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pandis.geometry.body import Body
-from pandis.geometry.shapes import SHAPES
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.shapes import SHAPES
 from support import artifact, box_mesh
 
 VERTICES, FACES = box_mesh()

@@ -5,22 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pandis.export.grids import grid_graph
-from pandis.export.native import native_bytes
-from pandis.export.session import Session
-from pandis.fields.base import BOUND, OK
-from pandis.fields.grids import GRID_OPENERS
-from pandis.forces import penalty_force
-from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface, probes
-from pandis.geometry.shapes import SHAPES
-from pandis.grids.dense import DenseGrid
-from pandis.mesh.build import build
-from pandis.native.runtime import NativeField
-from pandis.run.artifact import Artifact
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import MeshTask
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.pipeline.export.grids import grid_graph
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.export.session import Session
+from pandis.pipeline.fields.base import BOUND, OK
+from pandis.pipeline.fields.grids import GRID_OPENERS
+from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.sampling import Surface, probes
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.mesh.build import build
+from pandis.pipeline.run.ask.tasks import MeshTask
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.field import NativeField
 from support import box_mesh
 
 FRAME = Frame((3.0, -2.0, 0.5), 0.6)

@@ -3,28 +3,28 @@
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.evaluation import choice
-from pandis.evaluation.choice import Chooser
-from pandis.evaluation.points import _CHOOSING, _PROMISING, Points
-from pandis.export.native import export_native, native_bytes
-from pandis.fields import sizing
-from pandis.fields.registry import open_fields
-from pandis.forces import penalty_force
-from pandis.geometry.body import Body
-from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.measure import draw_contacts, promise
-from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.native.runtime import NativeField
-from pandis.run.catalogue import DENSE_KINDS
-from pandis.run.options import SampleOptions, StressOptions
-from pandis.run.query_times import QueryTimes
-from pandis.run.recipes import ExactRecipe
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import ChooseTask
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.export.native import export_native, native_bytes
+from pandis.pipeline.fields import sizing
+from pandis.pipeline.fields.registry import open_fields
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.measure import draw_contacts, promise
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.judge import choice
+from pandis.pipeline.judge.choice import Chooser
+from pandis.pipeline.judge.errors.points import _CHOOSING, _PROMISING, Points
+from pandis.pipeline.run.ask.catalogue import DENSE_KINDS
+from pandis.pipeline.run.ask.options import SampleOptions, StressOptions
+from pandis.pipeline.run.ask.recipes import ExactRecipe
+from pandis.pipeline.run.ask.tasks import ChooseTask
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.run.plan.query_times import QueryTimes
+from pandis.runtime.field import NativeField
 from shapes import Shape, open_shape
 from support import ROOT, artifact
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from pandis.export.clearance import MORE, clearance
-from pandis.fields.base import BOUND, OK
-from pandis.geometry.distance import ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.shapes import SHAPES
+from pandis.base.frame import Frame
+from pandis.pipeline.export.clearance import MORE, clearance
+from pandis.pipeline.fields.base import BOUND, OK
+from pandis.pipeline.geometry.distance import ShapeDistance
+from pandis.pipeline.geometry.shapes import SHAPES
 from support import artifact
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)

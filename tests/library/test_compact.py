@@ -4,30 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from pandis.errors import PandisError
-from pandis.export.native import export_native, native_bytes
-from pandis.fields.base import CUT
-from pandis.fields.compact import CompactField
-from pandis.fields.exact import ExactField
-from pandis.fields.exported import ExportedField
-from pandis.geometry.body import Body
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.hausdorff import distance_to_triangles
-from pandis.grids.compact import (
-    bound_deviation,
-    build_compact,
-    file_parts,
-    limit_queries,
-    pack_body,
-)
-from pandis.grids.lattice import snap, step_of, to_unit
-from pandis.grids.limits import near_surface
-from pandis.grids.sides import find_sides
-from pandis.grids.unpacking import unpack
-from pandis.mesh.tools import call
-from pandis.native.bvh import Bvh
-from pandis.native.packing import (
+from pandis.base.errors import PandisError
+from pandis.base.frame import Frame
+from pandis.engine.bvh import Bvh
+from pandis.engine.packing import (
     BY_FACE,
     BY_RAY,
     INSIDE,
@@ -37,10 +17,30 @@ from pandis.native.packing import (
     find_rays,
     pack_mesh,
 )
-from pandis.native.runtime import COMPACT, NativeField
-from pandis.native.runtime.files import pack
-from pandis.run.catalogue import parse_field
-from pandis.run.faults import near_field
+from pandis.pipeline.export.native import export_native, native_bytes
+from pandis.pipeline.fields.base import CUT
+from pandis.pipeline.fields.compact import CompactField
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.exported import ExportedField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.hausdorff import distance_to_triangles
+from pandis.pipeline.grids.compact import (
+    bound_deviation,
+    build_compact,
+    file_parts,
+    limit_queries,
+    pack_body,
+)
+from pandis.pipeline.grids.lattice import snap, step_of, to_unit
+from pandis.pipeline.grids.limits import near_surface
+from pandis.pipeline.grids.sides import find_sides
+from pandis.pipeline.grids.unpacking import unpack
+from pandis.pipeline.mesh.tools import call
+from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.faults import near_field
+from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field.files import pack
 from shapes import cone, open_shape, plate
 from support import artifact, box_mesh
 
@@ -326,7 +326,7 @@ def test_a_needle_that_shrinks_to_a_line_is_in_the_bound():
 def test_wrong_sides_are_refused_with_their_number(monkeypatch):
     """Break what tells the sides, and the bake must see it."""
     vertices, faces = crown(1500)
-    monkeypatch.setattr("pandis.grids.compact.find_sides", without_sides)
+    monkeypatch.setattr("pandis.pipeline.grids.compact.find_sides", without_sides)
     with pytest.raises(PandisError, match=r"of 1,000,000 points are on the wrong side.*more bits"):
         build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
 

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.evaluation.points import Points
-from pandis.fields.compact_sizing import ENOUGH_BITS, CompactSizing, Packer
-from pandis.fields.sizing import Candidate
-from pandis.geometry.body import Body
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.hausdorff import distance_to_triangles, farthest
-from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.grids.compact import size_of
-from pandis.run.catalogue import parse_field
-from pandis.run.tasks import BakeCompactAutoTask
+from pandis.base.errors import PandisError
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.compact_sizing import ENOUGH_BITS, CompactSizing, Packer
+from pandis.pipeline.fields.sizing import Candidate
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.hausdorff import distance_to_triangles, farthest
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.grids.compact import size_of
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.tasks import BakeCompactAutoTask
 from support import box_mesh
 from test_compact import UNIT, crown, fitted, hull
 
@@ -42,7 +42,7 @@ def body_and_points(mesh):
 @pytest.fixture(autouse=True)
 def _fewer_sides(monkeypatch):
     """Sides at a million points take longer than all else here."""
-    monkeypatch.setattr("pandis.grids.compact.SIDES", 50_000)
+    monkeypatch.setattr("pandis.pipeline.grids.compact.SIDES", 50_000)
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_a_plane_of_many_small_faces_has_a_bound_that_says_something(monkeypatch
     assert inside * (1 - 1e-9) <= bound <= 2 * inside
     outside = 0.001 * np.linalg.norm(np.abs(few).max(axis=0))  # of a corner
     assert outside * (1 - 1e-9) <= farthest(few * 1.001, small, engine) <= 2 * outside
-    monkeypatch.setattr("pandis.geometry.hausdorff._MOST", 10_000)
+    monkeypatch.setattr("pandis.pipeline.geometry.hausdorff._MOST", 10_000)
     assert farthest(few * 0.999, small, engine) >= inside * (1 - 1e-9)  # ended early, it holds
 
 
@@ -169,7 +169,7 @@ def test_a_candidate_on_the_wrong_side_gives_way_to_the_next(waves, monkeypatch)
         if len(seen) == 1:
             raise PandisError("one of them on the wrong side")
 
-    monkeypatch.setattr("pandis.fields.compact_sizing.compare_sides", refused_once)
+    monkeypatch.setattr("pandis.pipeline.fields.compact_sizing.compare_sides", refused_once)
     second = Packer(body, points, 1, told.append).within(15_000)
     assert isinstance(second, Candidate)
     assert second.field.record.bits != best.field.record.bits
@@ -193,7 +193,7 @@ def test_a_lattice_too_fine_for_its_sides_gives_way_to_a_coarser_one(waves, monk
         if record.bits > 17:
             raise PandisError("one of them on the wrong side")
 
-    monkeypatch.setattr("pandis.fields.compact_sizing.compare_sides", refused_beyond_17)
+    monkeypatch.setattr("pandis.pipeline.fields.compact_sizing.compare_sides", refused_beyond_17)
     made = Packer(body, points, 1, silent).within(None)
     assert made.field.record.bits == 17
     assert made.field.record.faces == len(body.faces)

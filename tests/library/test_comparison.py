@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.evaluation.comparison import compare
-from pandis.fields.base import Field
-from pandis.fields.controls import ControlGap
-from pandis.fields.exact import ExactField
-from pandis.fields.registry import Fields
-from pandis.geometry.body import Body
-from pandis.geometry.shapes import SHAPES
-from pandis.geometry.trajectories import trace
-from pandis.run.options import TrajectoryOptions
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import EvaluateTask
+from pandis.base.errors import PandisError
+from pandis.pipeline.fields.base import Field
+from pandis.pipeline.fields.controls import ControlGap
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.registry import Fields
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.judge.errors.comparison import compare
+from pandis.pipeline.run.ask.options import TrajectoryOptions
+from pandis.pipeline.run.ask.tasks import EvaluateTask
+from pandis.pipeline.run.job.stage import silent_progress
 
 BODY = Body(*SHAPES["torus"].tessellation(60, 30), shape="torus")
 EXACT = ExactField("exact", BODY)

@@ -5,10 +5,10 @@ import pytest
 import yaml
 
 import generate
-from pandis.errors import PandisError
-from pandis.run.plan import Plan
-from pandis.run.reading import check_yaml, load_config, merge
-from pandis.run.stages import stage_seed
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.reading import check_yaml, load_config, merge
+from pandis.pipeline.run.plan.plan import Plan
+from pandis.pipeline.run.plan.stages import stage_seed
 from support import ROOT
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pandis.evaluation.coverage import coverage, curvature
-from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.geometry.thickness import inscribed_radius
+from pandis.base.frame import Frame
+from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.geometry.thickness import inscribed_radius
+from pandis.pipeline.judge.errors.coverage import coverage, curvature
 from support import box_mesh
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from damage import damages
-from pandis.fields.exact import ExactField
-from pandis.fields.exported import ExportedField
-from pandis.geometry.body import Body
-from pandis.geometry.physical import Scale
-from pandis.hardware.walls import compare, faults, open_walls
-from pandis.run.options import StressOptions
-from pandis.run.stage import silent_progress
-from pandis.stress.suite import Suite, failures
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.exported import ExportedField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.judge.servo.walls import compare, faults, open_walls
+from pandis.pipeline.judge.stress.suite import Suite, failures
+from pandis.pipeline.run.ask.options import StressOptions
+from pandis.pipeline.run.job.stage import silent_progress
 from shapes import open_shape
 
 SCALE = Scale(0.1, 400.0)
@@ -78,7 +78,7 @@ def test_a_proxy_feels_walls_without_force(body, damaged):
 
 def _through(suite, path, material):
     """Follow a path through a proxy that thin walls do not hold."""
-    from pandis.stress.proxy import Felt, nothing
+    from pandis.pipeline.judge.stress.proxy import Felt, nothing
 
     exact = ExactField("exact", suite.body)
     follow = Felt.of(ExportedField("exact", exact.file(1 << 20)), SCALE)

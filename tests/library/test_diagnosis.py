@@ -4,9 +4,9 @@ import igl
 import numpy as np
 import pytest
 
-from pandis.geometry.shapes import SHAPES
-from pandis.mesh.diagnosis import FAULTS, diagnose
-from pandis.mesh.winding import WindingNumber
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.mesh.diagnosis import FAULTS, diagnose
+from pandis.pipeline.mesh.winding import WindingNumber
 from support import box_mesh, octahedron
 
 

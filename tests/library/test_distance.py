@@ -7,14 +7,19 @@ import mpmath
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.geometry.distance import SURFACE_DISTANCE, TIE_ANGLE, MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.mesh.intake import read_mesh
-from pandis.native import compiler
-from pandis.native.bvh import INVALID, LEAF_BYTES, NODE_BYTES, ON_SURFACE, TIED, Bvh
+from pandis.base.errors import PandisError
+from pandis.base.frame import Frame
+from pandis.engine import compiler
+from pandis.engine.bvh import INVALID, LEAF_BYTES, NODE_BYTES, ON_SURFACE, TIED, Bvh
+from pandis.pipeline.geometry.distance import (
+    SURFACE_DISTANCE,
+    TIE_ANGLE,
+    MeshDistance,
+    ShapeDistance,
+)
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.mesh.intake import read_mesh
 from support import box_mesh, octahedron
 
 UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -200,7 +205,7 @@ def test_answers_do_not_depend_on_batch_order_or_threads(monkeypatch, threads):
     few = [engine.label(points[i : i + 7]) for i in range(0, 700, 7)]
     parts = [np.concatenate(column) for column in zip(*few, strict=True)]
     assert all(np.array_equal(a[:700], b) for a, b in zip(whole, parts, strict=True))
-    monkeypatch.setattr("pandis.geometry.distance.CHUNK", 501)
+    monkeypatch.setattr("pandis.pipeline.geometry.distance.CHUNK", 501)
     distance, normal = engine.distance_and_normal(points)
     assert np.array_equal(distance, whole.distance)
     assert np.array_equal(normal, whole.normal)
@@ -213,7 +218,7 @@ def test_a_tree_has_the_same_bytes_on_however_many_threads(monkeypatch, count):
     trees = []
     for threads, many in (("1", 10_000), ("2", 1), ("5", 1)):
         monkeypatch.setenv("IGL_NUM_THREADS", threads)
-        monkeypatch.setattr("pandis.native.bvh._MANY", many)
+        monkeypatch.setattr("pandis.engine.bvh._MANY", many)
         trees.append(Bvh(vertices, faces))
     parts = [tree.parts() for tree in trees]
     assert parts[0] == parts[1] == parts[2]

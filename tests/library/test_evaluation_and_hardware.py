@@ -4,27 +4,27 @@ import os
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.evaluation.errors import UNNORMALISED, evaluate, statistics
-from pandis.evaluation.timing import summarise, time_queries
-from pandis.fields.base import Field
-from pandis.geometry.frame import Frame
-from pandis.geometry.measure import SETS, ContactSet
-from pandis.geometry.physical import Scale
-from pandis.geometry.shares import Probes
-from pandis.hardware.load import busy_cores
-from pandis.hardware.validation import NO_ATTACHED, _longest_run, validate
-from pandis.native.runtime import SHAPE, NativeField
-from pandis.native.runtime.files import pack
-from pandis.native.servo import run_ticks
-from pandis.report.render import render
-from pandis.report.tables import COLUMNS, summary_rows, to_csv
-from pandis.run.machine import describe
-from pandis.run.options import HardwareOptions, TimingOptions
-from pandis.run.records.evaluation import EvaluationRecord, Figures
-from pandis.run.records.stress import StressRecord
-from pandis.run.records.timing import TimingRecord
-from pandis.run.stage import Progress, silent_progress
+from pandis.base.errors import PandisError
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.base import Field
+from pandis.pipeline.geometry.measure import SETS, ContactSet
+from pandis.pipeline.geometry.shares import Probes
+from pandis.pipeline.judge.errors.errors import UNNORMALISED, evaluate, statistics
+from pandis.pipeline.judge.servo.load import busy_cores
+from pandis.pipeline.judge.servo.validation import NO_ATTACHED, _longest_run, validate
+from pandis.pipeline.judge.timing.timing import summarise, time_queries
+from pandis.pipeline.report.render import render
+from pandis.pipeline.report.tables import COLUMNS, summary_rows, to_csv
+from pandis.pipeline.run.ask.options import HardwareOptions, TimingOptions
+from pandis.pipeline.run.job.machine import describe
+from pandis.pipeline.run.job.stage import Progress, silent_progress
+from pandis.pipeline.run.records.evaluation import EvaluationRecord, Figures
+from pandis.pipeline.run.records.stress import StressRecord
+from pandis.pipeline.run.records.timing import TimingRecord
+from pandis.runtime.field import SHAPE, NativeField
+from pandis.runtime.field.files import pack
+from pandis.runtime.servo import run_ticks
 from support import box_mesh
 from verdicts import SOUND, WHOLE, changed, validated
 
@@ -302,7 +302,7 @@ def test_render_hides_what_lies_behind():
 
 def test_progress_reports_rate_and_what_is_left(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr("pandis.run.stage.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("pandis.pipeline.run.job.stage.time.monotonic", lambda: now[0])
     lines = []
     progress = Progress(lines.append, "labels", 1000, "points")
     for second, done in ((1, 100), (6, 600), (7, 700), (10, 1000)):

@@ -7,29 +7,29 @@ import onnx
 import pytest
 import torch
 
-from pandis.errors import ArtifactError, PandisError
-from pandis.export.check import DISTANCE, FORCE, check, check_points
-from pandis.export.grids import export_grid
-from pandis.export.native import native_bytes
-from pandis.export.networks import export_network, torch_network
-from pandis.export.programs import export_program
-from pandis.export.session import Session, read_export, read_program_metadata
-from pandis.fields.base import Field, clamp_to_box, normalise
-from pandis.fields.grid import GridField
-from pandis.fields.grids import open_field
-from pandis.fields.registry import open_fields
-from pandis.fields.siren import SirenField
-from pandis.forces import penalty_force
-from pandis.geometry.distance import ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.shapes import SHAPES
-from pandis.grids.base import fit_base
-from pandis.grids.dense import DenseGrid
-from pandis.native.runtime import NativeField
-from pandis.run.artifact import read_artifact
-from pandis.run.catalogue import GRID_FIELDS, parse_field
-from pandis.run.stage import silent_progress
-from pandis.training.network import Siren
+from pandis.base.errors import ArtifactError, PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.pipeline.export.check import DISTANCE, FORCE, check, check_points
+from pandis.pipeline.export.grids import export_grid
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.export.networks import export_network, torch_network
+from pandis.pipeline.export.programs import export_program
+from pandis.pipeline.export.session import Session, read_export, read_program_metadata
+from pandis.pipeline.fields.base import Field, clamp_to_box, normalise
+from pandis.pipeline.fields.grid import GridField
+from pandis.pipeline.fields.grids import open_field
+from pandis.pipeline.fields.registry import open_fields
+from pandis.pipeline.fields.siren import SirenField
+from pandis.pipeline.geometry.distance import ShapeDistance
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.grids.base import fit_base
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.run.job.artifact import read_artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.training.network import Siren
+from pandis.runtime.field import NativeField
 from support import ROOT, artifact
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)

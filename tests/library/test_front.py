@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pandis.evaluation.front import ERRORS, PRICES, pareto, recommend
-from pandis.report.figures import colour
-from pandis.run.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.pipeline.judge.errors.front import ERRORS, PRICES, pareto, recommend
+from pandis.pipeline.report.figures import colour
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
 
 KEYS = ("contact_percent", *PRICES)
 #: What may be used: nothing failed, nothing missing.

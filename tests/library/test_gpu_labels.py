@@ -5,12 +5,12 @@ import sys
 import numpy as np
 import pytest
 
-from pandis.geometry.distance import SURFACE_DISTANCE, MeshDistance, ShapeDistance
-from pandis.training import labels
+from pandis.pipeline.geometry.distance import SURFACE_DISTANCE, MeshDistance, ShapeDistance
+from pandis.pipeline.training import labels
 from shapes import bent_sheet, blade, box, cage, finned_ball, plate
 
 warp = pytest.importorskip("warp", reason="no Warp: pip install warp-lang")
-from pandis.native.cuda import meshes  # noqa: E402 (needs Warp)
+from pandis.engine.cuda import meshes  # noqa: E402 (needs Warp)
 
 DEVICES = ["cpu", *(["cuda"] if warp.is_cuda_available() else [])]
 
@@ -85,6 +85,6 @@ def test_what_has_no_mesh_or_no_gpu_is_labelled_by_the_host(monkeypatch):
     shape = ShapeDistance(None, None)
     assert labels.on_device(shape, "cuda", said.append) is shape
     assert said == []
-    monkeypatch.setitem(sys.modules, "pandis.native.cuda.meshes", None)
+    monkeypatch.setitem(sys.modules, "pandis.engine.cuda.meshes", None)
     assert labels.on_device(engine, "cuda", said.append) is engine
     assert "labels come from the host" in said[0]

@@ -6,13 +6,13 @@ import sys
 import pytest
 import torch
 
-from pandis.run.recipes import ExactRecipe
-from pandis.training import elements, exact_loss
-from pandis.training.network import Siren
+from pandis.pipeline.run.ask.recipes import ExactRecipe
+from pandis.pipeline.training import elements, exact_loss
+from pandis.pipeline.training.network import Siren
 from support import ROOT, environment
 
 warp = pytest.importorskip("warp", reason="no Warp: pip install warp-lang")
-from pandis.native.cuda import steps  # noqa: E402 (needs Warp)
+from pandis.engine.cuda import steps  # noqa: E402 (needs Warp)
 
 DEVICES = ["cpu", *(["cuda"] if warp.is_cuda_available() else [])]
 
@@ -39,7 +39,7 @@ def gradients(outputs, columns, device, kernels, monkeypatch):
 
 FIRST = """
 import torch
-from pandis.native.cuda import steps
+from pandis.engine.cuda import steps
 z, bias, cosine = torch.zeros(3, 5), torch.zeros(3), torch.zeros(3, 5)
 steps.launch(steps.sines, z.shape, z, bias, cosine)
 assert (cosine == 1).all()
@@ -58,7 +58,7 @@ def test_without_warp_or_its_gpu_torch_takes_the_steps(monkeypatch):
     monkeypatch.setattr(steps.wp, "is_cuda_available", lambda: False)
     assert elements._kernels() is None
     elements._kernels.cache_clear()
-    monkeypatch.setitem(sys.modules, "pandis.native.cuda.steps", None)
+    monkeypatch.setitem(sys.modules, "pandis.engine.cuda.steps", None)
     assert elements._kernels() is None
     elements._kernels.cache_clear()
 

@@ -3,25 +3,25 @@
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.evaluation.points import Points
-from pandis.export.vti import export_vti, read_note, read_vti
-from pandis.fields.base import BOUND, INVALID, OK, normalise
-from pandis.fields.grids import GRID_OPENERS
-from pandis.fields.sizing import Sizing, grid_bytes
-from pandis.forces import penalty_force
-from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.grids import spline as splines
-from pandis.grids.band import Band, find_cells, needed_nodes
-from pandis.grids.dense import CHANNELS, DenseGrid
-from pandis.run.artifact import Artifact, ArtifactWriter, read_artifact
-from pandis.run.catalogue import GRID_FIELDS
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import BakeAutoTask
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.export.vti import export_vti, read_note, read_vti
+from pandis.pipeline.fields.base import BOUND, INVALID, OK, normalise
+from pandis.pipeline.fields.grids import GRID_OPENERS
+from pandis.pipeline.fields.sizing import Sizing, grid_bytes
+from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.grids import spline as splines
+from pandis.pipeline.grids.band import Band, find_cells, needed_nodes
+from pandis.pipeline.grids.dense import CHANNELS, DenseGrid
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS
+from pandis.pipeline.run.ask.tasks import BakeAutoTask
+from pandis.pipeline.run.job.artifact import Artifact, ArtifactWriter, read_artifact
+from pandis.pipeline.run.job.stage import silent_progress
 from support import box_mesh
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)
@@ -462,7 +462,7 @@ def silent(text):
     [("trilinear", {"force_error": 5e-3}), ("tricubic", {"bytes": 40_000})],
 )
 def test_sizing(torus, kind, target, monkeypatch):
-    monkeypatch.setattr("pandis.fields.sizing.SIZES", (16, 24, 32, 48))
+    monkeypatch.setattr("pandis.pipeline.fields.sizing.SIZES", (16, 24, 32, 48))
     engine, surface = torus
     task, points = asked(kind, **target), Points(surface, engine, SCALE, 1)
     arrays, attributes = Sizing(points, FRAME, task, silent_progress, silent).find()
@@ -486,7 +486,7 @@ def test_sizing(torus, kind, target, monkeypatch):
 def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypatch):
     engine, surface = torus
     # the first covers no band at all, and the largest asks for more samples than drawn at first
-    monkeypatch.setattr("pandis.fields.sizing.SPLINE_BYTES", (8_000, 60_000, 120_000))
+    monkeypatch.setattr("pandis.pipeline.fields.sizing.SPLINE_BYTES", (8_000, 60_000, 120_000))
     task, lines = asked("spline", force_error=2e-3), []
     points = Points(surface, engine, SCALE, 1)
     arrays, attributes = Sizing(points, FRAME, task, silent_progress, lines.append).find()

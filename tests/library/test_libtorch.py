@@ -5,13 +5,13 @@ import shutil
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.evaluation import libtorch, timing
-from pandis.export.networks import export_network
-from pandis.export.programs import export_program
-from pandis.geometry.frame import Frame
-from pandis.run.artifact import Artifact
-from pandis.run.options import TimingOptions
+from pandis.base.errors import PandisError
+from pandis.base.frame import Frame
+from pandis.pipeline.export.networks import export_network
+from pandis.pipeline.export.programs import export_program
+from pandis.pipeline.judge.timing import libtorch, timing
+from pandis.pipeline.run.ask.options import TimingOptions
+from pandis.pipeline.run.job.artifact import Artifact
 from test_fields_and_export import FRAME, model
 
 

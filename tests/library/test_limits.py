@@ -7,14 +7,14 @@ from multiprocessing import active_children
 
 import pytest
 
-from pandis.errors import PandisError
-from pandis.native.processes import each
-from pandis.run.limits import _beyond, limited, resident_megabytes
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.host.processes import each
+from pandis.pipeline.run.job.limits import _beyond, limited, resident_megabytes
 from support import ROOT, environment
 
 BODY = """
 import sys
-from pandis.run.limits import limited
+from pandis.pipeline.run.job.limits import limited
 with limited("bake", {minutes}, {megabytes}, print, sys.stderr):
     {body}
 print("done")

@@ -3,19 +3,25 @@
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.fields.base import Field
-from pandis.fields.controls import GAP, controls, demand_failure
-from pandis.fields.exact import ExactField
-from pandis.forces import penalty_force
-from pandis.geometry.body import Body
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.measure import OF_RADIUS, contact_errors, draw_contacts, promise, too_thin
-from pandis.geometry.physical import Scale
-from pandis.geometry.places import stratify
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shares import (
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.base import Field
+from pandis.pipeline.fields.controls import GAP, controls, demand_failure
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.measure import (
+    OF_RADIUS,
+    contact_errors,
+    draw_contacts,
+    promise,
+    too_thin,
+)
+from pandis.pipeline.geometry.places import stratify
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shares import (
     JUDGED,
     MISSING_LIMIT,
     Probes,
@@ -25,9 +31,9 @@ from pandis.geometry.shares import (
     shares,
     strongly_felt,
 )
-from pandis.geometry.thickness import are_walls, inscribed_radius
-from pandis.run.budget import Limits, amount
-from pandis.run.options import BudgetOptions
+from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
+from pandis.pipeline.run.ask.budget import Limits, amount
+from pandis.pipeline.run.ask.options import BudgetOptions
 from shapes import SHAPES, open_shape
 
 SCALE = Scale(0.1, 400.0)

@@ -5,21 +5,21 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.fields.base import BOUND
-from pandis.fields.proxy import ProxyField
-from pandis.fields.registry import open_field
-from pandis.forces import penalty_force
-from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.geometry.trajectories import trace
-from pandis.grids.dense import DenseGrid
-from pandis.grids.planes import build_planes
-from pandis.run.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
-from pandis.run.options import TrajectoryOptions
-from pandis.run.stage import silent_progress
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.pipeline.fields.base import BOUND
+from pandis.pipeline.fields.proxy import ProxyField
+from pandis.pipeline.fields.registry import open_field
+from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.grids.planes import build_planes
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.pipeline.run.ask.options import TrajectoryOptions
+from pandis.pipeline.run.job.stage import silent_progress
 from support import artifact, box_mesh
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.evaluation.points import Points
-from pandis.geometry.physical import Scale
-from pandis.run.stage import silent_progress
-from pandis.training.sizing import WIDTHS, train
-from pandis.training.trainer import Trainer
+from pandis.base.errors import PandisError
+from pandis.base.physical import Scale
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.training.sizing import WIDTHS, train
+from pandis.pipeline.training.trainer import Trainer
 from test_training import same, samples, task  # noqa: F401  (a fixture)
 
 

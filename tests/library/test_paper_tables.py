@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from pandis.report.builds import build_seconds
-from pandis.report.paper import METHODS, tables
-from pandis.run.records.evaluation import EvaluationRecord, Figures
-from pandis.run.records.mesh import MeshRecord
-from pandis.run.records.model import ModelRecord
-from pandis.run.records.timing import TimingRecord
+from pandis.pipeline.report.builds import build_seconds
+from pandis.pipeline.report.paper import METHODS, tables
+from pandis.pipeline.run.records.evaluation import EvaluationRecord, Figures
+from pandis.pipeline.run.records.mesh import MeshRecord
+from pandis.pipeline.run.records.model import ModelRecord
+from pandis.pipeline.run.records.timing import TimingRecord
 
 
 def section(name, fields):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pandis.evaluation.paths import interval, over_paths, repeats, verdict
-from pandis.fields.base import Field
-from pandis.geometry.frame import Frame
-from pandis.run.records.evaluation import PathsRecord
-from pandis.run.records.model import ModelRecord
+from pandis.base.frame import Frame
+from pandis.pipeline.fields.base import Field
+from pandis.pipeline.judge.errors.paths import interval, over_paths, repeats, verdict
+from pandis.pipeline.run.records.evaluation import PathsRecord
+from pandis.pipeline.run.records.model import ModelRecord
 
 NORMAL = np.array([0.0, 0.0, 1.0])
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from pandis.evaluation.front import may_be_used
-from pandis.report.picks import picks
-from pandis.report.tables import COLUMNS
+from pandis.pipeline.judge.errors.front import may_be_used
+from pandis.pipeline.report.picks import picks
+from pandis.pipeline.report.tables import COLUMNS
 from verdicts import PRESSED, SOUND, WHOLE, changed, validated
 
 

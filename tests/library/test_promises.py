@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 import trimesh
 
-from pandis.errors import PandisError
-from pandis.evaluation import choice
-from pandis.evaluation.choice import Chooser
-from pandis.evaluation.points import Points
-from pandis.fields.compact import CompactField
-from pandis.fields.controls import controls
-from pandis.fields.siren import SirenField
-from pandis.fields.sizing import Grids, grid_bytes
-from pandis.forces import penalty_force
-from pandis.geometry.frame import Frame
-from pandis.geometry.measure import draw_contacts, promise
-from pandis.run.catalogue import DENSE_KINDS
-from pandis.run.options import SampleOptions
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.pipeline.fields.compact import CompactField
+from pandis.pipeline.fields.controls import controls
+from pandis.pipeline.fields.siren import SirenField
+from pandis.pipeline.fields.sizing import Grids, grid_bytes
+from pandis.pipeline.geometry.measure import draw_contacts, promise
+from pandis.pipeline.judge import choice
+from pandis.pipeline.judge.choice import Chooser
+from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.run.ask.catalogue import DENSE_KINDS
+from pandis.pipeline.run.ask.options import SampleOptions
 from shapes import open_shape, opened
 from support import artifact
 from test_choice import SCALE, TORUS, chooser

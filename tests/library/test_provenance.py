@@ -3,7 +3,7 @@ import shutil
 
 import pytest
 
-from pandis.run.provenance import CodeDigests, _tree_digest
+from pandis.pipeline.run.job.provenance import CodeDigests, _tree_digest
 from support import ROOT, edit
 
 
@@ -96,8 +96,10 @@ def test_digest_is_the_same_on_every_python():
 
 def test_real_stages_have_digests():
     digests = CodeDigests(ROOT / "workflow")
-    assert "pandis.mesh.tools" in digests.modules("mesh")
-    assert "pandis.training.paper_loss" in digests.modules("train")
-    assert "pandis.fields.grid" not in digests.modules("train")
+    assert "pandis.pipeline.mesh.tools" in digests.modules("mesh")
+    assert "pandis.pipeline.training.paper_loss" in digests.modules("train")
+    assert "pandis.pipeline.fields.grid" not in digests.modules("train")
     for stage in ("mesh", "sample", "train", "bake", "evaluate"):
-        assert not {"pandis.run.config", "pandis.run.plan"} & set(digests.modules(stage))
+        assert not {"pandis.pipeline.run.ask.config", "pandis.pipeline.run.plan.plan"} & set(
+            digests.modules(stage)
+        )

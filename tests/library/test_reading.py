@@ -14,14 +14,14 @@ import trimesh
 from cases import CASES, Reads, mutations
 from casework.packages import model, package
 from counter import Refused, count
-from pandis.errors import PandisError
-from pandis.geometry.shapes import find_shape
-from pandis.mesh import tools
-from pandis.mesh.cleanup import clean, orient
-from pandis.mesh.diagnosis import diagnose
-from pandis.mesh.formats import FormatError, read
-from pandis.mesh.intake import check_arrays, find_file, read_mesh, unpacked
-from pandis.mesh.polygons import triangulate_polygons
+from pandis.base.errors import PandisError
+from pandis.pipeline.geometry.shapes import find_shape
+from pandis.pipeline.mesh import tools
+from pandis.pipeline.mesh.cleanup import clean, orient
+from pandis.pipeline.mesh.diagnosis import diagnose
+from pandis.pipeline.mesh.formats import FormatError, read
+from pandis.pipeline.mesh.intake import check_arrays, find_file, read_mesh, unpacked
+from pandis.pipeline.mesh.polygons import triangulate_polygons
 from support import box_mesh, octahedron, write_obj
 from validity import assert_valid, volume
 

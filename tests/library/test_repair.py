@@ -4,19 +4,19 @@ import igl
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.geometry.shapes import SHAPES
-from pandis.mesh import repair as ladder
-from pandis.mesh import tools
-from pandis.mesh.build import build
-from pandis.mesh.cleanup import clean, flip_flat_faces, orient, split
-from pandis.mesh.deviation import Surface, deviation
-from pandis.mesh.diagnosis import diagnose
-from pandis.mesh.holes import fill_holes
-from pandis.mesh.intake import read_mesh
-from pandis.mesh.remesh import orient_by_sight, winding_remesh
-from pandis.run.options import MeshOptions
-from pandis.run.tasks import MeshTask
+from pandis.base.errors import PandisError
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.mesh import repair as ladder
+from pandis.pipeline.mesh import tools
+from pandis.pipeline.mesh.build import build
+from pandis.pipeline.mesh.cleanup import clean, flip_flat_faces, orient, split
+from pandis.pipeline.mesh.deviation import Surface, deviation
+from pandis.pipeline.mesh.diagnosis import diagnose
+from pandis.pipeline.mesh.holes import fill_holes
+from pandis.pipeline.mesh.intake import read_mesh
+from pandis.pipeline.mesh.remesh import orient_by_sight, winding_remesh
+from pandis.pipeline.run.ask.options import MeshOptions
+from pandis.pipeline.run.ask.tasks import MeshTask
 from support import box_mesh, octahedron
 from test_diagnosis import copies
 from validity import assert_valid, volume

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from pandis.errors import PandisError
-from pandis.mesh.repair import repair
-from pandis.run.options import MeshOptions
+from pandis.base.errors import PandisError
+from pandis.pipeline.mesh.repair import repair
+from pandis.pipeline.run.ask.options import MeshOptions
 from validity import assert_valid, volume
 
 

@@ -7,12 +7,12 @@ case that ever failed; `make test-full` runs 2,000.
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.geometry.shapes import SHAPES
-from pandis.mesh import repair, tools
-from pandis.mesh.formats import FormatError
-from pandis.mesh.intake import check_arrays
-from pandis.run.options import MeshOptions
+from pandis.base.errors import PandisError
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.mesh import repair, tools
+from pandis.pipeline.mesh.formats import FormatError
+from pandis.pipeline.mesh.intake import check_arrays
+from pandis.pipeline.run.ask.options import MeshOptions
 from support import box_mesh, octahedron
 from test_diagnosis import copies
 from test_repair import ball

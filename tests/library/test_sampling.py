@@ -2,17 +2,17 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pandis.forces import penalty_force
-from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import PROBE_DEPTHS, Surface, bending, blue_noise, probes
-from pandis.geometry.shapes import SHAPES as CLOSED_FORMS
-from pandis.geometry.strata import STRATA
-from pandis.geometry.thickness import inscribed_radius
-from pandis.geometry.trajectories import trace
-from pandis.native.bvh import TIED
-from pandis.run.options import SampleOptions, TrajectoryOptions
-from pandis.run.stage import silent_progress
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.engine.bvh import TIED
+from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.sampling import PROBE_DEPTHS, Surface, bending, blue_noise, probes
+from pandis.pipeline.geometry.shapes import SHAPES as CLOSED_FORMS
+from pandis.pipeline.geometry.strata import STRATA
+from pandis.pipeline.geometry.thickness import inscribed_radius
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.run.ask.options import SampleOptions, TrajectoryOptions
+from pandis.pipeline.run.job.stage import silent_progress
 from shapes import SHAPES, open_shape
 from support import artifact, box_mesh, sample
 
@@ -96,7 +96,7 @@ def test_same_seed_same_samples(torus):
 
 def test_shards_do_not_show(torus, monkeypatch):
     """Fewer points at once: other random numbers, but strata of the same law, in one order."""
-    monkeypatch.setattr("pandis.geometry.strata.SHARD", 256)
+    monkeypatch.setattr("pandis.pipeline.geometry.strata.SHARD", 256)
     arrays, attributes = sample(*torus, SMALL, 5, silent_progress)
     assert all(len(a) == 14_000 for a in arrays.values())
     start, stop = attributes["strata"]["surface"]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pandis.geometry.shapes import SHAPES
-from pandis.mesh.diagnosis import diagnose
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.mesh.diagnosis import diagnose
 
 
 @pytest.mark.parametrize("name", SHAPES)

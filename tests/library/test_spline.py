@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from pandis.grids.fit import Level, Targets, fit
-from pandis.native import spline as native
-from pandis.native.spline import Lattice, SparseSpline, block_count, kept_nodes, pack
+from pandis.engine import spline as native
+from pandis.engine.spline import Lattice, SparseSpline, block_count, kept_nodes, pack
+from pandis.pipeline.grids.fit import Level, Targets, fit
 
 
 def inside(lattice, count, seed=0):

@@ -3,30 +3,30 @@
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.fields.base import OK, Answer, Field
-from pandis.fields.controls import controls
-from pandis.fields.grids import GRID_OPENERS
-from pandis.forces import penalty_force
-from pandis.geometry.body import Body
-from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.physical import Scale
-from pandis.geometry.places import Stratified
-from pandis.geometry.shapes import SHAPES
-from pandis.grids.dense import DenseGrid
-from pandis.run.options import StressOptions
-from pandis.run.stage import silent_progress
-from pandis.stress.contact import holding, wanted_force
-from pandis.stress.coupled import LADDER, simulate, stable_stiffness
-from pandis.stress.ghosts import ghosts
-from pandis.stress.jumps import jumps
-from pandis.stress.physical import Device
-from pandis.stress.probes import Shell
-from pandis.stress.robust import CHUNK, walk
-from pandis.stress.stiffness import jacobians
-from pandis.stress.suite import QUESTIONS, Suite, stress
-from pandis.stress.work import DEPTHS, loop_work, loops
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.base import OK, Answer, Field
+from pandis.pipeline.fields.controls import controls
+from pandis.pipeline.fields.grids import GRID_OPENERS
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.places import Stratified
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.judge.stress.contact import holding, wanted_force
+from pandis.pipeline.judge.stress.coupled import LADDER, simulate, stable_stiffness
+from pandis.pipeline.judge.stress.ghosts import ghosts
+from pandis.pipeline.judge.stress.jumps import jumps
+from pandis.pipeline.judge.stress.physical import Device
+from pandis.pipeline.judge.stress.probes import Shell
+from pandis.pipeline.judge.stress.robust import CHUNK, walk
+from pandis.pipeline.judge.stress.stiffness import jacobians
+from pandis.pipeline.judge.stress.suite import QUESTIONS, Suite, stress
+from pandis.pipeline.judge.stress.work import DEPTHS, loop_work, loops
+from pandis.pipeline.run.ask.options import StressOptions
+from pandis.pipeline.run.job.stage import silent_progress
 from support import artifact, box_mesh
 
 R = 0.9

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from pandis.export.native import export_native
-from pandis.fields.exact import ExactField
-from pandis.fields.exported import ExportedField
-from pandis.geometry.body import Body
-from pandis.geometry.shapes import SHAPES
-from pandis.run.stage import silent_progress
-from pandis.stress import suite as suites
-from pandis.stress.proxy import Felt, nothing
-from pandis.stress.suite import PROXY_QUESTIONS, Suite, failures, stress
+from pandis.pipeline.export.native import export_native
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.exported import ExportedField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.judge.stress import suite as suites
+from pandis.pipeline.judge.stress.proxy import Felt, nothing
+from pandis.pipeline.judge.stress.suite import PROXY_QUESTIONS, Suite, failures, stress
+from pandis.pipeline.run.job.stage import silent_progress
 from test_stress import FRAME, OPTIONS, SCALE, Exact
 
 

@@ -5,25 +5,25 @@ import pytest
 import torch
 from scipy.spatial import cKDTree
 
-from pandis.errors import PandisError
-from pandis.geometry.distance import MeshDistance, ShapeDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.geometry.strata import Strata
-from pandis.run.options import SampleOptions
-from pandis.run.recipes import ExactRecipe, PaperRecipe
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import TrainTask
-from pandis.training import exact_loss, vectors
-from pandis.training import paper_loss as losses
-from pandis.training import trainer as trainer_module
-from pandis.training.batches import vertex_points
-from pandis.training.elements import sines
-from pandis.training.network import Siren
-from pandis.training.optimiser import orthogonal
-from pandis.training.products import product
-from pandis.training.trainer import Trainer
+from pandis.base.errors import PandisError
+from pandis.base.frame import Frame
+from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.run.ask.options import SampleOptions
+from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
+from pandis.pipeline.run.ask.tasks import TrainTask
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.pipeline.training import exact_loss, vectors
+from pandis.pipeline.training import paper_loss as losses
+from pandis.pipeline.training import trainer as trainer_module
+from pandis.pipeline.training.batches import vertex_points
+from pandis.pipeline.training.elements import sines
+from pandis.pipeline.training.network import Siren
+from pandis.pipeline.training.optimiser import orthogonal
+from pandis.pipeline.training.products import product
+from pandis.pipeline.training.trainer import Trainer
 from support import artifact, sample
 
 
@@ -384,7 +384,7 @@ def test_a_base_that_is_all_but_right_is_no_reason_to_restart(samples, tmp_path)
 
 
 def test_checkpoint_that_cannot_be_written_does_not_stop_the_run(samples, tmp_path, monkeypatch):
-    monkeypatch.setattr("pandis.training.trainer.CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr("pandis.pipeline.training.trainer.CHECKPOINT_SECONDS", 0.0)
     (tmp_path / "file").write_text("in the way")
     lines = []
     run = Trainer(task(steps=5), *samples, tmp_path / "file" / "c.pt", lines.append)

@@ -6,13 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from pandis.evaluation.view import DEPTHS, coarsen, surface_errors
-from pandis.fields.base import Field
-from pandis.geometry.distance import MeshDistance
-from pandis.geometry.frame import Frame
-from pandis.geometry.shapes import SHAPES
-from pandis.report.view import DECADES, view
-from pandis.run.stage import silent_progress
+from pandis.base.frame import Frame
+from pandis.pipeline.fields.base import Field
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.judge.errors.view import DEPTHS, coarsen, surface_errors
+from pandis.pipeline.report.view import DECADES, view
+from pandis.pipeline.run.job.stage import silent_progress
 
 
 class Shallower(Field):

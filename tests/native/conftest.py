@@ -6,23 +6,23 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pandis.export.clearance import clearance
-from pandis.export.native import export_native, native_bytes
-from pandis.fields.compact import CompactField
-from pandis.fields.exact import ExactField
-from pandis.fields.grids import open_field
-from pandis.fields.siren import SirenField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.geometry.sampling import Surface
-from pandis.geometry.shapes import SHAPES
-from pandis.grids.base import fit_base
-from pandis.grids.compact import build_compact
-from pandis.grids.dense import DenseGrid
-from pandis.grids.spline import SplineFit, samples_for
-from pandis.native.runtime import RULES
-from pandis.run.catalogue import GRID_FIELDS, parse_field
-from pandis.run.stage import silent_progress
+from pandis.base.frame import Frame
+from pandis.pipeline.export.clearance import clearance
+from pandis.pipeline.export.native import export_native, native_bytes
+from pandis.pipeline.fields.compact import CompactField
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.fields.grids import open_field
+from pandis.pipeline.fields.siren import SirenField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.grids.base import fit_base
+from pandis.pipeline.grids.compact import build_compact
+from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.field import RULES
 from support import artifact
 
 #: A frame that is not the unit frame, so that forgetting it shows.

@@ -11,16 +11,16 @@ import subprocess
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.native.contact import NativeContact, Options, TouchedScene, library
-from pandis.native.contact.surfaces import Material, Texture
-from pandis.native.layout import compare_layouts
-from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed, placed_object
+from pandis.base.errors import PandisError
+from pandis.engine.layout import compare_layouts
+from pandis.runtime.contact import NativeContact, Options, TouchedScene, library
+from pandis.runtime.contact.surfaces import Material, Texture
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed, placed_object
 from support import ROOT
 
-NATIVE = ROOT / "workflow" / "pandis" / "native"
-HEADER = (NATIVE / "pandis.h").read_text()
+ENGINE = ROOT / "workflow" / "pandis" / "engine"
+HEADER = (ENGINE / "pandis.h").read_text()
 INTERFACE = HEADER[: HEADER.index("#endif /* PANDIS_H */")]
 INVALID, ERROR_COUNT = 2, -16
 
@@ -79,7 +79,7 @@ def compiled(folder, compiler, *flags, source=None, text=""):
         source = folder / "wrong.c"
         head = '#define PANDIS_IMPLEMENTATION\n#include <stdio.h>\n#include "pandis.h"\n'
         source.write_text(f"{head}int main(void) {{ {text} return 0; }}\n")
-    command = [compiler, *flags, "-O1", "-I", NATIVE, source, "-o", folder / "main", "-lm"]
+    command = [compiler, *flags, "-O1", "-I", ENGINE, source, "-o", folder / "main", "-lm"]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     return done.stderr if done.returncode else folder / "main"
 

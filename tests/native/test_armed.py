@@ -21,8 +21,8 @@ from test_devices import (  # noqa: F401
     stand_in,
 )
 
-from pandis.native import device as hdapi
-from pandis.stress.coupled import shaking
+from pandis.pipeline.judge.stress.coupled import shaking
+from pandis.runtime import device as hdapi
 
 #: As an attached run has them, with a button to hold; the ramp is short, for a run is.
 ARMED = {"ramp": 4, "step": 0.33, "needs": hdapi.NEEDS_BUTTON, "continuous": 0.88}

@@ -6,14 +6,14 @@ import threading
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.hardware.devices import DEVICES
-from pandis.native import mujoco as plugin
-from pandis.native.compiler import find_compiler
-from pandis.native.contact import TouchedScene
-from pandis.native.contact.surfaces import Material
-from pandis.native.device import DONE, Order, Simulated, run_simulated
-from pandis.native.samples import sample_bytes
+from pandis.base.errors import PandisError
+from pandis.bridges import mujoco as plugin
+from pandis.engine.compiler import find_compiler
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.runtime.contact import TouchedScene
+from pandis.runtime.contact.surfaces import Material
+from pandis.runtime.device import DONE, Order, Simulated, run_simulated
+from pandis.runtime.samples import sample_bytes
 from support import ROOT
 
 mujoco = pytest.importorskip("mujoco", reason="no MuJoCo here: pip install mujoco-core")
@@ -38,7 +38,7 @@ def box(tmp_path_factory):
 
 def bridge_of(path, joint="<freejoint/>", step=0.005, more="", euler="0 0 0", **options):
     """Return a bridge to a box that floats, or is held as a joint says, and its model."""
-    from pandis.native.mujoco.bridge import Bridge
+    from pandis.bridges.mujoco.bridge import Bridge
 
     model = mujoco.MjModel.from_xml_string(f"""
         <mujoco><option timestep="{step}" gravity="0 0 0" integrator="implicitfast"/>
@@ -141,7 +141,7 @@ def test_each_of_two_objects_gets_what_is_its_own(box, tmp_path):
     """Beside the middle of the workspace; one of them with an origin that MuJoCo has moved."""
     import trimesh
 
-    from pandis.native.mujoco.bridge import Bridge
+    from pandis.bridges.mujoco.bridge import Bridge
 
     other, obj = tmp_path / "other.pandis", tmp_path / "other.obj"
     other.write_bytes(sample_bytes("box", HALF, HALF, HALF))
@@ -271,7 +271,7 @@ def test_a_simulation_that_fails_ends_the_run(box):
 
 
 def test_what_is_wrong_is_said(box):
-    from pandis.native.mujoco.bridge import Bridge
+    from pandis.bridges.mujoco.bridge import Bridge
 
     empty = mujoco.MjModel.from_xml_string("<mujoco/>")
     with pytest.raises(PandisError, match="no geom of the plugin"):

@@ -5,21 +5,21 @@ import numpy as np
 import pytest
 
 from conftest import FRAME
-from pandis.errors import PandisError
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import UNIT_SIDE, Frame
-from pandis.native.contact import (
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE, Frame
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.runtime.contact import (  # fmt: skip
     STICKING,
     TOUCHING,
     WAITING,
     Material,
     NativeContact,
     TouchedScene,
-)  # fmt: skip
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
+)
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 from support import artifact
 
 #: Everything that knows a distance outside.
@@ -501,7 +501,7 @@ def test_a_shape_that_comes_over_the_proxy_pushes_it_out(files):
 
 
 def _mesh_of(files):
-    from pandis.geometry.shapes import SHAPES
+    from pandis.pipeline.geometry.shapes import SHAPES
 
     vertices, faces = SHAPES["torus"].tessellation(60, 30)
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))

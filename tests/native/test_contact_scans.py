@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from test_contact import approach, gain_near, metres, placed, surface_of
 
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import UNIT_SIDE
-from pandis.grids.compact import file_parts, pack_body
-from pandis.mesh.build import build
-from pandis.native.contact import TOUCHING, NativeContact
-from pandis.native.runtime import COMPACT, NativeField
-from pandis.native.runtime.files import pack
-from pandis.run.tasks import MeshTask
+from pandis.base.frame import UNIT_SIDE
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.grids.compact import file_parts, pack_body
+from pandis.pipeline.mesh.build import build
+from pandis.pipeline.run.ask.tasks import MeshTask
+from pandis.runtime.contact import TOUCHING, NativeContact
+from pandis.runtime.field import COMPACT, NativeField
+from pandis.runtime.field.files import pack
 
 
 @pytest.fixture

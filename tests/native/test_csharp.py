@@ -10,10 +10,10 @@ import pytest
 from test_header import points_for
 
 from pandis.__main__ import main
-from pandis.native.contact import NativeContact
-from pandis.native.contact.surfaces import Material
-from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed
+from pandis.runtime.contact import NativeContact
+from pandis.runtime.contact.surfaces import Material
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
 from support import ROOT
 
 pytestmark = [

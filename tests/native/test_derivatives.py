@@ -5,13 +5,13 @@ import pytest
 import trimesh
 from test_header import points_for
 
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.grids.compact import file_parts, pack_body
-from pandis.native.runtime import COMPACT, SHAPES, NativeField
-from pandis.native.runtime.files import pack
+from pandis.base.frame import Frame
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.grids.compact import file_parts, pack_body
+from pandis.runtime.field import COMPACT, SHAPES, NativeField
+from pandis.runtime.field.files import pack
 
 EYE = np.eye(3)
 ANALYTIC = ("spline", "tricubic", "trilinear-normal", "trilinear-gradient", *SHAPES)

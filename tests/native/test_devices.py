@@ -18,17 +18,17 @@ import numpy as np
 import pytest
 
 import pandis
-from pandis.geometry.physical import Scale
-from pandis.native import device as hdapi
-from pandis.native.device import watchdog as watchdog_module
-from pandis.native.device.watchdog import Watchdog
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
-from pandis.stress import coupled
-from pandis.stress.physical import Device
+from pandis.base.physical import Scale
+from pandis.pipeline.judge.stress import coupled
+from pandis.pipeline.judge.stress.physical import Device
+from pandis.runtime import device as hdapi
+from pandis.runtime.device import watchdog as watchdog_module
+from pandis.runtime.device.watchdog import Watchdog
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 
 HERE = Path(__file__).parent
-HDAPI = Path(pandis.__file__).parent / "native" / "device"
+HDAPI = Path(pandis.__file__).parent / "runtime" / "device"
 #: The sphere of the tests has radius 1; it lies at the workspace's origin with 5 cm.
 RADIUS, STIFFNESS = 0.05, 400.0
 LIMITS = {
@@ -359,9 +359,9 @@ import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path[:0] = {path!r}
 import numpy as np
-from pandis.native import device as hdapi
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
+from pandis.engine import device as hdapi
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 field = NativeField({field!r})
 scene = NativeScene([Placed(field, np.eye(3), np.zeros(3), 0.05, 400.0)])
 limits = hdapi.Limits(3.3, 0, 3.3, 3.3, 1.5, 4, 0.1, 55e-6, 400.0, 2.0, 0)
@@ -419,9 +419,9 @@ DIES = """
 import os, signal, sys, threading, time
 sys.path[:0] = {path!r}
 import numpy as np
-from pandis.native import device as hdapi
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
+from pandis.engine import device as hdapi
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 if {faulthandler}:
     import faulthandler
     faulthandler.enable()

@@ -7,9 +7,9 @@ import pytest
 import torch
 from test_header import points_for
 
-from pandis.errors import PandisError
-from pandis.native.differentiable import jax_field, torch_field
-from pandis.native.runtime import NativeField
+from pandis.base.errors import PandisError
+from pandis.bridges.arrays import jax_field, torch_field
+from pandis.runtime.field import NativeField
 from support import ROOT
 
 KINDS = "spline", "network", "gradient", "shallow"

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from test_devices import PATIENT, run, stand_in  # noqa: F401
 
-from pandis.hardware.devices import DEVICES
-from pandis.hardware.pressing import Contact, Hand, _Rig
-from pandis.native import device as hdapi
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.pipeline.judge.servo.pressing import Contact, Hand, _Rig
+from pandis.runtime import device as hdapi
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 
 #: Of the object's longest side, m; of a run, s; until the hand moves, s: the force comes in before.
 SIZE, SECONDS, WAIT = 0.1, 2.0, 0.6

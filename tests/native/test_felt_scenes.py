@@ -8,17 +8,17 @@ from test_regions import exported, file_of, mesh  # noqa: F401
 from test_scenes import both_forces, compiled
 from test_textures import heights
 
-from pandis.evaluation.scenes import try_scene
-from pandis.export.native import export_native
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.native.contact import NativeContact
-from pandis.native.contact.surfaces import Texture, materials_for, texture_for, textures_for
-from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed
-from pandis.run.contacts import SurfaceOptions, TextureOptions
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import SceneTask
+from pandis.pipeline.export.native import export_native
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.judge.scenes import try_scene
+from pandis.pipeline.run.ask.contacts import SurfaceOptions, TextureOptions
+from pandis.pipeline.run.ask.tasks import SceneTask
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.contact import NativeContact
+from pandis.runtime.contact.surfaces import Texture, materials_for, texture_for, textures_for
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
 
 GRAIN = {"kind": "noise", "height": 1e-3, "length": 5e-3}
 ROUGH = {"sticking": 0.9, "texture": GRAIN}

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from pandis.errors import ArtifactError, PandisError
-from pandis.export import mjcf, newton, volumes
-from pandis.export.drawn import export_mesh
-from pandis.geometry.body import Body
-from pandis.native import mujoco as mujoco_plugin
-from pandis.native.newton import kept
-from pandis.native.runtime import NativeField
-from pandis.native.volumes.reading import read_vdb
-from pandis.report.seal import SEALED, read_seal, seal
-from pandis.run.artifact import check_seal
-from pandis.run.stage import silent_progress
+from pandis.base.errors import ArtifactError, PandisError
+from pandis.bridges import mujoco as mujoco_plugin
+from pandis.bridges.newton import kept
+from pandis.bridges.vdb.reading import read_vdb
+from pandis.pipeline.export import mjcf, newton, volumes
+from pandis.pipeline.export.drawn import export_mesh
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.report.seal import SEALED, read_seal, seal
+from pandis.pipeline.run.job.artifact import check_seal
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.field import NativeField
 
 SIZE = 0.1
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import expm
 from test_devices import TOUCH, order
 
-from pandis.native import device as hdapi
-from pandis.stress.coupled import Mass
-from pandis.stress.physical import TICK, Device
+from pandis.pipeline.judge.stress.coupled import Mass
+from pandis.pipeline.judge.stress.physical import TICK, Device
+from pandis.runtime import device as hdapi
 
 MASS, FRICTION, SPRING = 0.045, 0.26, 400.0
 FREE = np.array([0.3, 0.0, 0.0])  # far from the ball

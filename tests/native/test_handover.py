@@ -7,8 +7,8 @@ import pytest
 from test_queries import same
 from test_refit import bent, points_around
 
-from pandis.native.runtime import NativeField
-from pandis.native.runtime.handover import SharedField
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.handover import SharedField
 
 SHAPES = 400
 

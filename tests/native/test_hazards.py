@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from pandis.native import device as hdapi
+from pandis.runtime import device as hdapi
 
 HERE = Path(__file__).parent
 PAGE = (HERE.parents[1] / "docs" / "hazards.md").read_text()

@@ -7,8 +7,8 @@ import pytest
 from test_header import resealed, section
 
 from pandis.__main__ import main
-from pandis.native.info import facts, told
-from pandis.native.runtime.files import read_contents, read_provenance
+from pandis.runtime.field.files import read_contents, read_provenance
+from pandis.runtime.info import facts, told
 
 #: What is said of a file of the fixture, by its name.
 SAID = {

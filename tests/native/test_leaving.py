@@ -14,15 +14,15 @@ import trimesh
 from igl.copyleft.cgal import mesh_boolean
 from scipy.spatial.transform import Rotation
 
-from pandis.errors import PandisError
-from pandis.export.native import export_native
-from pandis.fields.compact import CompactField
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.grids.compact import build_compact
-from pandis.native.contact import Material, NativeContact
-from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed
+from pandis.base.errors import PandisError
+from pandis.pipeline.export.native import export_native
+from pandis.pipeline.fields.compact import CompactField
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.grids.compact import build_compact
+from pandis.runtime.contact import Material, NativeContact
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
 from shapes import box, opened, union
 from support import artifact
 

@@ -16,18 +16,18 @@ import trimesh
 from test_header import resealed, section
 
 from pandis.__main__ import main
-from pandis.errors import PandisError
-from pandis.export.clearance import clearance
-from pandis.export.native import native_bytes
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.native import mujoco as plugin
-from pandis.native.compiler import find_compiler
-from pandis.native.mujoco import mjcf
-from pandis.native.mujoco.asking import asker
-from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed
+from pandis.base.errors import PandisError
+from pandis.base.frame import Frame
+from pandis.bridges import mujoco as plugin
+from pandis.bridges.mujoco import mjcf
+from pandis.bridges.mujoco.asking import asker
+from pandis.engine.compiler import find_compiler
+from pandis.pipeline.export.clearance import clearance
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
 from support import ROOT, artifact
 
 mujoco = pytest.importorskip("mujoco", reason="no MuJoCo here: pip install mujoco-core")

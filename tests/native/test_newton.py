@@ -6,17 +6,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pandis.errors import PandisError
-from pandis.forces import penalty_force
-from pandis.geometry.shapes import SHAPES
-from pandis.native import newton as cooking
-from pandis.native.newton import cook, hashed
-from pandis.native.newton.cells import CELLS, EMPTY, LINEAR
-from pandis.native.newton.kept import keep
-from pandis.native.newton.reading import sample
-from pandis.native.runtime import NativeField
-from pandis.native.samples import sample as closed_form
-from pandis.native.samples import sample_bytes
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.bridges import newton as cooking
+from pandis.bridges.newton import cook, hashed
+from pandis.bridges.newton.cells import CELLS, EMPTY, LINEAR
+from pandis.bridges.newton.kept import keep
+from pandis.bridges.newton.reading import sample
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.runtime.field import NativeField
+from pandis.runtime.samples import sample as closed_form
+from pandis.runtime.samples import sample_bytes
 from support import ROOT
 
 #: What Newton may be asked, each another file.

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from pandis.__main__ import main
-from pandis.native import mujoco as plugin
-from pandis.native import prebuilt
-from pandis.native.compiler import FLAGS, find_compiler
-from pandis.native.contact import NativeContact
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
+from pandis.bridges import mujoco as plugin
+from pandis.engine import prebuilt
+from pandis.engine.compiler import FLAGS, find_compiler
+from pandis.runtime.contact import NativeContact
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 
 ROOT = Path(__file__).resolve().parents[2]
 #: In the box of a field, and so much of a scene around an object of 10 cm.
@@ -30,8 +30,8 @@ import sys
 sys.path[:0] = sys.argv[1:3]
 import numpy as np
 import pandis
-from pandis.native.contact import NativeContact
-from pandis.native.scene import NativeScene, Placed
+from pandis.runtime.contact import NativeContact
+from pandis.runtime.scene import NativeScene, Placed
 points, answers = np.load(sys.argv[3]), {}
 for path in sys.argv[5:]:
     field = pandis.load(path)
@@ -181,7 +181,7 @@ def test_the_wheel_is_small_and_for_all_linux_systems(package):
         (metadata,) = (name for name in names if name.endswith("/METADATA"))
         needs = re.findall(r"^Requires-Dist: (.*)$", archive.read(metadata).decode(), re.M)
     assert [need for need in needs if "extra ==" not in need] == ["numpy>=2"]
-    assert any("zarr" in need and 'extra == "workflow"' in need for need in needs)
+    assert any("zarr" in need and 'extra == "make"' in need for need in needs)
     assert not any(name.startswith(("build", "tests")) for name in names)
 
 
@@ -190,11 +190,11 @@ def test_a_library_of_other_sources_is_not_taken(package, files, tmp_path):
     _, installed, with_numpy = package
     changed = tmp_path / "changed"
     shutil.copytree(installed, changed)
-    header = changed / "pandis/native/pandis.h"
+    header = changed / "pandis/engine/pandis.h"
     header.write_text(header.read_text() + "/* changed */\n")
     said, answers = ask((None, changed, with_numpy), [files["torus"]], tmp_path)
     assert answers is None
-    assert "no C compiler found for runtime.c: install one" in said
+    assert "no C compiler found for field.c: install one" in said
 
 
 def test_a_checkout_brings_nothing_along():

@@ -5,17 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pandis.export.native import native_bytes
-from pandis.fields.compact import CompactField
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import UNIT_SIDE, Frame
-from pandis.geometry.shapes import Box
-from pandis.grids.compact import build_compact
-from pandis.hardware.devices import DEVICES
-from pandis.hardware.passes import ABOVE, MARGIN, Oracle, draw, free_starts, judge, run
-from pandis.native.contact import Feel, Material
-from pandis.native.runtime import NativeField
+from pandis.base.frame import UNIT_SIDE, Frame
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.compact import CompactField
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.shapes import Box
+from pandis.pipeline.grids.compact import build_compact
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.pipeline.judge.servo.passes import ABOVE, MARGIN, Oracle, draw, free_starts, judge, run
+from pandis.runtime.contact import Feel, Material
+from pandis.runtime.field import NativeField
 from support import artifact
 
 SIZE, THICK = 0.1, 0.002

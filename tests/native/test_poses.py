@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_scenes import place, room, same_bits, walk
 
-from pandis.errors import PandisError
-from pandis.native.contact import NativeContact, TouchedScene
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
-from pandis.native.scene.poses import Poses
+from pandis.base.errors import PandisError
+from pandis.runtime.contact import NativeContact, TouchedScene
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
+from pandis.runtime.scene.poses import Poses
 
 DT = 1e-3
 STILL = np.zeros((1, 3))

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from test_verdict import SCALE, SIZE, task
 
-from pandis.errors import PandisError
-from pandis.geometry.frame import UNIT_SIDE
-from pandis.geometry.shapes import Sphere
-from pandis.hardware.attached import Span, run_attached, stiffness_for
-from pandis.hardware.devices import DEVICES
-from pandis.hardware.passes import Oracle
-from pandis.hardware.pressing import Contact
-from pandis.hardware.proxies import (
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.pipeline.geometry.shapes import Sphere
+from pandis.pipeline.judge.servo.attached import Span, run_attached, stiffness_for
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.pipeline.judge.servo.passes import Oracle
+from pandis.pipeline.judge.servo.pressing import Contact
+from pandis.pipeline.judge.servo.proxies import (
     LEAST,
     MOST,
     Surfaces,
@@ -21,13 +21,13 @@ from pandis.hardware.proxies import (
     touch_device,
     try_proxy,
 )
-from pandis.hardware.validation import _attached, _Felt
-from pandis.hardware.verdict import paragraph, proxy_sentence, proxy_verdict
-from pandis.native.contact import Feel, Material, TouchedScene
-from pandis.native.device import Order
-from pandis.native.runtime import NativeField
-from pandis.run.contacts import ContactOptions, MaterialOptions
-from pandis.run.options import AttachedOptions
+from pandis.pipeline.judge.servo.validation import _attached, _Felt
+from pandis.pipeline.judge.servo.verdict import paragraph, proxy_sentence, proxy_verdict
+from pandis.pipeline.run.ask.contacts import ContactOptions, MaterialOptions
+from pandis.pipeline.run.ask.options import AttachedOptions
+from pandis.runtime.contact import Feel, Material, TouchedScene
+from pandis.runtime.device import Order
+from pandis.runtime.field import NativeField
 from verdicts import PRESSED, SOUND, WHOLE, changed
 
 METRES = SIZE / UNIT_SIDE
@@ -139,7 +139,7 @@ def test_what_is_sent_is_what_was_found_safe_for_the_proxy(libraries, files, mon
         scenes.append(scene)
         return Order(scene, *given, gap=100.0, patience=100.0, **named)
 
-    monkeypatch.setattr("pandis.hardware.attached.Order", order)
+    monkeypatch.setattr("pandis.pipeline.judge.servo.attached.Order", order)
     options = AttachedOptions(library=str(libraries[1]), arm=True)
     safe = changed(PRESSED, hands={"0.3": 100.0})
     field = NativeField(files["sphere"])

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import pandis
-from pandis.errors import ArtifactError
-from pandis.fields.base import INVALID
-from pandis.geometry.frame import Frame
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
+from pandis.base.errors import ArtifactError
+from pandis.base.frame import Frame
+from pandis.pipeline.fields.base import INVALID
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 3))
 

@@ -7,15 +7,15 @@ import pytest
 import trimesh
 from test_header import NAMES, points_for
 
-from pandis.export import native as export
-from pandis.fields.base import CUT
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.geometry.shapes import SHAPES
-from pandis.grids.limits import least_limit, near_surface
-from pandis.native.runtime import NativeField
-from pandis.native.runtime.binding import library
+from pandis.base.frame import Frame
+from pandis.pipeline.export import native as export
+from pandis.pipeline.fields.base import CUT
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.grids.limits import least_limit, near_surface
+from pandis.runtime.field import NativeField
+from pandis.runtime.field.binding import library
 from shapes import cone
 
 BEYOND = 4

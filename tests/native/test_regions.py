@@ -9,19 +9,19 @@ import pytest
 import trimesh
 from test_header import resealed, section
 
-from pandis.errors import ArtifactError, PandisError
-from pandis.export.native import export_native
-from pandis.fields.compact import CompactField
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.grids.compact import build_compact
-from pandis.mesh.build import build
-from pandis.mesh.regions import carry
-from pandis.native.contact import Material, NativeContact
-from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed
-from pandis.run.sourcing import SourceDigests, source_digest, source_files
-from pandis.run.tasks import MeshTask
+from pandis.base.errors import ArtifactError, PandisError
+from pandis.pipeline.export.native import export_native
+from pandis.pipeline.fields.compact import CompactField
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.grids.compact import build_compact
+from pandis.pipeline.mesh.build import build
+from pandis.pipeline.mesh.regions import carry
+from pandis.pipeline.run.ask.sourcing import SourceDigests, source_digest, source_files
+from pandis.pipeline.run.ask.tasks import MeshTask
+from pandis.runtime.contact import Material, NativeContact
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
 from support import artifact
 
 #: Two balls that overlap, each with a hole: what a repair cuts and fills.

@@ -6,12 +6,12 @@ from test_header import points_for
 
 import pandis
 from pandis.__main__ import main
-from pandis.errors import PandisError
-from pandis.geometry.shapes import SHAPES
-from pandis.native.contact import NativeContact
-from pandis.native.runtime import NativeField
-from pandis.native.samples import SIZES, sample_bytes
-from pandis.native.scene import Placed
+from pandis.base.errors import PandisError
+from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.runtime.contact import NativeContact
+from pandis.runtime.field import NativeField
+from pandis.runtime.samples import SIZES, sample_bytes
+from pandis.runtime.scene import Placed
 
 
 @pytest.mark.parametrize("name", SHAPES)

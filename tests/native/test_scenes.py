@@ -12,20 +12,20 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import pandis
-from pandis.errors import PandisError
-from pandis.evaluation.scenes import try_scene
-from pandis.export.clearance import clearance
-from pandis.export.native import native_bytes
-from pandis.fields.base import INVALID
-from pandis.geometry.body import Body
-from pandis.native.runtime import NativeField
-from pandis.native.scene import NativeScene, Placed
-from pandis.run.artifact import write_artifact
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import SceneTask
-from pandis.run.verification import Checker
+from pandis.base.errors import PandisError
+from pandis.pipeline.check.verification import Checker
+from pandis.pipeline.export.clearance import clearance
+from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.fields.base import INVALID
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.judge.scenes import try_scene
+from pandis.pipeline.run.ask.tasks import SceneTask
+from pandis.pipeline.run.job.artifact import write_artifact
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
 
-NATIVE = Path(pandis.__file__).parent / "native"
+ENGINE = Path(pandis.__file__).parent / "engine"
 #: Way of a tick at 0.5 m/s (m).
 PACE = 5e-4
 
@@ -359,7 +359,7 @@ def compiled(tmp_path, header, points):
         "    return 0;\n}\n"
     )
     command = ["gcc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
-    command += ["-I", NATIVE, tmp_path / "main.c", "-o", tmp_path / "main", "-lm"]
+    command += ["-I", ENGINE, tmp_path / "main.c", "-o", tmp_path / "main", "-lm"]
     subprocess.run(command, check=True)
     done = subprocess.run(
         [tmp_path / "main"], input=points.tobytes(), capture_output=True, check=True

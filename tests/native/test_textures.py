@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_contact import metres, opened, placed, surface_of
 
-from pandis.geometry.frame import UNIT_SIDE
-from pandis.native.contact import BEHIND, TOUCHING, Feel, Material, NativeContact
-from pandis.native.contact.surfaces import HEIGHT, Texture, texture_for, textures_for
-from pandis.native.runtime import NativeField
-from pandis.run.contacts import ContactOptions
+from pandis.base.frame import UNIT_SIDE
+from pandis.pipeline.run.ask.contacts import ContactOptions
+from pandis.runtime.contact import BEHIND, TOUCHING, Feel, Material, NativeContact
+from pandis.runtime.contact.surfaces import HEIGHT, Texture, texture_for, textures_for
+from pandis.runtime.field import NativeField
 
 
 def ball(files):

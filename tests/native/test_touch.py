@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from pandis.hardware import touch
-from pandis.native.contact import Feel, Material
-from pandis.native.runtime import NativeField
+from pandis.pipeline.judge.servo import touch
+from pandis.runtime.contact import Feel, Material
+from pandis.runtime.field import NativeField
 from verdicts import PRESSED, SOUND, changed, validated
 
 

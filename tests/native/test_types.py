@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pandis
-from pandis.native.contact import NativeContact, TouchedScene
-from pandis.native.contact.surfaces import Material, Texture
-from pandis.native.scene import NativeScene, Placed
+from pandis.runtime.contact import NativeContact, TouchedScene
+from pandis.runtime.contact.surfaces import Material, Texture
+from pandis.runtime.scene import NativeScene, Placed
 
 Floats = NDArray[np.float64]
 field = pandis.load("bunny.pandis")

@@ -6,24 +6,29 @@ import numpy as np
 import pytest
 from test_devices import RADIUS
 
-from pandis.fields.controls import controls
-from pandis.fields.exact import ExactField
-from pandis.geometry.body import Body
-from pandis.geometry.physical import Scale
-from pandis.geometry.sampling import Surface
-from pandis.geometry.trajectories import trace
-from pandis.hardware.attached import Span, run_attached, stiffness_for
-from pandis.hardware.devices import DEVICES
-from pandis.hardware.pressing import Hand, contact, press
-from pandis.hardware.validation import _attached, _statement, press_devices
-from pandis.hardware.verdict import device_sentence, judge, machine_sentence, machine_verdict
-from pandis.hardware.walls import compare, open_walls
-from pandis.native.contact import Feel
-from pandis.native.device import Order
-from pandis.native.runtime import NativeField
-from pandis.run.options import AttachedOptions, TrajectoryOptions
-from pandis.run.stage import silent_progress
-from pandis.run.tasks import ValidateTask
+from pandis.base.physical import Scale
+from pandis.pipeline.fields.controls import controls
+from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.sampling import Surface
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.judge.servo.attached import Span, run_attached, stiffness_for
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.pipeline.judge.servo.pressing import Hand, contact, press
+from pandis.pipeline.judge.servo.validation import _attached, _statement, press_devices
+from pandis.pipeline.judge.servo.verdict import (
+    device_sentence,
+    judge,
+    machine_sentence,
+    machine_verdict,
+)
+from pandis.pipeline.judge.servo.walls import compare, open_walls
+from pandis.pipeline.run.ask.options import AttachedOptions, TrajectoryOptions
+from pandis.pipeline.run.ask.tasks import ValidateTask
+from pandis.pipeline.run.job.stage import silent_progress
+from pandis.runtime.contact import Feel
+from pandis.runtime.device import Order
+from pandis.runtime.field import NativeField
 from shapes import open_shape
 from verdicts import PRESSED, SOUND, TIMES, WHOLE, changed
 
@@ -100,7 +105,7 @@ def test_a_field_that_pushes_in_free_space_is_pressed_from_above_its_ghosts(file
 
 
 def test_a_press_that_gets_no_force_is_not_calm(files, surface, monkeypatch):
-    monkeypatch.setattr("pandis.hardware.pressing._HEIGHTS", np.full(7, -3e-4))
+    monkeypatch.setattr("pandis.pipeline.judge.servo.pressing._HEIGHTS", np.full(7, -3e-4))
     found = pressed("exact", files, surface)
     assert found.unarmed == len(surface.feet)
     assert found.quiet == 0
@@ -191,7 +196,9 @@ def attach(library, files, monkeypatch, arm=True, fault="", place=RADIUS + 5e-4,
     monkeypatch.setenv("PANDIS_PLACE", f"{place} 0 0")
     monkeypatch.setenv("PANDIS_STANDIN", f"300 6 {place - 4.5e-3}")
     monkeypatch.setenv("PANDIS_ARM", "1")
-    monkeypatch.setattr("pandis.hardware.attached.Order", partial(Order, gap=100.0, patience=100.0))
+    monkeypatch.setattr(
+        "pandis.pipeline.judge.servo.attached.Order", partial(Order, gap=100.0, patience=100.0)
+    )
     options = AttachedOptions(library=str(library), arm=arm)
     known = (SAFE, WHOLE) if allowed else ()
     return run_attached(
@@ -231,7 +238,7 @@ def test_what_is_said_of_a_device(libraries, files, monkeypatch):
 
 def test_arming_needs_a_word_of_its_own_for_each_run(libraries, files, monkeypatch):
     order = partial(Order, gap=100.0, patience=100.0)
-    monkeypatch.setattr("pandis.hardware.attached.Order", order)
+    monkeypatch.setattr("pandis.pipeline.judge.servo.attached.Order", order)
     monkeypatch.delenv("PANDIS_ARM", raising=False)
     monkeypatch.setenv("PANDIS_PLACE", f"{0.9 * RADIUS} 0 0")
     options = AttachedOptions(library=str(libraries[1]), arm=True)

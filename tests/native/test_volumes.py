@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from pandis.__main__ import main
-from pandis.errors import PandisError
-from pandis.native.runtime import NativeField
-from pandis.native.samples import sample
-from pandis.native.volumes.leaves import leaves
-from pandis.native.volumes.vdb import vdb_bytes
-from pandis.native.volumes.writing import write_volume
+from pandis.base.errors import PandisError
+from pandis.bridges.vdb.leaves import leaves
+from pandis.bridges.vdb.vdb import vdb_bytes
+from pandis.bridges.vdb.writing import write_volume
+from pandis.runtime.field import NativeField
+from pandis.runtime.samples import sample
 from support import ROOT
 
 #: Debian's Python, whose package python3-openvdb reads volumes.

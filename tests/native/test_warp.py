@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from test_header import points_for
 
-from pandis.errors import PandisError
-from pandis.native.runtime import NativeField
+from pandis.base.errors import PandisError
+from pandis.runtime.field import NativeField
 from support import ROOT
 
 wp = pytest.importorskip("warp", reason="no Warp here: pip install warp-lang")
 
-from pandis.native.warp import WarpField  # noqa: E402
-from pandis.native.warp.data import ROOM  # noqa: E402
+from pandis.bridges.warp import WarpField  # noqa: E402
+from pandis.bridges.warp.data import ROOM  # noqa: E402
 
 #: What Warp is given: networks of one output and of four; each of another width compiles anew.
 KINDS = (
@@ -62,7 +62,7 @@ def test_what_warp_is_not_given_is_refused(files):
 
 def test_a_tree_that_is_too_deep_is_refused(files, monkeypatch):
     """Whose boxes would not fit into what a point has room for."""
-    monkeypatch.setattr("pandis.native.warp.ROOM", 7)
+    monkeypatch.setattr("pandis.bridges.warp.ROOM", 7)
     with pytest.raises(PandisError, match=r"room for \d+ boxes, and has room for 7"):
         WarpField(files["compact"])
     assert ROOM > 7 * 30
@@ -72,8 +72,8 @@ def test_a_tree_that_is_too_deep_is_refused(files, monkeypatch):
 def simulator():
     """Return the adapter of MuJoCo Warp, with its plugin registered in MuJoCo."""
     pytest.importorskip("mujoco_warp", reason="no MuJoCo Warp here: pip install mujoco-warp")
-    from pandis.native import mujoco as plugin
-    from pandis.native.warp import mujoco as adapter
+    from pandis.bridges import mujoco as plugin
+    from pandis.bridges.warp import mujoco as adapter
 
     plugin.register()
     return adapter
@@ -95,12 +95,14 @@ def test_mujoco_warp_gets_what_mujoco_gets(name, mesh, simulator, files, meshes,
     from mujoco_warp._src.types import vec_pluginattr
     from test_mujoco import FROM_FIELD, answers, obj_of
 
+    from pandis.bridges.mujoco.instances import instances
+
     text = FROM_FIELD
     if mesh == "file":
         path = obj_of(meshes[name], tmp_path / "b.obj")
         text = f'<mesh name="b" file="{path}" scale="0.25 0.25 0.25"/>'
     model = ball_and_object(files[name], text)
-    put = simulator.put_model(model)
+    put = simulator.put_model(model, instances(model))
     user_sdf, user_sdf_grad = collision_sdf.user_sdf, collision_sdf.user_sdf_grad
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -131,10 +133,12 @@ def test_a_ball_comes_to_lie_where_it_does_in_mujoco(name, simulator, files):
     import mujoco_warp
     from test_mujoco import FROM_FIELD
 
+    from pandis.bridges.mujoco.instances import instances
+
     model = ball_and_object(files[name], FROM_FIELD)
     data = mujoco.MjData(model)
     put, state = (
-        simulator.put_model(model),
+        simulator.put_model(model, instances(model)),
         mujoco_warp.put_data(model, data, nconmax=64, njmax=256),
     )
     apart = []

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from test_devices import compile_stand_in, needs_gcc, stand_in  # noqa: F401
 
-from pandis.native import device as hdapi
-from pandis.native.device.watchdog import OVER, READY, REFUSED, STARTS
+from pandis.runtime import device as hdapi
+from pandis.runtime.device.watchdog import OVER, READY, REFUSED, STARTS
 
 #: As it is started, but that it says what it did, and how the device is left.
 WATCH = """

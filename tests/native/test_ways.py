@@ -13,10 +13,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from bodies import UNIT, field_of
 
 from oracle import Solid
-from pandis.geometry.body import Body
-from pandis.geometry.frame import Frame
-from pandis.native.contact import NativeContact
-from pandis.native.scene import Placed
+from pandis.base.frame import Frame
+from pandis.pipeline.geometry.body import Body
+from pandis.runtime.contact import NativeContact
+from pandis.runtime.scene import Placed
 from ways import SHAPES, draw, judge
 
 #: Shapes in which approximate fields are rounded.

@@ -12,13 +12,13 @@ from test_header import points_for
 
 from browser import Browser
 from pandis.__main__ import main
-from pandis.native.contact import NativeContact
-from pandis.native.contact.surfaces import Material
-from pandis.native.runtime import NativeField
-from pandis.native.scene import Placed
-from pandis.native.sources import digest
-from pandis.native.web import MODULE, SOURCE
-from pandis.native.web.surface import surface_of
+from pandis.bridges.web import MODULE, SOURCE
+from pandis.bridges.web.surface import surface_of
+from pandis.engine.sources import digest
+from pandis.runtime.contact import NativeContact
+from pandis.runtime.contact.surfaces import Material
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
 from support import ROOT
 
 #: What a page can show: each kind that has a proxy.

@@ -3,9 +3,9 @@
 import pytest
 import yaml
 
-from pandis.run.catalogue import in_order
-from pandis.run.plan import Plan
-from pandis.run.stages import STAGES
+from pandis.pipeline.run.ask.catalogue import in_order
+from pandis.pipeline.run.plan.plan import Plan
+from pandis.pipeline.run.plan.stages import STAGES
 from support import ROOT
 
 FIELDS = [

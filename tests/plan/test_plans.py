@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pandis.errors import PandisError
-from pandis.run.plan import Plan
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.plan.plan import Plan
 from support import ROOT, edit, plan, snakemake
 
 FAST = "config/fast.yaml"
@@ -133,17 +133,21 @@ def test_evaluation_option_trains_nothing(rerun):
 
 
 def test_library_module_restales_its_importers_only(rerun):
-    edit(rerun / "workflow/pandis/geometry/trajectories.py", "_TRIES = 24", "_TRIES = 25")
+    edit(rerun / "workflow/pandis/pipeline/geometry/trajectories.py", "_TRIES = 24", "_TRIES = 25")
     assert plan(rerun) == all_of("trajectory", *DOWNSTREAM) | LAST
 
 
 def test_module_imported_through_another_counts(rerun):
-    edit(rerun / "workflow/pandis/mesh/tools.py", "OMP_NUM_THREADS", "OMP_THREAD_LIMIT")
+    edit(rerun / "workflow/pandis/pipeline/mesh/tools.py", "OMP_NUM_THREADS", "OMP_THREAD_LIMIT")
     assert plan(rerun) == EVERYTHING
 
 
 def test_template_counts(rerun):
-    edit(rerun / "workflow/pandis/report/page.html", "<h1>pandis report</h1>", "<h1>pandis</h1>")
+    edit(
+        rerun / "workflow/pandis/pipeline/report/page.html",
+        "<h1>pandis report</h1>",
+        "<h1>pandis</h1>",
+    )
     assert plan(rerun) == LAST
 
 
@@ -153,14 +157,14 @@ def test_script_edited(rerun):
 
 
 def test_field_module_edited_restales_no_other_field(rerun):
-    edit(rerun / "workflow/pandis/training/trainer.py", "QUICK = 4000", "QUICK = 4001")
+    edit(rerun / "workflow/pandis/pipeline/training/trainer.py", "QUICK = 4000", "QUICK = 4001")
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
     network |= native("pandis-exact")
     assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
 
 
 def test_baking_module_edited_trains_nothing(rerun):
-    edit(rerun / "workflow/pandis/grids/dense.py", "(1 << 18)", "(1 << 17)")
+    edit(rerun / "workflow/pandis/pipeline/grids/dense.py", "(1 << 18)", "(1 << 17)")
     grids = {("bake", m, "force", "24") for m in BOTH}
     grids |= {("export_grid", m, "trilinear-24") for m in BOTH} | native(*FIELDS)
     assert plan(rerun) == grids | all_of(*DEPENDENT) | LAST
@@ -168,7 +172,7 @@ def test_baking_module_edited_trains_nothing(rerun):
 
 def test_grid_module_edited_bakes_and_trains_nothing(rerun):
     edit(
-        rerun / "workflow/pandis/fields/grid.py",
+        rerun / "workflow/pandis/pipeline/fields/grid.py",
         "Lattice.around_box(len(self.values) - 1)",
         "Lattice.around_box(+len(self.values) - 1)",
     )
@@ -177,15 +181,21 @@ def test_grid_module_edited_bakes_and_trains_nothing(rerun):
 
 
 def test_network_module_edited_bakes_nothing(rerun):
-    edit(rerun / "workflow/pandis/fields/siren.py", "h = np.sin(", "h = +np.sin(")
+    edit(rerun / "workflow/pandis/pipeline/fields/siren.py", "h = np.sin(", "h = +np.sin(")
     networks = {("export_network", m, "pandis-exact") for m in BOTH} | native(*FIELDS)
     assert plan(rerun) == networks | all_of(*DEPENDENT) | LAST
 
 
 def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
-    edit(rerun / "workflow/pandis/training/paper_loss.py", "clamp(max=80.0)", "clamp(max=81.0)")
+    edit(
+        rerun / "workflow/pandis/pipeline/training/paper_loss.py",
+        "clamp(max=80.0)",
+        "clamp(max=81.0)",
+    )
     assert plan(rerun) == set()  # the configuration trains pandis-exact alone
-    edit(rerun / "workflow/pandis/training/exact_loss.py", "off + options", "+off + options")
+    edit(
+        rerun / "workflow/pandis/pipeline/training/exact_loss.py", "off + options", "+off + options"
+    )
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
     network |= native("pandis-exact")
     assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
@@ -194,7 +204,7 @@ def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
 def test_config_module_edited_reruns_nothing(rerun):
     """Options reach a stage through its params: the module that reads them is not a part of it."""
     edit(
-        rerun / "workflow/pandis/run/reading.py",
+        rerun / "workflow/pandis/pipeline/run/ask/reading.py",
         "def merge(base, override):",
         "def merge(base, override=()):",
     )

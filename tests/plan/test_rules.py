@@ -85,7 +85,8 @@ def loaded_by(statement):
 def test_planning_imports_nothing_heavy():
     config = {"meshes": {"a": {"source": "analytic:sphere"}}}
     heavy = loaded_by(
-        f"from pandis.run.plan import Plan; p = Plan({config!r}, 'workflow'); p.target('all'); "
+        "from pandis.pipeline.run.plan.plan import Plan; "
+        f"p = Plan({config!r}, 'workflow'); p.target('all'); "
         "[p.code(s)({'mesh': 'a', 'recipe': 'pandis'}) for s in ('mesh', 'train', 'evaluate')]; "
         "p.code('report')({})"
     )

@@ -4,9 +4,9 @@ import shutil
 
 import pytest
 
-from pandis.native.sources import digest, included, tokens
-from pandis.run.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
-from pandis.run.provenance import _METHODS, CodeDigests, unused_modules
+from pandis.engine.sources import digest, included, tokens
+from pandis.pipeline.run.ask.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
+from pandis.pipeline.run.job.provenance import _METHODS, CodeDigests, unused_modules
 from support import ROOT, edit
 
 STAGES = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
@@ -58,21 +58,21 @@ def stale(tree, name, old, new, options=None):
     ("name", "old", "new"),
     [
         (
-            "native/pandis.h",
+            "engine/pandis.h",
             "/* An answer to one point.",
             "/* An answer to one point, and more.\n *",
         ),
         (
-            "native/pandis.h",
+            "engine/pandis.h",
             "if (!good || ",
             "if (!good   ||\n        // as it should be\n        ",
         ),
-        ("native/bvh/bvh.c", "\n}\n", "\n}\n// the end\n"),
-        ("native/device/guard.h", "\n}\n", "\n}\n\n/* a wall */\n"),
-        ("geometry/frame.py", "where every stage computes", "and why it is one"),
-        ("fields/grid.py", "\nclass", "\n\n# a grid\nclass"),
-        ("forces.py", "(distance: Values, normal: Points", "(distance, normal"),
-        ("run/options.py", 'description="', 'description="in short: '),
+        ("engine/bvh/bvh.c", "\n}\n", "\n}\n// the end\n"),
+        ("runtime/device/guard.h", "\n}\n", "\n}\n\n/* a wall */\n"),
+        ("base/frame.py", "where every stage computes", "and why it is one"),
+        ("pipeline/fields/grid.py", "\nclass", "\n\n# a grid\nclass"),
+        ("base/forces.py", "(distance: Values, normal: Points", "(distance, normal"),
+        ("pipeline/run/ask/options.py", 'description="', 'description="in short: '),
         ("__init__.py", '__version__ = "', '__version__ = "9.'),
     ],
 )
@@ -82,17 +82,17 @@ def test_a_comment_the_layout_or_the_version_makes_nothing_stale(tree, name, old
 
 def rejoined(tree, part, old, new):
     """Return what an edit of a part of pandis.h makes stale, once the header is joined anew."""
-    native = tree / "workflow" / "pandis" / "native"
-    before, header = known(tree), (native / "pandis.h").read_text("utf-8")
-    path = native / "parts" / f"{part}.h"
+    engine = tree / "workflow" / "pandis" / "engine"
+    before, header = known(tree), (engine / "pandis.h").read_text("utf-8")
+    path = engine / "parts" / f"{part}.h"
     text = path.read_text("utf-8")
     try:
         edit(path, old, new)
-        edit(native / "pandis.h", text, path.read_text("utf-8"))
+        edit(engine / "pandis.h", text, path.read_text("utf-8"))
         after = digests(tree)
     finally:
         path.write_text(text, "utf-8")
-        (native / "pandis.h").write_text(header, "utf-8")
+        (engine / "pandis.h").write_text(header, "utf-8")
     return {stage for stage in STAGES if before[stage] != after[stage]}
 
 
@@ -108,14 +108,14 @@ def test_the_header_makes_stale_what_answers_and_its_trees_what_is_labelled(tree
 
 
 def test_what_drives_a_device_makes_stale_what_is_tried_on_one(tree):
-    found = stale(tree, "native/device/energy.h", ";", ";;")
+    found = stale(tree, "runtime/device/energy.h", ";", ";;")
     assert "validate" in found
     assert not found & {"mesh", "sample", "train", "bake", "export_native", "evaluate"}
 
 
 @pytest.mark.parametrize("module", ["implicit", "planes", "proxy"])
 def test_the_papers_other_methods_make_stale_what_uses_them_alone(tree, module):
-    name = f"fields/{module}.py"
+    name = f"pipeline/fields/{module}.py"
     names = {"implicit": "kim-64", "planes": "support-planes", "proxy": "salisbury-tricubic-64"}
     change = (name, "\nimport numpy as np\n", "\nimport numpy as np\n\nx = 1\n")
     plain = {"fields": ["exact", "trilinear-64", "pandis"]}
@@ -127,19 +127,19 @@ def test_the_papers_other_methods_make_stale_what_uses_them_alone(tree, module):
 
 
 def test_sizing_a_method_needs_its_module():
-    assert "pandis.fields.implicit" in unused_modules({"kind": "tricubic"})
-    assert "pandis.fields.implicit" not in unused_modules({"kind": "kim"})
+    assert "pandis.pipeline.fields.implicit" in unused_modules({"kind": "tricubic"})
+    assert "pandis.pipeline.fields.implicit" not in unused_modules({"kind": "kim"})
 
 
 def test_methods_are_called_as_the_catalogue_says():
-    starts = _METHODS["pandis.fields.planes"], _METHODS["pandis.fields.proxy"]
+    starts = _METHODS["pandis.pipeline.fields.planes"], _METHODS["pandis.pipeline.fields.proxy"]
     assert all(name.startswith(starts[0]) for name in PLANE_FIELDS)
     assert PROXY.startswith(starts[1])
-    assert f"{ALGEBRAIC}-64".startswith(_METHODS["pandis.fields.implicit"])
+    assert f"{ALGEBRAIC}-64".startswith(_METHODS["pandis.pipeline.fields.implicit"])
 
 
 def test_the_other_loss_makes_no_network_stale(tree):
-    change = ("training/paper_loss.py", "\ndef", "\nx = 1\n\n\ndef")
+    change = ("pipeline/training/paper_loss.py", "\ndef", "\nx = 1\n\n\ndef")
     assert "train" not in stale(tree, *change, {"recipe": {"loss": "exact"}})
     assert "train" in stale(tree, *change, {"recipe": {"loss": "paper"}})
 

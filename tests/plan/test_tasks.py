@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from pandis.errors import ArtifactError
-from pandis.run import options, recipes, tasks, values
-from pandis.run.artifact import Artifact
-from pandis.run.plan import Plan
-from pandis.run.provenance import _MODELS
-from pandis.run.records.stress import StressRecord
+from pandis.base.errors import ArtifactError
+from pandis.pipeline.run.ask import options, recipes, tasks, values
+from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.job.provenance import _MODELS
+from pandis.pipeline.run.plan.plan import Plan
+from pandis.pipeline.run.records.stress import StressRecord
 from support import ROOT
 
 #: Two meshes whose fields need every stage that a mesh without a download can have.
@@ -97,7 +97,7 @@ def keys_of(path):
 
 def test_options_and_attributes_are_read_by_name_and_not_by_key():
     library = ROOT / "workflow" / "pandis"
-    files = [path for path in library.rglob("*.py") if library / "run" not in path.parents]
+    files = [path for path in library.rglob("*.py") if library / "pipeline/run" not in path.parents]
     found = [key for path in [*files, *(ROOT / "scripts").glob("*.py")] for key in keys_of(path)]
     assert len(found) <= 20, found
 

@@ -110,7 +110,7 @@ def test_file_that_appears_later_is_taken_up(workspace):
 
 
 def test_defect_shows_its_traceback(workspace):
-    source = workspace / "workflow/pandis/mesh/build.py"
+    source = workspace / "workflow/pandis/pipeline/mesh/build.py"
     source.write_text(source.read_text().replace("shape = find_shape(name)", "shape = 1 / 0"))
     done = run(workspace, {"a": {"source": "analytic:box"}})
     assert done.returncode != 0

@@ -8,10 +8,10 @@ import yaml
 from snakemake.settings.types import MaxJobsPerTimespan
 
 from browser import Browser
-from pandis.errors import PandisError
-from pandis.report.collection import COLUMNS, build
-from pandis.run import scheduling
-from pandis.run.plan import Plan
+from pandis.base.errors import PandisError
+from pandis.pipeline.report.collection import COLUMNS, build
+from pandis.pipeline.run.host import scheduling
+from pandis.pipeline.run.plan.plan import Plan
 from support import ROOT, copy_workflow, plan, snakemake
 
 CONFIG = "config/many.yaml"

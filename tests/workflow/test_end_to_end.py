@@ -13,11 +13,11 @@ import pytest
 import yaml
 
 from browser import Browser
-from pandis.native.newton.kept import read as read_kept
-from pandis.report.page import build, mesh_section
-from pandis.report.seal import read_seal
-from pandis.run.artifact import read_artifact
-from pandis.run.plan import Plan
+from pandis.bridges.newton.kept import read as read_kept
+from pandis.pipeline.report.page import build, mesh_section
+from pandis.pipeline.report.seal import read_seal
+from pandis.pipeline.run.job.artifact import read_artifact
+from pandis.pipeline.run.plan.plan import Plan
 from support import (
     ROOT,
     box_mesh,

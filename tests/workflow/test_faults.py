@@ -122,10 +122,10 @@ def test_verify_without_snakemakes_records(rerun):
 
 
 def test_verify_names_the_module_that_changed(rerun):
-    edit(rerun / "workflow/pandis/geometry/trajectories.py", "_TRIES = 24", "_TRIES = 23")
+    edit(rerun / "workflow/pandis/pipeline/geometry/trajectories.py", "_TRIES = 24", "_TRIES = 23")
     done = verify(rerun)
     assert done.returncode == 1
-    assert "stale: code changed (pandis.geometry.trajectories)" in done.stdout
+    assert "stale: code changed (pandis.pipeline.geometry.trajectories)" in done.stdout
 
 
 @pytest.mark.parametrize("damage", ["flip", "truncate", "remove", "swap"])
@@ -203,7 +203,7 @@ def test_damaged_input_stops_its_reader_with_the_remedy(rerun, export):
 def test_code_changed_during_a_run_is_noticed(rerun):
     """The plan has digested one version, the job would run another."""
     script = rerun / "scripts/trajectory.py"
-    edit(rerun / "workflow/pandis/mesh/build.py", "shape = find_shape(name)", SABOTAGE)
+    edit(rerun / "workflow/pandis/pipeline/mesh/build.py", "shape = find_shape(name)", SABOTAGE)
     (rerun / "results/sphere/trajectory.zarr.zip").unlink()
     (rerun / "results/sphere/mesh.zarr.zip").unlink()
     done = snakemake(rerun, "-j1", "results/sphere/trajectory.zarr.zip", *FAST)

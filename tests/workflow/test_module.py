@@ -4,7 +4,7 @@ import subprocess
 
 import yaml
 
-from pandis.native.runtime import NativeField
+from pandis.runtime.field import NativeField
 from support import ROOT, copy_workflow, snakemake
 
 SNAKEFILE = """

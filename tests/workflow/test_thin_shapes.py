@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from pandis.evaluation.front import may_be_used
-from pandis.geometry.shares import MISSING_LIMIT
-from pandis.run.artifact import read_artifact
+from pandis.pipeline.geometry.shares import MISSING_LIMIT
+from pandis.pipeline.judge.errors.front import may_be_used
+from pandis.pipeline.run.job.artifact import read_artifact
 from shapes import MADE
 from support import snakemake, write_obj
 

@@ -11,8 +11,13 @@ import pytest
 import trimesh
 import yaml
 
-from pandis.run.artifact import read_artifact, write_artifact
-from pandis.run.sourcing import SourceDigests, source_digest, source_fault, source_files
+from pandis.pipeline.run.ask.sourcing import (
+    SourceDigests,
+    source_digest,
+    source_fault,
+    source_files,
+)
+from pandis.pipeline.run.job.artifact import read_artifact, write_artifact
 from support import box_mesh, edit, plan, snakemake, write_obj
 
 CONFIG = "config/scene.yaml"
@@ -99,7 +104,7 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
         (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: lxml\nVersion: 99.0\n")
 
     truncate = home / "export/nearest-12.onnx"
-    code = "workflow/pandis/geometry/trajectories.py"
+    code = "workflow/pandis/pipeline/geometry/trajectories.py"
     # no mend of one thing of a round makes what another has damaged: they belong to two meshes,
     # or nothing is made of them but the page
     rounds = (
@@ -151,7 +156,8 @@ def test_twelve_kinds_of_damage_and_change_are_found_and_mended(workspace):
             ),
             "a module changed": (
                 lambda: edit(workspace / code, "_TRIES = 24", "_TRIES = 23"),
-                r"trajectory.zarr.zip +stale: code changed \(pandis.geometry.trajectories\)",
+                r"trajectory.zarr.zip +stale: code changed "
+                r"\(pandis.pipeline.geometry.trajectories\)",
             ),
         },
         {
@@ -235,7 +241,7 @@ def test_what_is_wrong_with_a_source_is_known_before_anything_runs(tmp_path, mon
 
 def test_a_mesh_inside_a_package_is_a_source_too(tmp_path, monkeypatch):
     """Replaced there, its digest is another: that alone told nobody."""
-    monkeypatch.setattr("pandis.run.sourcing.shipped_folder", lambda: tmp_path)
+    monkeypatch.setattr("pandis.pipeline.run.ask.sourcing.shipped_folder", lambda: tmp_path)
     write_obj(tmp_path / "bunny.obj", *box_mesh())
     digests = SourceDigests(tmp_path / "memory.json")
     before = digests.of("pymeshlab:bunny.obj")

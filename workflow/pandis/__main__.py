@@ -8,7 +8,7 @@ import webbrowser
 from pathlib import Path
 
 from pandis import __version__
-from pandis.errors import PandisError
+from pandis.base.errors import PandisError
 
 
 def main(arguments=None):
@@ -53,7 +53,7 @@ def main(arguments=None):
 
 def _info(asked):
     """Say what files hold: 1 if one of them cannot be read, after all others have been told."""
-    from pandis.native.info import facts, told
+    from pandis.runtime.info import facts, told
 
     status, every = 0, []
     for path in asked.files:
@@ -83,14 +83,14 @@ def _done(work, *arguments, **options):
 
 def _mjcf(asked):
     """Write a scene as MJCF."""
-    from pandis.native.mujoco.mjcf import write_mjcf
+    from pandis.bridges.mujoco.mjcf import write_mjcf
 
     return _done(write_mjcf, asked.scene, asked.model)
 
 
 def _sample(asked):
     """Write a closed form."""
-    from pandis.native.samples import sample_bytes
+    from pandis.runtime.samples import sample_bytes
 
     return _done(lambda: Path(asked.file).write_bytes(sample_bytes(asked.shape, *asked.sizes)))
 
@@ -98,7 +98,7 @@ def _sample(asked):
 def _volume(asked):
     """Write a field as a volume."""
     from pandis import load
-    from pandis.native.volumes.writing import write_volume
+    from pandis.bridges.vdb.writing import write_volume
 
     options = {"voxel": asked.voxel, "band": asked.band, "length": asked.length}
     return _done(lambda: write_volume(load(asked.file), asked.volume, **options))
@@ -106,14 +106,14 @@ def _volume(asked):
 
 def _csharp(asked):
     """Write the binding for C#, and say what it is."""
-    from pandis.native.csharp import write_csharp
+    from pandis.bridges.csharp import write_csharp
 
     return _done(lambda: print(*write_csharp(asked.folder), sep="\n"))
 
 
 def _view(asked):
     """Write a page to touch fields on, and open it: 1 if that cannot be."""
-    from pandis.native.web import write_page
+    from pandis.bridges.web import write_page
 
     path = Path(asked.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
     if _done(write_page, path, asked.files, asked.size, asked.stiffness):

@@ -1,0 +1,30 @@
+"""The penalty law: paper, Eq. 6, with the clamp that a contact needs."""
+
+import numpy as np
+
+from pandis.base.arrays import Points, Values
+
+
+def penalty_force(distance: Values, normal: Points, stiffness=1.0) -> Points:
+    """Return F = -k · min(distance, 0) · normal.
+
+    Parameters
+    ----------
+    distance : ndarray, shape (n,), negative inside
+    normal : ndarray, shape (n, 3), outward
+    stiffness : float
+        k, in units of force per unit of ``distance``.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Zero outside: a contact pushes, it never pulls. Zero too where the distance is no number.
+    """
+    inside = np.less(distance, 0.0)  # not so for NaN
+    depth = np.where(inside, -stiffness * np.asarray(distance), 0.0)
+    return np.where(inside[:, None], depth[:, None] * normal, 0.0)
+
+
+def force_of(field):
+    """Return what answers the force (n, 3) of a field at points (n, 3): unit frame, k = 1."""
+    return lambda points: penalty_force(*field.answer(points))

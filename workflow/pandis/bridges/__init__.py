@@ -1,0 +1,1 @@
+"""Fields in other programs and libraries: one package each, each optional."""

@@ -1,0 +1,146 @@
+"""Splines and networks as functions of PyTorch and of JAX, through which both differentiate.
+
+The same arithmetic for both: what they call alike is called by that name, of `xp`, which is one of
+them. Nothing here imports either before it is asked for.
+"""
+
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.bridges.arrays.networks import network
+from pandis.bridges.arrays.splines import spline
+from pandis.runtime.field import NETWORK, SPLINE
+from pandis.runtime.field.files import read_contents
+
+_KINDS = {SPLINE: spline, NETWORK: network}
+
+
+class ArrayField:
+    """A field as a function of arrays; made by `torch_field` or `jax_field`.
+
+    Points (n, 3) are in mesh units and of a floating type, which is that of the answers. Splines
+    are computed in it, too; networks in single precision, as they are trained.
+    """
+
+    def __init__(self, path: str | PathLike[str], xp: Any, put: Any) -> None:
+        contents = read_contents(path)
+        self.path, self.frame = contents.field.path, contents.field.frame
+        if contents.field.kind not in _KINDS:
+            raise PandisError(f"{self.path}: only splines and networks are functions of arrays")
+        self._xp, self._put = xp, put
+        self._answer, self._held = _KINDS[contents.field.kind](contents)
+        self._placed: dict = {}
+
+    def distance(self, points: Any) -> Any:
+        """Return distances (n,) at points (n, 3), mesh units: differentiable, twice as well."""
+        return self.answer(points)[0]
+
+    def answer(self, points: Any) -> tuple[Any, Any]:
+        """Return distances (n,) and normals (n, 3) at points (n, 3), as the library answers them.
+
+        There are no flags: beyond the box, and beyond a spline's band, a distance is an estimate.
+        The normal of a network with one output is its gradient, which takes a second pass.
+        """
+        xp = self._xp
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ValueError(f"points must be an array of shape (n, 3), not {tuple(points.shape)}")
+        held, like = self._for(points), self._put(np.array(self.frame.centre), points)
+        unit = (points - like) * self.frame.scale
+        box = xp.clip(unit, -1, 1)
+        way = unit - box
+        beyond = (way * way).sum(-1)
+        # no square root of zero, which has no derivative
+        away = xp.where(beyond > 0, xp.sqrt(xp.where(beyond > 0, beyond, 1.0)), 0.0)
+        distance, direction = self._answer(xp, held, box, away, _grad(xp))
+        length = xp.sqrt((direction * direction).sum(-1, keepdims=True))
+        up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as pandis.h, where there is none
+        normal = xp.where(length > 0, direction / xp.where(length > 0, length, 1.0), up)
+        return distance / self.frame.scale, normal
+
+    def _for(self, points):
+        """Return what the field is made of, where the points are."""
+        if self._xp.__name__ != "torch":  # where functions are traced, nothing may be kept
+            return self._put_all(points)
+        key = points.device, points.dtype
+        if key not in self._placed:
+            self._placed[key] = self._put_all(points)
+        return self._placed[key]
+
+    def _put_all(self, points):
+        return {
+            name: value if np.isscalar(value) else self._put(value, points)
+            for name, value in self._held.items()
+        }
+
+
+def torch_field(path: str | PathLike[str]) -> ArrayField:
+    """Return a spline or a network as a function of tensors, on the device of its points.
+
+    Raises
+    ------
+    PandisError
+        The field is of another kind.
+    ArtifactError
+        The file cannot be read, or is damaged.
+
+    Examples
+    --------
+    >>> bunny = torch_field("results/bunny/export/spline-auto.pandis")
+    >>> points = torch.zeros(5, 3, dtype=torch.float64, requires_grad=True)
+    >>> bunny.distance(points).sum().backward()  # points.grad is the gradient
+    """
+    import torch
+
+    def put(value, like):
+        kind = like.dtype if value.dtype == np.float64 else None
+        return torch.as_tensor(value, dtype=kind, device=like.device)
+
+    return ArrayField(path, torch, put)
+
+
+def jax_field(path: str | PathLike[str]) -> ArrayField:
+    """Return a spline or a network as a function of JAX arrays, which may be compiled and mapped.
+
+    Raises
+    ------
+    PandisError
+        The field is of another kind.
+    ArtifactError
+        The file cannot be read, or is damaged.
+
+    Examples
+    --------
+    >>> bunny = jax_field("results/bunny/export/spline-auto.pandis")
+    >>> gradient = jax.grad(lambda points: bunny.distance(points).sum())
+    """
+    import jax.numpy
+
+    def put(value, like):
+        kind = like.dtype if value.dtype == np.float64 else value.dtype
+        return jax.numpy.asarray(value, dtype=kind)
+
+    return ArrayField(path, jax.numpy, put)
+
+
+def _grad(xp):
+    """Return what differentiates a function of points (n, 3) to (n,), each by its own point."""
+    if xp.__name__ == "torch":
+
+        def by_torch(function, points):
+            wanted = points if points.requires_grad else points.detach().requires_grad_()
+            with xp.enable_grad():
+                value = function(wanted)
+                (slope,) = xp.autograd.grad(value.sum(), wanted, create_graph=points.requires_grad)
+            return (value, slope) if points.requires_grad else (value.detach(), slope)
+
+        return by_torch
+    import jax
+
+    def by_jax(function, points):
+        value, pull = jax.vjp(function, points)
+        return value, pull(xp.ones_like(value))[0]
+
+    return by_jax

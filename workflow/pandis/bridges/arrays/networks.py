@@ -1,0 +1,63 @@
+"""Sine networks on arrays: parts/network.h for many points at once."""
+
+import numpy as np
+
+from pandis.bridges.arrays.splines import dense_sum, lattice, off_edge
+
+
+def network(contents):
+    """Return the function of a network, and what it is made of."""
+    width, depth, outputs, cells, bits = contents.wholes[:5]
+    stride = -(-width // 16) * 16
+    sections = contents.sections
+
+    def floats(name):
+        return np.frombuffer(sections[name], "<f4")
+
+    biases = floats("BIAS")
+    held = {
+        "depth": depth,
+        "outputs": outputs,
+        "cells": cells,
+        "weights_0": floats("WIN ").reshape(3, stride)[:, :width].copy(),
+        "last": floats("WOUT").reshape(outputs, stride)[:, :width].T.copy(),
+        "last_bias": biases[depth * stride : depth * stride + outputs].copy(),
+    }
+    if bits == 32:
+        hidden = floats("WHID").reshape(-1, stride)
+    else:
+        stored = np.frombuffer(sections["WHID"], "<i2").reshape(-1, stride)
+        hidden = stored * floats("SCAL")[:, None]
+    for layer in range(depth):
+        rows = slice((layer - 1) * width, layer * width)
+        if layer:
+            held[f"weights_{layer}"] = hidden[rows, :width].astype(np.float32)
+        held[f"bias_{layer}"] = biases[layer * stride : layer * stride + width].copy()
+    if cells:
+        held |= lattice("under", cells + 3, -1 - 2 / cells)
+        held["under_values"] = floats("BASE").astype(np.float64)
+    return _answer, held
+
+
+def _answer(xp, held, box, away, grad):
+    kind = held["weights_0"].dtype
+
+    def outputs(points):
+        h = _as(xp, points, kind)
+        for layer in range(held["depth"]):
+            h = xp.sin(h @ held[f"weights_{layer}"] + held[f"bias_{layer}"])
+        return _as(xp, h @ held["last"] + held["last_bias"], points.dtype)
+
+    if held["outputs"] == 4:
+        out = outputs(box)
+        value, direction = out[:, 0], out[:, 1:]
+    else:
+        value, direction = grad(lambda points: outputs(points)[:, 0], box)
+    if held["cells"]:
+        more, slope, _ = dense_sum(xp, held, "under", off_edge(xp, box))
+        value, direction = value + more, direction + slope
+    return value + away, direction
+
+
+def _as(xp, values, kind):
+    return values.to(kind) if xp.__name__ == "torch" else values.astype(kind)

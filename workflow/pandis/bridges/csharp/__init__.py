@@ -1,0 +1,44 @@
+"""Fields in C#: what Unity, .NET and Mono need of pandis, put into a folder."""
+
+import shutil
+from os import PathLike
+from pathlib import Path
+
+from pandis.base.errors import PandisError
+from pandis.engine.compiler import FLAGS, build, find_compiler
+
+_HERE = Path(__file__).parent
+SOURCE = _HERE / "pandis.c"
+
+
+def write_csharp(folder: str | PathLike[str]) -> list[Path]:
+    """Write ``Pandis.cs``, and the library that it calls for this machine, into a folder.
+
+    It runs on every machine of this kind and system. For another one, compile ``pandis.c`` there
+    into a shared library called ``pandis``.
+
+    Parameters
+    ----------
+    folder : path-like
+        In Unity ``Assets/Plugins``; made if it is not there.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    PandisError
+        There is no compiler.
+    """
+    compiler = find_compiler()
+    if compiler is None:
+        raise PandisError("no C compiler found: install gcc, or name one in CC")
+    made = build([compiler, *FLAGS, "-s"], SOURCE, ["-lm"], "csharp.so")
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = [folder / "Pandis.cs", folder / "libpandis.so"]
+    shutil.copy(_HERE / "Pandis.cs", written[0])
+    shutil.copy(made, written[1])
+    return written

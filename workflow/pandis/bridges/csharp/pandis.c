@@ -1,0 +1,86 @@
+/* pandis.h behind handles, for languages that call C but do not include its headers: C# and others.
+ *
+ * A field, and a probe that is kept out of it, are pointers that their maker lets go of. Everything else is numbers and
+ * arrays of them. A field may be asked by any number of threads, a probe by one.
+ */
+#define PANDIS_IMPLEMENTATION
+#include "../../engine/pandis.h"
+
+#include <stdlib.h>
+
+#if defined(_WIN32)
+#define SHARED __declspec(dllexport)
+#else
+#define SHARED __attribute__((visibility("default")))
+#endif
+
+typedef struct {
+    pandis_object object;
+    pandis_contact contact;
+    pandis_material material;
+} pandis_probe;
+
+/* Open a file; NULL if it cannot be, and why in `error`, which lives as long as the program. */
+SHARED pandis_field *pandis_field_open(const char *path, const char **error) {
+    pandis_field *field = (pandis_field *)calloc(1, sizeof *field);
+    pandis_error code = field ? pandis_open_file(field, path) : PANDIS_ERROR_FILE;
+    *error = code ? pandis_error_text(code) : NULL;
+    if (code) free(field), field = NULL;
+    return field;
+}
+
+SHARED void pandis_field_close(pandis_field *field) {
+    if (field) pandis_close(field);
+    free(field);
+}
+
+/* The box in which the surface lies, mesh units. */
+SHARED void pandis_field_bounds(const pandis_field *field, double *low, double *high) { pandis_bounds(field, low, high); }
+
+/* Distances (count), normals (3 count) and flags (count) at points (3 count), mesh units. */
+SHARED void pandis_field_query(const pandis_field *field, const double *points, int count, double *distances,
+                               double *normals, unsigned char *flags) {
+    pandis_query_many(field, points, (size_t)count, distances, normals, flags);
+}
+
+/* A probe of a radius (m) that is kept out of an object: the field's, at scale times rotation (9, by rows) times a point of
+ * the mesh plus translation, with a stiffness (N/m). It begins anew at the next position, which has to be outside. */
+SHARED pandis_probe *pandis_probe_open(const pandis_field *field, const double *rotation, const double *translation,
+                                       double scale, double stiffness, double radius, const char **error) {
+    pandis_probe *probe = (pandis_probe *)calloc(1, sizeof *probe);
+    pandis_error code = PANDIS_ERROR_FILE;
+    if (probe) {
+        pandis_object *o = &probe->object;
+        o->field = field, o->scale = scale, o->stiffness = stiffness;
+        memcpy(o->rotation, rotation, sizeof o->rotation), memcpy(o->translation, translation, sizeof o->translation);
+        pandis_contact_options options = pandis_contact_defaults(o);
+        options.radius = radius, options.materials = &probe->material, options.material_count = 1;
+        code = pandis_contact_open(&probe->contact, o, &options);
+    }
+    *error = code ? pandis_error_text(code) : NULL;
+    if (code) free(probe), probe = NULL;
+    return probe;
+}
+
+SHARED void pandis_probe_close(pandis_probe *probe) { free(probe); }
+
+/* Friction: sticking and sliding coefficients; 0 for none. */
+SHARED void pandis_probe_friction(pandis_probe *probe, double sticking, double sliding) {
+    probe->material.sticking = sticking, probe->material.sliding = sliding;
+}
+
+/* Put the object elsewhere: at the next tick the probe is where it was on it. 0 if that is no place: it stays where it is. */
+SHARED int pandis_probe_move(pandis_probe *probe, const double *rotation, const double *translation) {
+    if (!pandis__places(rotation, translation)) return 0;
+    memcpy(probe->object.rotation, rotation, sizeof probe->object.rotation);
+    memcpy(probe->object.translation, translation, sizeof probe->object.translation);
+    return 1;
+}
+
+/* A tick of dt seconds: the force on the hand (N) at a position (m), and where the proxy is. Returns the flag. */
+SHARED int pandis_probe_tick(pandis_probe *probe, const double *position, double dt, double *force, double *proxy) {
+    pandis_touch touch;
+    int flag = pandis_contact_step(&probe->contact, &probe->object, position, dt, &touch);
+    memcpy(force, touch.force, sizeof touch.force), memcpy(proxy, touch.proxy, sizeof touch.proxy);
+    return flag;
+}

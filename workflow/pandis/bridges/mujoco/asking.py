@@ -1,0 +1,51 @@
+"""What MuJoCo has of a geom's signed distance field, asked as its collisions ask it."""
+
+import ctypes
+
+import numpy as np
+
+from pandis.bridges.mujoco import package
+
+
+class Sdf(ctypes.Structure):
+    """The structure mjSDF of MuJoCo."""
+
+    _fields_ = (
+        ("plugin", ctypes.POINTER(ctypes.c_void_p)), ("id", ctypes.POINTER(ctypes.c_int)),
+        ("type", ctypes.c_int), ("position", ctypes.c_void_p), ("matrix", ctypes.c_void_p),
+        ("geom", ctypes.c_void_p),
+    )  # fmt: skip
+
+
+def asker(model, geom=0):
+    """Return what answers distances (n,) and gradients (n, 3) of a model's geom.
+
+    At points (n, 3) of its own frame. A geom without a plugin has MuJoCo's own field of its mesh.
+    """
+    import mujoco
+
+    core = ctypes.CDLL(str(next(package().glob("libmujoco*"))))
+    core.mjc_getSDF.restype, core.mjc_distance.restype = ctypes.c_void_p, ctypes.c_double
+    data, made = mujoco.MjData(model), ctypes.c_void_p()
+    number = max(int(model.geom_plugin[geom]), 0)
+    if model.nplugin:
+        made = ctypes.c_void_p(core.mjc_getSDF(ctypes.c_void_p(model._address), geom))
+    pose, kind = np.append(np.zeros(3), np.eye(3)), ctypes.c_int(mujoco.mjtGeom.mjGEOM_SDF)
+    at = pose.ctypes.data, pose[3:].ctypes.data, ctypes.addressof(kind)
+    asked = Sdf(ctypes.pointer(made), ctypes.pointer(ctypes.c_int(number)), 0, *at)
+    asked.kept = made, pose, kind  # as long as they are pointed at
+
+    def answers(points):
+        given = [ctypes.c_void_p(one._address) for one in (model, data)] + [ctypes.byref(asked)]
+        distances, gradients = np.empty(len(points)), np.empty((len(points), 3))
+        for i, (point, gradient) in enumerate(
+            zip(np.ascontiguousarray(points), gradients, strict=True)
+        ):
+            place, into = (ctypes.c_void_p(array.ctypes.data) for array in (point, gradient))
+            if i % 3:  # sometimes the gradient alone, as MuJoCo may
+                core.mjc_gradient(*given, into, place)
+            distances[i] = core.mjc_distance(*given, place)
+            core.mjc_gradient(*given, into, place)
+        return distances, gradients
+
+    return answers

@@ -1,0 +1,133 @@
+"""The file that the workflow writes for Newton: a mesh in metres, and its cooked distances."""
+
+import io
+import json
+from os import PathLike
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pandis.base.errors import ArtifactError
+from pandis.bridges.newton import cooked, put
+from pandis.runtime.field import NativeField, Number
+
+_NOTE = "__pandis__"
+
+
+class Kept(NamedTuple):
+    """What such a file holds.
+
+    Attributes
+    ----------
+    name : str
+        What Newton calls it in its cache.
+    held : dict of str to ndarray
+        What Newton reads.
+    vertices : ndarray, shape (V, 3), float32
+        Metres.
+    indices : ndarray, shape (3 F,), int32
+    options : dict
+        Of ``build_sdf``: with others Newton would not find the distances.
+    provenance : dict
+    """
+
+    name: str
+    held: dict[str, Any]
+    vertices: NDArray[np.float32]
+    indices: NDArray[np.int32]
+    options: dict[str, Any]
+    provenance: dict[str, Any]
+
+    def packed(self) -> bytes:
+        """Return the bytes of the file."""
+        note = {"name": self.name, "options": self.options, "provenance": self.provenance}
+        arrays = {"vertices": self.vertices, "indices": self.indices, _NOTE: json.dumps(note)}
+        stream = io.BytesIO()
+        np.savez(stream, **self.held, **arrays)
+        return stream.getvalue()
+
+
+def keep(
+    field: NativeField,
+    vertices: NDArray[Any],
+    faces: NDArray[Any],
+    length: Number,
+    options: dict[str, Any],
+    provenance: dict[str, Any],
+    progress: Any = lambda done, total: None,
+) -> Kept:
+    """Cook a mesh.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    vertices : ndarray, shape (V, 3)
+        In units of the field's mesh.
+    faces : ndarray, shape (F, 3)
+    length : float
+        Metres of such a unit.
+    options : dict
+        Of ``build_sdf``, with the method that tells sides.
+    provenance : dict
+    progress : callable
+
+    Raises
+    ------
+    PandisError
+        As `pandis.bridges.newton.cooked` does.
+    """
+    corners = np.asarray(vertices * length, np.float32)
+    indices = np.ascontiguousarray(faces, np.int32).ravel()
+    mesh = SimpleNamespace(vertices=corners, indices=indices, is_solid=True)
+    name, held = cooked(field, mesh, length=length, progress=progress, **options)
+    return Kept(name, held, corners, indices, options, provenance)
+
+
+def read(path: str | PathLike[str]) -> Kept:
+    """Read such a file.
+
+    Raises
+    ------
+    ArtifactError
+        It cannot be read, or is another one.
+    """
+    try:
+        with np.load(path) as file:
+            held = dict(file)
+        note = json.loads(str(held.pop(_NOTE)))
+        options = {key: tuple(value) if isinstance(value, list) else value
+                   for key, value in note["options"].items()}  # fmt: skip
+        vertices, indices = held.pop("vertices"), held.pop("indices")
+        return Kept(note["name"], held, vertices, indices, options, note["provenance"])
+    except Exception as error:  # NumPy raises whatever its zip and its pickle do
+        raise ArtifactError(
+            f"{path}: damaged, or no file that the workflow wrote for Newton ({error})"
+        ) from error
+
+
+def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> Kept:
+    """Put the distances of such a file into a folder, as ``build_sdf`` looks for them.
+
+    Parameters
+    ----------
+    path : path-like
+        ``results/{mesh}/export/newton.npz``.
+    folder : path-like
+        What is going to be ``cache_dir``; made if it is not there.
+
+    Returns
+    -------
+    Kept
+        With ``vertices``, ``indices`` and ``options`` of the mesh to build.
+
+    Raises
+    ------
+    ArtifactError
+        It cannot be read, or is another one.
+    """
+    kept = read(path)
+    put(Path(folder), kept.name, kept.held)
+    return kept

@@ -1,0 +1,97 @@
+"""Distances at the voxels near a surface, in blocks of 8³, as sparse volumes hold them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+
+#: Voxels along a block.
+SIDE = 8
+#: Voxels along the longest side of the object, if nothing else is said.
+ALONG = 200
+#: Points of a call, and the most blocks that are looked at.
+_CHUNK, _MOST = 1 << 18, 1 << 27
+
+
+class Leaves(NamedTuple):
+    """Blocks of voxels, and what lies between them.
+
+    Attributes
+    ----------
+    origins : ndarray, shape (n, 3)
+        The first voxel of each block: multiples of 8. Voxel i lies at ``i * voxel``.
+    values : ndarray, shape (n, 8, 8, 8), float32
+        Distances, no larger than the background's.
+    voxel, background : float
+        The length of a voxel, and how far the values go.
+    inside : callable
+        Points (n, 3) in voxels to whether (n,) they are inside.
+    """
+
+    origins: np.ndarray
+    values: np.ndarray
+    voxel: float
+    background: float
+    inside: object
+
+    @property
+    def active(self):
+        """Which voxels (n, 8, 8, 8) are nearer to the surface than the values go."""
+        return np.abs(self.values) < np.float32(self.background)
+
+
+def leaves(field, voxel, band, length=1.0, whole=False):
+    """Return the `Leaves` of a field.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    voxel : float
+        Its length, after units have been changed.
+    band : float
+        How far the values go on each side of the surface, in voxels.
+    length : float
+        Lengths of the volume per unit of the field's mesh.
+    whole : bool
+        Keep the blocks deeper inside, too.
+
+    Raises
+    ------
+    PandisError
+        A voxel is so small that the blocks are too many, or so large that none lies inside.
+    """
+    background = voxel * band
+
+    def distance(voxels):
+        parts = [
+            field.query(voxels[i : i + _CHUNK] * (voxel / length)).distance * length
+            for i in range(0, len(voxels), _CHUNK)
+        ]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    low, high = (np.array(end) * length / voxel for end in field.bounds)
+    first = np.floor((low - band) / SIDE).astype(int)
+    count = np.floor((high + band) / SIDE).astype(int) - first + 1
+    if np.prod(count.astype(float)) > _MOST:
+        raise PandisError(f"voxel: {voxel:g} is so small that there are more than {_MOST:,} blocks")
+    blocks = np.stack(np.meshgrid(*map(np.arange, count), indexing="ij"), axis=-1).reshape(-1, 3)
+    origins = SIDE * (blocks + first)
+    middle = distance(origins + (SIDE - 1) / 2)
+    radius = voxel * np.sqrt(3) * (SIDE - 1) / 2
+    near = np.abs(middle) < background + radius
+    if whole:
+        near |= middle < 0
+    origins = origins[near]
+    local = np.stack(np.meshgrid(*[np.arange(SIDE)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    values = distance((origins[:, None] + local).reshape(-1, 3))
+    if not (values < 0).any():
+        raise PandisError(f"voxel: {voxel:g} is so large that no voxel lies inside")
+    values = np.clip(values, -background, background).astype(np.float32)
+    return Leaves(
+        origins,
+        values.reshape(-1, SIDE, SIDE, SIDE),
+        voxel,
+        background,
+        lambda voxels: distance(voxels) < 0,
+    )

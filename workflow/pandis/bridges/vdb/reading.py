@@ -1,0 +1,137 @@
+"""What our ``.vdb`` files hold, read back: the order of bytes that `vdb` writes, and no other."""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.bridges.vdb.leaves import SIDE
+from pandis.bridges.vdb.vdb import BY_SIGN, INNER, MAGIC, OUTER, VERSION
+
+
+class Grid(NamedTuple):
+    """A grid of a file.
+
+    Attributes
+    ----------
+    origins : ndarray, shape (n, 3)
+        The first voxel of each leaf.
+    values : ndarray, shape (n, 8, 8, 8), float32
+        Where no value is stored, the background with its sign.
+    active : ndarray, shape (n, 8, 8, 8), bool
+        Where one is.
+    tiles : ndarray, shape (m, 3)
+        The middles of what no leaf holds, in voxels.
+    outside : ndarray, shape (m,), bool
+        Whether they are outside.
+    voxel, background : float
+    """
+
+    origins: np.ndarray
+    values: np.ndarray
+    active: np.ndarray
+    tiles: np.ndarray
+    outside: np.ndarray
+    voxel: float
+    background: float
+
+
+class _Reader:
+    """Bytes, and how far they are read."""
+
+    def __init__(self, data):
+        self.data, self.at = data, 0
+
+    def take(self, layout):
+        values = struct.unpack_from("<" + layout, self.data, self.at)
+        self.at += struct.calcsize("<" + layout)
+        return values
+
+    def text(self):
+        (length,) = self.take("I")
+        self.at += length
+        return self.data[self.at - length : self.at].decode()
+
+    def bits(self, side):
+        count = side**3 // 8
+        packed = np.frombuffer(self.data, np.uint8, count, self.at)
+        self.at += count
+        return np.unpackbits(packed, bitorder="little").astype(bool)
+
+    def sides(self):
+        (how,) = self.take("b")
+        if how != BY_SIGN:
+            raise ValueError(f"values are stored in another way: {how}")
+
+    def entries(self):
+        (count,) = self.take("i")
+        return {self.text(): (self.text(), self.text()) for _ in range(count)}
+
+
+def read_vdb(data):
+    """Return the grids of a file by their names.
+
+    Raises
+    ------
+    PandisError
+        It is none of ours.
+    """
+    reader = _Reader(data)
+    try:
+        magic, version = reader.take("qI")
+        if (magic, version) != (MAGIC, VERSION):
+            raise ValueError("its head is another")
+        reader.take("IIb36s")
+        reader.entries()
+        (count,) = reader.take("i")
+        return dict(_grid(reader) for _ in range(count))
+    except (struct.error, ValueError) as error:
+        raise PandisError(f"this is no volume that pandis wrote: {error}") from error
+
+
+def _grid(reader):
+    name, _, _ = reader.text(), reader.text(), reader.text()
+    first, buffers, end = reader.take("3q")
+    if first != reader.at:
+        raise ValueError("its grids lie elsewhere")
+    reader.take("I")
+    reader.entries()
+    reader.text()
+    voxel = reader.take("15d")[0]
+    _, background, _, outer = reader.take("IfII")
+    origins, masks, tiles = [], [], []
+    for _ in range(outer):
+        place = np.array(reader.take("3i"))
+        for below in _children(reader, place, OUTER[0], INNER[1], tiles):
+            leaves = _children(reader, below, INNER[0], SIDE, tiles)
+            origins.append(leaves)
+            masks += [reader.bits(SIDE) for _ in leaves]
+    if buffers != reader.at:
+        raise ValueError("its voxels lie elsewhere")
+    active = np.array(masks).reshape(-1, SIDE**3)
+    values = np.empty(active.shape, np.float32)
+    for mask, block in zip(active, values, strict=True):
+        if not np.array_equal(reader.bits(SIDE), mask):
+            raise ValueError("a leaf has other voxels than the tree says")
+        reader.sides()
+        block[:] = np.where(reader.bits(SIDE), background, -background)
+        count = int(mask.sum())
+        block[mask] = np.frombuffer(reader.data, "<f4", count, reader.at)
+        reader.at += 4 * count
+    if end != reader.at:
+        raise ValueError("its grids end elsewhere")
+    shape = (-1, SIDE, SIDE, SIDE)
+    read = np.concatenate(origins), values.reshape(shape), active.reshape(shape)
+    middles, outside = (np.concatenate(parts) for parts in zip(*tiles, strict=True))
+    return name, Grid(*read, middles, outside, voxel, background)
+
+
+def _children(reader, place, side, length, tiles):
+    """Return the places of a node's children, of so many voxels along a side; keep its tiles."""
+    child, _ = reader.bits(side), reader.bits(side)
+    reader.sides()
+    outside = reader.bits(side)
+    where = np.argwhere(~child.reshape(side, side, side))
+    tiles.append((place + length * where + (length - 1) / 2, outside[~child]))
+    return place + length * np.argwhere(child.reshape(side, side, side))

@@ -1,0 +1,85 @@
+"""The signed distance of a field as the file of a sparse volume."""
+
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.bridges.vdb.leaves import ALONG, SIDE, leaves
+from pandis.bridges.vdb.vdb import vdb_bytes
+from pandis.runtime.field import NativeField, Number
+
+
+def write_volume(
+    field: NativeField,
+    path: str | PathLike[str],
+    *,
+    voxel: Number | None = None,
+    band: Number = 3.0,
+    length: Number = 1.0,
+    name: str = "distance",
+) -> None:
+    """Write the signed distance of a field as a volume of OpenVDB or NanoVDB.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+        Any but a grid of forces, which has no distance outside.
+    path : path-like
+        ``….vdb``; or ``….nvdb``, for which Warp is needed.
+    voxel : float, optional
+        Its length; by default a two-hundredth of the object's longest side.
+    band : float
+        How far from the surface distances go, on each side, in voxels. Beyond that a ``.vdb`` has
+        the background with its sign, as level sets have; a ``.nvdb`` has it with its sign inside,
+        and outside as it is.
+    length : float
+        Lengths of the volume per unit of the field's mesh.
+    name : str
+        Of the grid in a ``.vdb``; a ``.nvdb`` has Warp's own.
+
+    Raises
+    ------
+    PandisError
+        The field is a grid of forces; the name of the file ends otherwise; a number is none; or
+        there is no Warp.
+    """
+    path = Path(path)
+    if path.suffix not in (".vdb", ".nvdb"):
+        raise PandisError(f"{path}: a volume is called ….vdb (OpenVDB) or ….nvdb (NanoVDB)")
+    if not field.has_distance:
+        raise PandisError(f"{field.path}: it is a grid of forces, which knows no distance outside")
+    if voxel is None:
+        low, high = field.bounds
+        voxel = float((high - low).max()) * length / ALONG
+    for what, value in (("voxel", voxel), ("band", band), ("length", length)):
+        if not (np.isfinite(value) and value > 0):
+            raise PandisError(f"{what}: {value} is no positive number")
+    held = leaves(field, float(voxel), float(band), float(length), whole=path.suffix == ".nvdb")
+    if path.suffix == ".vdb":
+        path.write_bytes(vdb_bytes({name: held}))
+    else:
+        _write_nvdb(held, path)
+
+
+def _write_nvdb(held, path):
+    """Write a volume as Warp has it; what is in no block is outside to it."""
+    try:
+        import warp as wp
+    except ImportError as error:
+        raise PandisError('a .nvdb needs Warp: pip install "warp-lang>=1.19"') from error
+    with wp.ScopedDevice("cpu"):
+        values = wp.array(held.values.reshape(-1), dtype=float)
+        origins = wp.array(held.origins.astype(np.int32), dtype=wp.vec3i)
+        volume = wp.Volume.allocate_by_tiles(
+            origins, voxel_size=held.voxel, bg_value=held.background
+        )
+        wp.launch(_fill(), len(held.origins) * SIDE**3, [volume.id, origins, values])
+        volume.save_to_nvdb(str(path))
+
+
+def _fill():
+    from pandis.engine.cuda.volumes import fill
+
+    return fill

@@ -1,0 +1,163 @@
+"""Models with fields of ours in MuJoCo Warp: what `pandis.sdf` is to MuJoCo itself."""
+
+import copy
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from pandis.base.errors import PandisError
+from pandis.bridges.warp import WarpField
+from pandis.bridges.warp.data import Field
+
+try:
+    import mujoco_warp
+    from mujoco_warp._src import collision_sdf
+    from mujoco_warp._src.types import vec_pluginattr
+except ImportError as error:
+    raise PandisError('there is no MuJoCo Warp here: pip install "mujoco-warp==4.0.0"') from error
+
+#: What an instance's numbers begin with, by the kind of its function: the first is 76,912.
+_MARK = 76_911
+#: Where its other numbers are: the address of its field in parts of 22 bits, and where it lies.
+_ADDRESS, _SCALE, _ORIGIN, _TURN = 1, 4, 5, 8
+#: What MuJoCo takes for the distance of what is nowhere.
+_NOWHERE = wp.constant(1e10)
+
+#: The functions that collisions call by now, in the order of their marks.
+_known: list = []
+
+
+@wp.func
+def _field_at(attributes: vec_pluginattr) -> Field:
+    """Return the field whose address an instance's numbers hold."""
+    address = wp.uint64(0)
+    for i in range(3):
+        part = wp.uint64(attributes[_ADDRESS_OF + i])
+        address = address | (part << wp.uint64(22 * i))
+    fields = wp.array(ptr=address, shape=(1,), dtype=Field)
+    return fields[0]
+
+
+@wp.func
+def _into_file(p: wp.vec3, attributes: vec_pluginattr) -> wp.vec3d:
+    """Put a point of a geom into the units of its file."""
+    point, scale = wp.vec3d(), wp.float64(attributes[_SCALE_OF])
+    for k in range(3):
+        at = wp.float64(attributes[_ORIGIN_OF + k])
+        for i in range(3):
+            at += wp.float64(attributes[_TURN_OF + 3 * k + i]) * wp.float64(p[i])
+        point[k] = at / scale
+    return point
+
+
+@wp.func
+def _into_geom(n: wp.vec3d, attributes: vec_pluginattr) -> wp.vec3:
+    """Turn a normal of the file into a geom's frame."""
+    turned = wp.vec3()
+    for k in range(3):
+        for i in range(3):
+            turned[k] += attributes[_TURN_OF + 3 * i + k] * float(n[i])
+    return turned
+
+
+_ADDRESS_OF, _SCALE_OF = wp.constant(_ADDRESS), wp.constant(_SCALE)
+_ORIGIN_OF, _TURN_OF = wp.constant(_ORIGIN), wp.constant(_TURN)
+
+
+def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_warp.Model":
+    """Put a model with geoms of `pandis.sdf` onto the device: ``mujoco_warp.put_model`` for them.
+
+    Their fields must be splines, compact meshes or networks. Geoms of other plugins go on with the
+    functions that were installed for them before.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        As the plugin has compiled it.
+    instances : iterable of pandis.bridges.mujoco.instances.Instance
+        Its geoms of `pandis.sdf`: ``instances(model)``.
+    **options
+        For ``mujoco_warp.put_model``.
+
+    Returns
+    -------
+    mujoco_warp.Model
+        It keeps the fields that its geoms ask.
+
+    Raises
+    ------
+    PandisError
+        A field is of another kind.
+    ArtifactError
+        A file cannot be read, or is damaged.
+    """
+    found = {each.geom: each for each in instances}
+    files = {each.file: WarpField(each.file) for each in found.values()}
+    fields = {geom: files[each.file] for geom, each in found.items()}
+    for field in fields.values():
+        _install(field.answer)
+    put = mujoco_warp.put_model(
+        _without_texts(model, {each.number for each in found.values()}), **options
+    )
+    geoms = np.nonzero(model.geom_plugin >= 0)[0].tolist()
+    rows, kept = put.plugin_attr.numpy().copy(), []
+    for row, geom in zip(rows, geoms, strict=True):
+        if geom in fields:
+            field = fields[geom]
+            held = wp.array([field.data], dtype=Field, device=put.plugin_attr.device)
+            kept += [field, held]
+            row[:] = _numbers(found[geom], field.answer, held.ptr)
+    put.plugin_attr = wp.array(rows, dtype=vec_pluginattr, device=put.plugin_attr.device)
+    put.pandis_fields = kept  # their memory is asked as long as the model is
+    return put
+
+
+def _numbers(instance, answer, address):
+    """Return what an instance's functions are given: an array of the length of MuJoCo Warp's."""
+    row = np.zeros(vec_pluginattr._length_, np.float32)
+    row[0] = _MARK + 1 + _known.index(answer)
+    row[_ADDRESS : _ADDRESS + 3] = [(address >> 22 * i) & 0x3FFFFF for i in range(3)]
+    row[_SCALE] = instance.scale
+    row[_ORIGIN : _ORIGIN + 3], row[_TURN : _TURN + 9] = instance.origin, instance.turn.ravel()
+    return row
+
+
+def _without_texts(model, numbers):
+    """Return a copy of a model whose files are no texts any more, which MuJoCo Warp cannot read."""
+    other = copy.copy(model)
+    for number in numbers:
+        ends = [*other.plugin_attradr[number + 1 :], len(other.plugin_attr)]
+        other.plugin_attr[other.plugin_attradr[number] : ends[0]] = 0
+    return other
+
+
+def _install(answer):
+    """Let collisions call a function, before those that they call already."""
+    if answer in _known:
+        return
+    mark = wp.constant(float(_MARK + 1 + len(_known)))
+    distance_before, normal_before = collision_sdf.user_sdf, collision_sdf.user_sdf_grad
+
+    @wp.func
+    def user_sdf(p: wp.vec3, attributes: vec_pluginattr, plugin: int) -> float:
+        if attributes[0] != mark:
+            return distance_before(p, attributes, plugin)
+        one = answer(_field_at(attributes), _into_file(p, attributes))
+        if one.flag == 2:
+            return _NOWHERE
+        return float(one.distance * wp.float64(attributes[_SCALE_OF]))
+
+    @wp.func
+    def user_sdf_grad(p: wp.vec3, attributes: vec_pluginattr, plugin: int) -> wp.vec3:
+        if attributes[0] != mark:
+            return normal_before(p, attributes, plugin)
+        one = answer(_field_at(attributes), _into_file(p, attributes))
+        if one.flag == 2:
+            return wp.vec3()
+        return _into_geom(one.normal, attributes)
+
+    collision_sdf.user_sdf, collision_sdf.user_sdf_grad = user_sdf, user_sdf_grad
+    wp.get_module(collision_sdf.__name__).mark_modified()  # it may have been compiled without
+    _known.append(answer)

@@ -1,0 +1,164 @@
+"""Fields to touch on a page: ``pandis.h`` in WebAssembly, in one file that needs nothing else.
+
+The module ``pandis.wasm`` is compiled from ``web.c`` by ``make wasm`` and comes with the package.
+"""
+
+import base64
+import json
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from pandis.base.errors import ArtifactError, PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.bridges.web.surface import surface_of
+from pandis.runtime.field import NativeField
+from pandis.runtime.info import no_proxy
+
+HERE = Path(__file__).parent
+SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
+#: Files that together are larger make a page that browsers open slowly.
+LARGEST = 64_000_000
+#: The most that a page takes, m and N/m; and where the slider of the stiffness usually ends.
+LONGEST, STIFFEST, USUAL = 10.0, 5000.0, 1500.0
+#: Whole numbers per length of the unit frame.
+_STEPS = 32767
+
+
+def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
+    """Write a page on which fields of one object can be touched.
+
+    Parameters
+    ----------
+    path : path-like
+        ``….html``.
+    files : list of path-like
+        ``.pandis`` files of one object; the first is shown, and drawn.
+    size : float
+        How long the object is under the hand, m.
+    stiffness : float
+        N/m, at first.
+
+    Raises
+    ------
+    PandisError
+        A file cannot be read, has no proxy, or is of another object; all are too large for a page;
+        size or stiffness are none.
+    """
+    fields = [NativeField(file) for file in files]
+    for field in fields:
+        _check(field, fields[0])
+    first = fields[0].path
+    name = first.parent.parent.name if first.parent.name == "export" else first.stem
+    Path(path).write_text(page(name, fields, size, stiffness), encoding="utf-8")
+
+
+def page(name, fields, size, stiffness):
+    """Return a page on which fields of one object, which is called so, are touched.
+
+    Parameters and errors are those of `write_page`, but that the fields are open.
+    """
+    if not (0 < size <= LONGEST and 0 <= stiffness <= STIFFEST):
+        raise PandisError(
+            f"size: {size:g}, stiffness: {stiffness:g}: an object on a page is up to {LONGEST:g} m "
+            f"long, and its stiffness up to {STIFFEST:g} N/m"
+        )
+    total = sum(field.path.stat().st_size for field in fields)
+    if total > LARGEST:
+        raise PandisError(f"{total:,} bytes of fields are too many for a page: {LARGEST:,} at most")
+    return (HERE / "page.html").read_text(encoding="utf-8").format(
+        title=f"{_escaped(name)}: touch it",
+        style=(HERE / "style.css").read_text(encoding="utf-8"),
+        section=section(fields, size, stiffness),
+        scripts="".join(script(part) for part in ("solid", "touch")),
+    )  # fmt: skip
+
+
+def with_proxies(fields, log):
+    """Return those of some fields that have a proxy, and say which have none.
+
+    Raises
+    ------
+    PandisError
+        None has one.
+    """
+    found = []
+    for field in fields:
+        if why := no_proxy(field):
+            log(f"{field.path.stem}: not on the page: {why}")
+        else:
+            found.append(field)
+    if not found:
+        raise PandisError("none of these fields has a proxy: name another one in fields")
+    return found
+
+
+def script(name):
+    """Return the text of one of the page's scripts: ``solid``, ``touch`` or ``loop``."""
+    return (HERE / f"{name}.js").read_text(encoding="utf-8")
+
+
+def section(fields, size, stiffness):
+    """Return the part of a page in which fields of one object are touched, as HTML."""
+    corners, faces = surface_of(fields[0])
+    small = len(corners) < 1 << 16
+    drawn = {
+        "vertices": _text(np.rint(np.clip(corners, -1, 1) * _STEPS), "<i2"),
+        "faces": _text(faces, "<u2" if small else "<u4"),
+        "small": small,
+    }
+    return touched(fields, size, stiffness, drawn | loop())
+
+
+def loop():
+    """Return what all objects of a page share: ``pandis.h`` as a module, and what runs it."""
+    return {"wasm": _text(np.fromfile(MODULE, np.uint8), "u1"), "loop": script("loop")}
+
+
+def touched(fields, size, stiffness, more):
+    """Return what `section` does, for an object that is drawn from other data.
+
+    Parameters
+    ----------
+    fields : list of pandis.runtime.field.NativeField
+    size, stiffness : float
+        m, N/m.
+    more : dict
+        What ``touch.js`` reads beside the fields: the solid and the loop, or ``view``, the name of
+        the figure on the page that holds the solid, while the page holds the loop.
+    """
+    data = more | {
+        "size": size,
+        "longest": UNIT_SIDE,
+        "fields": [
+            {"name": field.path.stem, "bytes": _text(np.fromfile(field.path, np.uint8), "u1")}
+            for field in fields
+        ],
+    }
+    return (HERE / "section.html").read_text(encoding="utf-8").format(
+        data=json.dumps(data).replace("<", "\\u003c"),
+        size=f"{1e3 * size:g} mm",
+        stiffness=f"{stiffness:g}",
+        most=f"{max(stiffness, USUAL):g}",
+    )  # fmt: skip
+
+
+def _check(field, first):
+    """Refuse a field that cannot be touched, or is of another object than the first."""
+    if why := no_proxy(field):
+        raise ArtifactError(f"{field.path}: it cannot be touched: {why}")
+    apart = np.abs(first.frame.to_unit(field.frame.centre)).max()
+    if apart > 0.1 or not 0.9 < field.frame.scale / first.frame.scale < 1.1:
+        raise PandisError(
+            f"{field.path}: this is another object than {first.path}, of another size or at "
+            "another place: give each object a page of its own"
+        )
+
+
+def _text(values, kind):
+    return base64.b64encode(np.ascontiguousarray(values).astype(kind).tobytes()).decode()
+
+
+def _escaped(text):
+    return text.replace("&", "&amp;").replace("<", "&lt;")

@@ -1,0 +1,157 @@
+"""Compiles sources once per machine, and loads C libraries."""
+
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from pandis.base.errors import PandisError
+from pandis.engine import prebuilt
+from pandis.engine.cache import cache_folder
+from pandis.engine.sources import included
+
+#: No reassociation, no fused multiply-add: IEEE results that do not depend on the machine. That
+#: nobody asks for errno or for traps lets the compiler use vectors.
+FLAGS = (
+    "-std=c99",
+    "-O3",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fPIC",
+    "-shared",
+)
+
+
+def find_compiler():
+    """Return the C compiler that is used, None if there is none."""
+    compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
+    return compiler if compiler and shutil.which(compiler) else None
+
+
+@cache
+def load(source):
+    """Load a C file as a library: see `compiled`."""
+    return ctypes.CDLL(str(compiled(source)))
+
+
+def compiled(source, headers=()):
+    """Return the library of a C file, compiled beforehand, or now, or on an earlier run.
+
+    Parameters
+    ----------
+    source : Path
+    headers : sequence of Path
+        Folders of what it includes of other projects.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    PandisError
+        There is no compiler, or it fails.
+    """
+    if ready := prebuilt.find(source, FLAGS):
+        return ready
+    compiler = find_compiler()
+    if compiler is None:
+        raise PandisError(
+            f"no C compiler found for {source.name}: install one (Debian: apt-get install gcc; "
+            "conda: conda install gcc) or name it in the environment variable CC"
+        )
+    command = [compiler, "-march=native", *FLAGS, *(f"-I{folder}" for folder in headers)]
+    return build(command, source, ["-lm", "-ldl", "-lpthread"], f"{source.stem}.so")
+
+
+def prebuild(folder, headers):
+    """Compile what a package brings along (`pandis.engine.prebuilt`) into a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    headers : dict of str to Path
+        By library, the folder of what it includes of another project. A library that needs some
+        and has none here is left out.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    PandisError
+        There is no compiler, or it fails.
+    """
+    compiler, machine, made = find_compiler(), platform.machine(), []
+    if compiler is None:
+        raise PandisError("no C compiler found: install gcc, or name one in CC")
+    if machine not in prebuilt.KINDS:
+        raise PandisError(f"no library is made for machines of the kind {machine}")
+    with tempfile.TemporaryDirectory() as place:
+        source = Path(place) / "together.c"
+        for library in prebuilt.LIBRARIES.keys() - (prebuilt.FOREIGN - headers.keys()):
+            source.write_text(prebuilt.together(library), encoding="utf-8")
+            others = [f"-I{headers[library]}"] if library in headers else []
+            kind = prebuilt.KINDS[machine]
+            path = Path(folder) / prebuilt.name(library, FLAGS, kind)
+            command = [compiler, f"-march={kind}", *FLAGS, *prebuilt.SMALLER, *others, str(source)]
+            made.append(_compile([*command, "-lm"], path))
+    return made
+
+
+def build(command, source, libraries, name):
+    """Compile a source once per machine, and keep what comes out.
+
+    Parameters
+    ----------
+    command : list of str
+        The compiler and its flags.
+    source : Path
+    libraries : list of str
+        Flags that come after the source.
+    name : str
+        Of the file to make; a digest of all that it depends on goes before its ending.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    PandisError
+        The compiler fails.
+    """
+    texts = [path.read_text("utf-8") for path in included(source)]
+    # what is compiled for one processor may not run on another
+    key = [*command, *libraries, platform.machine(), prebuilt.processor(), *texts]
+    digest = hashlib.sha256("\0".join(key).encode()).hexdigest()[:20]
+    compiled = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
+    if compiled.is_file():
+        return compiled
+    return _compile([*command, str(source), *libraries], compiled)
+
+
+def _compile(command, compiled):
+    """Compile to a path; into a temporary folder if the cache cannot be written."""
+    try:
+        compiled.parent.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.mkdtemp(dir=compiled.parent)
+    except OSError:
+        folder = tempfile.mkdtemp(prefix="pandis-")
+        compiled = Path(folder) / compiled.name
+    part = Path(folder) / "part"
+    done = subprocess.run([*command, "-o", str(part)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise PandisError(f"{' '.join(command)} failed:\n{done.stderr.strip()}")
+    part.replace(compiled)  # whole or not at all, whoever else compiles the same
+    if Path(folder) != compiled.parent:
+        shutil.rmtree(folder, ignore_errors=True)
+    return compiled

@@ -1,0 +1,54 @@
+"""Structures of C that Python mirrors: whether both mean the same bytes."""
+
+import ctypes
+
+from pandis.base.errors import PandisError
+
+
+class _Entry(ctypes.Structure):
+    """As ``layout.h`` has it."""
+
+    _fields_ = (
+        ("type", ctypes.c_char_p),
+        ("field", ctypes.c_char_p),
+        ("at", ctypes.c_size_t),
+        ("size", ctypes.c_size_t),
+    )
+
+
+def compare_layouts(entries, mirrors):
+    """Compare structures with those that a compiled library says it has.
+
+    Parameters
+    ----------
+    entries : callable
+        The library's function that returns the first of its ``layout_entry``.
+    mirrors : dict of str to ctypes.Structure
+        By the names of their types in C.
+
+    Raises
+    ------
+    PandisError
+        A field lies elsewhere, has another size, or is missing on one side: one of the two was
+        changed alone.
+    """
+    entries.restype = ctypes.POINTER(_Entry)
+    native, first = {}, entries()
+    for k in range(1 << 16):
+        entry = first[k]
+        if not entry.type:
+            break
+        native[entry.type.decode(), (entry.field or b"").decode()] = entry.at, entry.size
+    mirrored = {}
+    for name, mirror in mirrors.items():
+        mirrored[name, ""] = 0, ctypes.sizeof(mirror)
+        for field, *_ in mirror._fields_:
+            place = getattr(mirror, field)
+            mirrored[name, field] = place.offset, place.size
+    for key in native.keys() | mirrored.keys():
+        if native.get(key) != mirrored.get(key):
+            there, here = (side.get(key, "nothing") for side in (native, mirrored))
+            raise PandisError(
+                f"{'.'.join(filter(None, key))}: offset and size are {there} in C, and {here} in "
+                "Python; change both"
+            )

@@ -1,0 +1,178 @@
+"""A mesh on a lattice, packed into blocks and a tree: the binding of ``packing.c``."""
+
+import ctypes
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.engine.compiler import load
+from pandis.engine.threads import in_threads
+
+#: Bits of a coordinate of the lattice, at most.
+MOST_BITS = 20
+#: Bytes of a branch and of a block's record.
+BRANCH_BYTES, BLOCK_BYTES = 96, 16
+#: Faces that a block has at most.
+BLOCK_FACES = 64
+#: What tells on which side a point is: the face that it is nearest to; it is known; a ray.
+BY_FACE, OUTSIDE, INSIDE, BY_RAY = 0, 1, 2, 3
+
+
+class Packed(NamedTuple):
+    """A packed mesh.
+
+    Attributes
+    ----------
+    branches, blocks, packed : ndarray, uint8
+        As the sections ``BRCH``, ``BLCK`` and ``PACK`` of docs/format.md hold them.
+    """
+
+    branches: np.ndarray
+    blocks: np.ndarray
+    packed: np.ndarray
+
+
+class Sides(NamedTuple):
+    """What tells on which side of a mesh points are, by what their closest point lies on.
+
+    Attributes
+    ----------
+    corners : ndarray, shape (V,), uint8
+    edges : ndarray, shape (F, 3), uint8
+        From corner k to k + 1.
+    faces : ndarray, shape (F,), uint8
+        Each BY_FACE, OUTSIDE, INSIDE or BY_RAY.
+    """
+
+    corners: np.ndarray
+    edges: np.ndarray
+    faces: np.ndarray
+
+
+def find_rays(vertices, faces):
+    """Return points that tell the sides at corners and edges whose faces do not tell it.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), integer
+    faces : ndarray, shape (F, 3), integer
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        Next to the surface, nearest to that corner, or to the middle of that edge.
+    owners : ndarray, shape (n,), int32
+        A vertex, or V + 3 · face + the corner that the edge begins at.
+    """
+    vertices, faces = _checked(vertices, faces)
+    library = _library()
+    rays = library.packing_rays(vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces))
+    if not rays:
+        raise PandisError(f"not enough memory to look at {len(faces):,} faces")
+    count = library.packing_ray_count(rays)
+    points, owners = np.empty((count, 3)), np.empty(count, np.int32)
+    if count:
+        library.packing_copy_rays(rays, points.ctypes.data, owners.ctypes.data)
+    library.packing_free_rays(rays)
+    return points, owners
+
+
+def pack_mesh(vertices, faces, sides):
+    """Pack a mesh on a lattice.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), integer
+        From 0 on, below 2^20.
+    faces : ndarray, shape (F, 3), integer
+        None of them with two equal corners.
+    sides : Sides
+
+    Returns
+    -------
+    Packed
+
+    Raises
+    ------
+    ValueError
+        Vertices are off the lattice, or a face names none, or one twice.
+    PandisError
+        There is not enough memory, or no C compiler.
+    """
+    vertices, faces = _checked(vertices, faces)
+    tells = [np.ascontiguousarray(part, np.uint8).ravel() for part in sides]
+    if [len(part) for part in tells] != [len(vertices), 3 * len(faces), len(faces)]:
+        raise ValueError("sides must be of the same vertices and faces")
+    library = _library()
+    packing = library.packing_build(
+        vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces),
+        *(part.ctypes.data for part in tells),
+    )  # fmt: skip
+    if not packing:
+        raise PandisError(f"not enough memory to pack {len(faces):,} faces")
+    parts, size = [], ctypes.c_int64()
+    for index in range(len(Packed._fields)):
+        start = library.packing_part(packing, index, ctypes.byref(size))
+        parts.append(np.frombuffer(ctypes.string_at(start, size.value), np.uint8))
+    library.packing_free(packing)
+    return Packed(*parts)
+
+
+def distance_and_clear(arrays, bits, points, most=0):
+    """Return distances as ``pandis.h`` answers them, and how far the surface is at least.
+
+    Parameters
+    ----------
+    arrays : dict of str to ndarray
+        ``branches``, ``blocks`` and ``packed``, as `pack_mesh` makes them: nothing is checked.
+    bits : int
+    points : ndarray, shape (n, 3)
+    most : int
+        Groups of faces and blocks that a query may look at; 0: all.
+
+    Returns
+    -------
+    distance, clear : ndarray, shape (n,), unit frame
+        Where the latter is the smaller, the query is cut.
+    """
+    points = np.ascontiguousarray(points, np.float64)
+    parts = [np.ascontiguousarray(arrays[name]) for name in Packed._fields]
+    distance, clear = np.empty(len(points)), np.empty(len(points))
+
+    def part(low, high):
+        start, *out = (array[low:].ctypes.data for array in (points, distance, clear))
+        where = [array.ctypes.data for array in parts]
+        library.packing_distances(*where, bits, most, start, high - low, *out)
+
+    library = _library()
+    in_threads(part, len(points))
+    return distance, clear
+
+
+def _checked(vertices, faces):
+    vertices = np.ascontiguousarray(vertices, np.int32)
+    faces = np.ascontiguousarray(faces, np.int32)
+    if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError("faces must name vertices, and there must be one")
+    if vertices.min() < 0 or vertices.max() >> MOST_BITS:
+        raise ValueError(f"vertices must be whole numbers from 0 to {(1 << MOST_BITS) - 1:,}")
+    if (faces == np.roll(faces, 1, axis=1)).any():
+        raise ValueError("a face has two equal corners")
+    return vertices, faces
+
+
+def _library():
+    lib = load(Path(__file__).with_name("packing.c"))
+    pointer, i32, i64 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64
+    lib.packing_build.restype = pointer
+    lib.packing_build.argtypes = [pointer, i32, pointer, i32, pointer, pointer, pointer]
+    lib.packing_part.restype, lib.packing_part.argtypes = pointer, [pointer, i32, pointer]
+    lib.packing_distances.argtypes = [*[pointer] * 3, i32, i32, pointer, i64, pointer, pointer]
+    lib.packing_free.argtypes = lib.packing_free_rays.argtypes = [pointer]
+    lib.packing_rays.restype, lib.packing_rays.argtypes = pointer, [pointer, i32, pointer, i32]
+    lib.packing_ray_count.restype = i64
+    lib.packing_ray_count.argtypes = [pointer]
+    lib.packing_copy_rays.argtypes = [pointer, pointer, pointer]
+    return lib

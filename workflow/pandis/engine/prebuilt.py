@@ -1,0 +1,75 @@
+"""The libraries that a package brings along, compiled: who only asks fields needs no compiler.
+
+They are made when the package is built. A checkout has none, and compiles each source on first use.
+"""
+
+import hashlib
+import platform
+from functools import cache
+from pathlib import Path
+
+from pandis.engine.sources import included
+
+_PACKAGE = Path(__file__).parents[1]
+FOLDER = _PACKAGE / "engine/built"
+#: Libraries and their sources: what fields, contacts and scenes are asked through, and plugins.
+LIBRARIES = {
+    "pandis": [
+        _PACKAGE / "runtime/field/field.c",
+        _PACKAGE / "runtime/contact/contact.c",
+        _PACKAGE / "runtime/scene/scene.c",
+    ],
+    "pandis-mujoco": [_PACKAGE / "bridges/mujoco/plugin.c"],
+}
+#: Those that include headers of another project: a package has them if it was built beside that.
+FOREIGN = {"pandis-mujoco"}
+#: By machine, what the compiler calls a processor that they run on. What takes most time is in them
+#: for AVX2, too, and taken where the processor has it. Answers are the same to the last bit.
+KINDS = {"x86_64": "x86-64", "aarch64": "armv8-a"}
+#: That nothing unwinds these, which ends no program that did not end before, saves a twentieth;
+#: that only short loops are written out, a seventh, at no cost in time that can be measured.
+SMALLER = ("-fno-asynchronous-unwind-tables", "-fno-unwind-tables", "-fno-align-functions",
+           "-fno-align-loops", "-fno-align-jumps", "-fno-plt",
+           "--param=max-completely-peeled-insns=80", "-Wl,-z,noseparate-code",
+           "-Wl,--build-id=none", "-s")  # fmt: skip
+
+
+def find(source, flags):
+    """Return the library that runs on this processor and holds a source, None if there is none.
+
+    Parameters
+    ----------
+    source : Path
+    flags : sequence of str
+        It was compiled with, beside the processor's name.
+    """
+    library = next((key for key, parts in LIBRARIES.items() if source in parts), None)
+    if library is None or not FOLDER.is_dir() or platform.machine() not in KINDS:
+        return None
+    path = FOLDER / name(library, flags, KINDS[platform.machine()])
+    return path if path.is_file() else None
+
+
+@cache
+def name(library, flags, kind):
+    """Return what a library's file is called: that of other sources has another name."""
+    files = dict.fromkeys(path for part in LIBRARIES[library] for path in included(part))
+    texts = [path.read_text("utf-8") for path in files]
+    digest = hashlib.sha256("\0".join([*flags, *texts]).encode()).hexdigest()[:12]
+    return f"{library}-{kind}-{digest}.so"
+
+
+def together(library):
+    """Return the text in C that holds all parts of a library."""
+    heads = ["#define _POSIX_C_SOURCE 199309L", "#define PANDIS_IMPLEMENTATION"]
+    return "\n".join([*heads, *(f'#include "{part}"' for part in LIBRARIES[library])]) + "\n"
+
+
+@cache
+def processor():
+    """Return the line in which the system says what its processor can do."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")

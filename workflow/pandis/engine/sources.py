@@ -1,0 +1,79 @@
+"""Sources in C: what they include, and what of them a compiler sees."""
+
+import hashlib
+import re
+
+from pandis.engine.cache import remembered
+
+_INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"', re.M)
+#: Comments; texts and characters; names and numbers; line ends; spaces; operators.
+_TOKEN = re.compile(
+    r"(?P<comment>//(?:\\\n|[^\n])*|/\*.*?\*/)"
+    r"|(?P<text>\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*')"
+    r"|(?P<word>[A-Za-z_0-9][A-Za-z_0-9.]*)"
+    r"|(?P<end>\n)"
+    r"|(?P<space>[ \t\r\f\v]+|\\\n)"
+    r"|(?P<sign><<=|>>=|\.\.\.|->|\+\+|--|<<|>>|&&|\|\||##|[-+*/%&|^<>=!]=|.)",
+    re.S,
+)
+
+
+def included(source):
+    """Return a source and all files that it includes by name, each once, in order of inclusion.
+
+    Parameters
+    ----------
+    source : Path
+
+    Returns
+    -------
+    list of Path
+    """
+    files, queue = [], [source.resolve()]
+    while queue:
+        path = queue.pop(0)
+        if path not in files:
+            files.append(path)
+            names = _INCLUDE.findall(path.read_text("utf-8"))
+            queue += [(path.parent / name).resolve() for name in names]
+    return files
+
+
+def tokens(text):
+    """Return what a compiler sees of a text in C: no comments, no layout.
+
+    Line ends count where they end a directive, and a space where the name of a macro ends:
+    ``#define f (x)`` takes no argument.
+    """
+    seen, directive, fresh, spaced = [], False, True, False
+    for match in _TOKEN.finditer(text):
+        kind, token = match.lastgroup, match[0]
+        if kind in ("comment", "space"):
+            spaced = True
+            continue
+        if kind == "end":
+            if directive:
+                seen.append("\n")
+            directive, fresh, spaced = False, True, False
+            continue
+        if fresh and token == "#":
+            directive = True
+        defined = directive and seen[-2:-1] == ["define"]
+        if defined and token == "(" and spaced:
+            seen.append(" ")
+        seen.append(token)
+        fresh = spaced = False
+    return seen
+
+
+def digest(source):
+    """Return a digest (hex) of a source and what it includes, comments and layout aside."""
+    texts = [(path.name, path.read_text("utf-8")) for path in included(source)]
+
+    def of_tokens():
+        total = hashlib.sha256()
+        for name, text in texts:
+            total.update("\0".join([name, *tokens(text)]).encode() + b"\0\0")
+        return total.hexdigest()
+
+    return remembered(__file__, repr(texts).encode(), of_tokens)

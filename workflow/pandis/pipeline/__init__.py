@@ -1,0 +1,1 @@
+"""Everything that makes files: the stages that Snakemake runs."""

@@ -1,0 +1,1 @@
+"""Checks of finished results, and the report of a run that failed."""

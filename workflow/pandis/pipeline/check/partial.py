@@ -1,0 +1,127 @@
+"""The report and the summary of the meshes that are whole, after a run in which others failed.
+
+Run as ``python -m pandis.pipeline.check.partial`` with the configuration on stdin: planning, which
+knows that a run has failed, loads no numerics.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from pandis.base.errors import PandisError
+from pandis.engine.threads import thread_count
+from pandis.pipeline.check.verification import Checker
+from pandis.pipeline.report import collection
+from pandis.pipeline.report.page import build, mesh_sections
+from pandis.pipeline.report.seal import seal
+from pandis.pipeline.report.tables import summarise, to_csv
+from pandis.pipeline.run.host.ending import partial_note
+from pandis.pipeline.run.job.artifact import read_artifact, write_atomically
+from pandis.pipeline.run.job.stage import INTERRUPTED, silent_progress
+from pandis.pipeline.run.plan.plan import Plan
+
+#: What every section of the report is made from, beside the artifacts of the fields.
+_STEMS = ("evaluation", "timing", "stress", "hardware")
+
+
+def write_partial(plan):
+    """Write the report and the summary of a plan, as far as they can be made.
+
+    Parameters
+    ----------
+    plan : pandis.pipeline.run.plan.plan.Plan
+
+    Returns
+    -------
+    dict of str to str
+        The meshes that are left out, and why. Nothing is written if all are.
+    """
+    checker, good, refused = Checker(plan), [], dict(plan.refused)
+    for mesh in plan.meshes:
+        wanted = [Path(path) for path in plan.report_artifacts(mesh)]
+        faults = [checker.fault(o) for o in plan.outputs(mesh) if Path(o.path) in wanted]
+        if any(faults):
+            refused[mesh] = (
+                last_words(plan, mesh) or f"its results are not whole: {next(filter(None, faults))}"
+            )
+        else:
+            good.append(mesh)
+    if not good or not refused:
+        return refused
+    table, page = (_collection if plan.until else _report)(plan, good, refused)
+    why = {"stage": "partial", "wildcards": {}, "options": {"refused": refused}}
+    # the note first: where it is, the others are no results
+    write_atomically(partial_note(plan), (json.dumps(refused, indent=2) + "\n").encode())
+    write_atomically(plan.summary, table.encode())
+    write_atomically(plan.report, seal(page.encode(), why, ".html"))
+    return refused
+
+
+def _report(plan, good, refused):
+    """Return the summary and the report of these meshes as texts."""
+    fields = {mesh: plan.entries[mesh].fields for mesh in good}
+    meshes = {mesh: (plan.report_artifacts(mesh), fields[mesh]) for mesh in good}
+    sections = mesh_sections(meshes, 1, silent_progress, _forget)
+    columns = ([read_artifact(f"{plan.folder}/{mesh}/{stem}.zarr.zip") for mesh in good]
+               for stem in _STEMS)  # fmt: skip
+    return to_csv(summarise(*columns), refused), build(sections, refused)
+
+
+def _collection(plan, good, refused):
+    """Return table and page of a collection of these meshes as texts."""
+    meshes = {mesh: plan.report_artifacts(mesh) for mesh in good}
+    rows = collection.collect(meshes, thread_count(), silent_progress, _forget)
+    return collection.to_csv(rows, refused), collection.build(rows, refused)
+
+
+def _forget(path, digest):
+    """Take note of no input: a partial report is no result."""
+
+
+def was_stopped(plan, since):
+    """Tell whether a job of this run was stopped by its user: then nothing has failed."""
+    logs = Path(plan.folder, "logs").rglob("*.log")
+    return any(
+        INTERRUPTED in path.read_text(encoding="utf-8", errors="replace")
+        for path in logs
+        if path.stat().st_mtime >= since
+    )
+
+
+def last_words(plan, mesh):
+    """Return the error that the last failed job of a mesh has logged, or an empty text."""
+    logs = sorted(
+        Path(plan.folder, "logs", mesh).glob("*.log"), key=lambda path: path.stat().st_mtime
+    )
+    for path in reversed(logs):
+        text = path.read_text(encoding="utf-8", errors="replace")
+        _, mark, said = text.rpartition("] error: ")
+        if mark:
+            return said.strip()
+    return ""
+
+
+def main():
+    """Read what was planned from stdin, and write what can be written."""
+    given = json.loads(sys.stdin.read())
+    try:
+        plan = Plan(given["config"], given["root"], given["files"])
+        if was_stopped(plan, given["since"]):
+            return 1
+        refused = write_partial(plan)
+    except PandisError as error:
+        print(f"error: no report of the other meshes: {error}", file=sys.stderr)
+        return 1
+    count = len(plan.meshes) + len(plan.refused) - len(refused)
+    if not count or not refused:
+        return 1
+    print(
+        f"{plan.report} and {plan.summary} are about the {count} that could be built; "
+        f"left out, with the reason: {', '.join(refused)}",
+        file=sys.stderr,
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,289 @@
+"""The chain check: does every result in results/ belong to this configuration and this code?
+
+It trusts nothing but the artifacts themselves: neither modification times nor
+Snakemake's records.
+"""
+
+import csv
+import json
+from pathlib import Path
+
+from pandis.base.errors import PandisError
+from pandis.bridges.newton.kept import read as read_kept
+from pandis.pipeline.export.session import read_export, read_program_metadata
+from pandis.pipeline.export.vti import read_note
+from pandis.pipeline.report.seal import SEALED, read_seal
+from pandis.pipeline.report.tables import summarise, to_csv
+from pandis.pipeline.run.ask.catalogue import RESERVED_NAMES
+from pandis.pipeline.run.ask.sourcing import source_digest, source_files, source_path, url_extension
+from pandis.pipeline.run.job.artifact import check_seal, file_digest, read_artifact
+from pandis.pipeline.run.job.provenance import unused_modules
+from pandis.pipeline.run.job.stored import RESULTS
+from pandis.pipeline.run.plan.plan import DEFAULT_CONFIG
+from pandis.runtime.field.files import read_provenance
+
+
+def demand_files(store):
+    """Raise if the results lie in an object store: what is checked is files."""
+    if store:
+        raise PandisError(
+            f"verify reads files, and these results are in {store}: fetch its folder of results, "
+            "say with `aws s3 sync`, and run verify without the options of the storage"
+        )
+
+
+def verify(plan, log):
+    """Check the outputs of a plan: all, or, where only named targets were run, what those made.
+
+    Parameters
+    ----------
+    plan : pandis.pipeline.run.plan.plan.Plan
+    log : callable
+        Takes a line of text.
+
+    Raises
+    ------
+    PandisError
+        Something is missing, damaged or stale; the log has said what, and the
+        message says the command that mends it.
+    """
+    checker = Checker(plan)
+    outputs, later = asked_for(plan)
+    for mesh in left_over(plan):
+        log(
+            f"{plan.folder}/{mesh} belongs to no mesh of the configuration: remove the folder, or "
+            "put the mesh back"
+        )
+    faults = [(output, fault) for output in outputs if (fault := checker.fault(output))]
+    total = len(outputs)
+    width = max((len(output.path) for output, _ in faults), default=0)
+    for output, fault in faults:
+        log(f"{output.path:{width}}  {fault}")
+    if faults:
+        raise PandisError(
+            f"{len(faults)} of {total} results are not what the configuration asks for (listed "
+            f"above). {remedy(plan, faults)}"
+        )
+    if later:
+        stages = ", ".join(dict.fromkeys(output.stage for output in later))
+        log(f"not built so far, and not checked: {len(later)} results ({stages})")
+    log(f"all {total} results are whole and belong to this configuration and code")
+
+
+def asked_for(plan):
+    """Return the outputs that a run was asked for, and those that are left for a later one.
+
+    A run that went to its end has made what stands last; all else has to be there, too. Without
+    that, stages of which there is no output at all were not asked for.
+
+    Returns
+    -------
+    asked, later : list of pandis.pipeline.run.plan.plan.Output
+    """
+    outputs = plan.everything()
+    paths = {output.path for output in outputs}
+    last = [output.path for output in plan.final if output.path in paths] or [outputs[-1].path]
+    stages = {output.stage for output in outputs if Path(output.path).exists()}
+    if any(Path(path).exists() for path in last) or not stages:
+        return outputs, []
+    stages.add("refuse")
+    asked = [output for output in outputs if output.stage in stages]
+    return asked, [output for output in outputs if output.stage not in stages]
+
+
+def left_over(plan):
+    """Return the names of folders of meshes that the configuration does not have."""
+    known = {*plan.entries, *plan.refused, *RESERVED_NAMES}
+    return sorted(
+        path.parent.name
+        for path in Path(plan.folder).glob("*/mesh.zarr.zip")
+        if path.parent.name not in known
+    )
+
+
+def remedy(plan, faults):
+    """Return the commands that mend results, of pairs of an output and what is wrong with it.
+
+    A file that is lost or damaged is made again alone: if its bytes come out the same, as all do
+    except durations, nothing that was made from it runs again.
+    """
+    given = f"-j2{_configfiles(plan)}"
+    stale = [output for output, fault in faults if fault.startswith(_STALE)]
+    # what waits for an input that is lost is whole again with that
+    apart = (*_STALE, _WAITS)
+    lost = [output for output, fault in faults if not fault.startswith(apart)]
+    said = []
+    outputs = [output.path for output in lost if output.stage != "refuse"]
+    if outputs:
+        said.append(
+            f"To restore what is lost or damaged, without making again what follows from it: "
+            f"snakemake {given} -f {' '.join(outputs)} && snakemake {given} -- all"
+        )
+    if stale:
+        paths = " ".join(output.path for output in stale)
+        said.append(f"To mend what is stale: snakemake {given} -R {paths} -- all")
+    if any(output.stage == "refuse" for output in lost):
+        said.append("Meshes that are refused must be repaired, or removed from the configuration.")
+    return "\n".join(said)
+
+
+#: How what is wrong begins where a result is whole, but not of this configuration and code.
+_WAITS = "its input"
+_STALE = ("stale", "is another result", "differs", "leaves out")
+
+
+def _configfiles(plan):
+    return f" --configfile {' '.join(plan.files)}" if plan.files != [DEFAULT_CONFIG] else ""
+
+
+class Checker:
+    """Tells what is wrong with each output of a plan."""
+
+    def __init__(self, plan):
+        self.plan = plan
+        self._digests = {}
+
+    def fault(self, output):
+        """Return what is wrong with an output, or None."""
+        path = Path(output.path)
+        if output.stage == "refuse":
+            return f"refused: {self.plan.refused[output.wildcards['mesh']]}"
+        if not path.is_file():
+            return "missing"
+        if output.stage == "fetch":
+            wanted = self.plan.entries[output.wildcards["mesh"]].sha256.lower()
+            return None if file_digest(path) == wanted else "damaged: its sha256 is another"
+        try:
+            stored = self._provenance(path)
+        except PandisError as error:
+            return str(error).removeprefix(f"{path}: ").split(";")[0]
+        if output.stage == "summary":
+            return self._summary(path)
+        if output.stage == "collection" and path.suffix == ".csv":
+            return self._collection(path)
+        if stored is None:
+            return self._companion(path)
+        return self._stale(output, stored)
+
+    def _stale(self, output, stored):
+        options = self.plan.options(output.stage)(output.wildcards)
+        if stored["stage"] == "partial":
+            return "leaves out the meshes that a run could not build"
+        stored_stage = (stored["stage"], stored["wildcards"])
+        if stored_stage != (output.stage, output.wildcards):
+            return f"is another result, of {stored_stage[0]} {' '.join(stored_stage[1].values())}"
+        if json.loads(json.dumps(options)) != stored["options"]:
+            changed = _differences(options, stored["options"])
+            return f"stale: options changed ({', '.join(changed)})"
+        modules = self.plan.digests.modules(output.stage, unused_modules(options))
+        if modules != stored["code"]["modules"]:
+            before = stored["code"]["modules"]
+            changed = [m for m in sorted(modules | before) if modules.get(m) != before.get(m)]
+            return f"stale: code changed ({', '.join(changed)})"
+        if output.stage == "mesh":
+            source = self._source(output.wildcards["mesh"])
+            if source != stored.get("source", ""):
+                return "stale: its source changed, or a file that the source names"
+        for stored_name, digest in stored["inputs"].items():
+            name = stored_name.replace(RESULTS, self.plan.folder, 1)
+            now = self._digest(name)
+            if now is None:
+                return f"its input {name} is missing or damaged"
+            if now != digest:
+                return f"stale: its input {name} changed"
+        return None
+
+    def _source(self, mesh):
+        """Return the digest of a source as its files are now, whatever a plan remembers."""
+        entry = self.plan.entries[mesh]
+        if url_extension(entry.source):
+            return entry.sha256.lower()
+        path = source_path(entry.source)
+        return "" if path is None else source_digest(source_files(path))
+
+    def _summary(self, path):
+        """Return what is wrong with summary.csv: it must be what the artifacts give now."""
+        try:
+            read = (
+                [read_artifact(name) for name in self.plan.results(f"{stem}.zarr.zip")]
+                for stem in ("evaluation", "timing", "stress", "hardware")
+            )
+            text = to_csv(summarise(*read))
+        except PandisError:
+            return "its input, an artifact that it sums up, is missing or damaged"
+        same = _without_builds(path.read_bytes()) == _without_builds(text.encode())
+        return None if same else "differs from the artifacts it sums up"
+
+    def _collection(self, path):
+        """Return what is wrong with collection.csv: the page beside it vouches for it."""
+        try:
+            wanted = read_seal(path.with_suffix(".html")).get("table")
+        except (PandisError, OSError):
+            return "its input, the page beside it, is missing or damaged"
+        return None if file_digest(path) == wanted else "differs from the page beside it"
+
+    def _companion(self, path):
+        """Return what is wrong with a file for people: it repeats its artifact's attributes."""
+        try:
+            attributes = read_artifact(path.with_suffix(".zarr.zip")).attributes
+            text = path.read_text(encoding="utf-8")
+            if path.suffix == ".h":
+                return None if text == attributes["header"] else "differs from its artifact"
+            companion = json.loads(text)
+        except (PandisError, ValueError, KeyError):
+            return "damaged, or without its artifact"
+        companion.pop("mesh", None)
+        wanted = {key: value for key, value in attributes.items() if key != "header"}
+        return None if companion == wanted else "differs from its artifact"
+
+    def _provenance(self, path):
+        """Return an output's provenance; None for a plain companion file."""
+        if path.name.endswith(".zarr.zip"):
+            artifact = read_artifact(path)
+            self._digests[str(path)] = artifact.digest
+            return artifact.provenance
+        if path.suffix == ".onnx":
+            return json.loads(read_export(path).metadata["provenance"])
+        if path.suffix == ".pt2":
+            return read_program_metadata(path)["provenance"]
+        if path.suffix == ".vti":
+            return read_note(path)["provenance"]
+        if path.suffix == ".pandis":
+            return read_provenance(path)
+        if path.suffix == ".npz":
+            check_seal(path)
+            return read_kept(path).provenance
+        if path.suffix in SEALED:
+            return read_seal(path)
+        return None
+
+    def _digest(self, name):
+        if name not in self._digests:
+            path = Path(name)
+            # a source has no provenance, even if it ends as an export does
+            is_result = Path(self.plan.folder) in path.parents
+            try:
+                # an export that is damaged is another fault than one that has changed
+                if not is_result or self._provenance(path) is None or path.suffix != ".zip":
+                    self._digests[name] = file_digest(path)
+            except (PandisError, OSError):
+                self._digests[name] = None
+        return self._digests[name]
+
+
+def _without_builds(data):
+    """Return the rows of a summary without build times, which no artifact vouches for."""
+    rows = list(csv.DictReader(data.decode("utf-8", "replace").splitlines()))
+    return [{k: v for k, v in row.items() if k != "build_s"} for row in rows]
+
+
+def _differences(one, other):
+    """Return the names of the options in which two sets differ, `recipe.steps` within a recipe."""
+    names = []
+    for key in sorted(set(one) | set(other)):
+        values = one.get(key), other.get(key)
+        if all(isinstance(value, dict) for value in values):
+            names += [f"{key}.{name}" for name in _differences(*values)]
+        elif values[0] != values[1]:
+            names.append(key)
+    return names

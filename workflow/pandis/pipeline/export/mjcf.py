@@ -1,0 +1,99 @@
+"""A model for MuJoCo: every field of a mesh is a geom, and MuJoCo is asked what it has of it."""
+
+import os
+import tempfile
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.bridges.mujoco import register
+from pandis.bridges.mujoco.asking import asker
+from pandis.bridges.mujoco.instances import instances
+from pandis.bridges.mujoco.mjcf import mjcf_text
+from pandis.pipeline.export.distances import with_distances
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
+
+#: Objects lie in a row, a half of their size apart.
+_PITCH = 1.5
+#: Points of the comparison, for each field, and how far outside of the box they go.
+_POINTS, _REACH = 2000, 1.3
+#: By how much answers may differ, as shares of the size: MuJoCo keeps the place of a mesh in
+#: rounded numbers of its own.
+_CLOSE = 1e-9
+
+
+def export_mjcf(model, paths, drawn, size, log):
+    """Return a model as text: one body for each field, in a row along x.
+
+    Parameters
+    ----------
+    model : str
+        What it is called.
+    paths : list of path-like
+        Files for ``pandis.h``.
+    drawn : path-like
+        The mesh of them all, as ``.obj``.
+    size : float
+        Longest side of an object, m.
+    log : callable
+
+    Raises
+    ------
+    PandisError
+        None of the fields has distances, or MuJoCo has others than the library.
+    """
+    fields = with_distances([NativeField(path) for path in paths], log)
+    placed = {
+        field.path.stem: Placed.at(field, size, 0.0, (_PITCH * size * number, 0.0, 0.0))
+        for number, field in enumerate(fields)
+    }
+    text = mjcf_text(model, placed, dict.fromkeys(placed, drawn), {})
+    try:
+        register()
+    except PandisError as error:
+        log(f"the model is not compared with MuJoCo: {error}")
+    else:
+        off = _differences(text, placed, size)
+        log(f"MuJoCo has the library's distances and gradients: {off:.1g} of the size apart")
+    return text
+
+
+def _differences(text, placed, size):
+    """Return the largest difference of what MuJoCo has of a model, and refuse a large one."""
+    here = os.getcwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)  # where MuJoCo writes what it warns of
+        try:
+            return max(_off(name, *asked, size) for name, *asked in _asked(text, placed))
+        finally:
+            os.chdir(here)
+
+
+def _asked(text, placed):
+    """Yield the name of each field, where it is placed, its geom, and what asks MuJoCo for it."""
+    import mujoco
+
+    try:
+        model = mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        raise PandisError(f"MuJoCo does not take the model: {error}") from error
+    for geom, (name, each) in zip(instances(model), placed.items(), strict=True):
+        yield name, each, geom, asker(model, geom.geom)
+
+
+def _off(name, each, geom, ask, size):
+    """Return the largest difference of a field's distances, as a share of the size."""
+    rng = np.random.default_rng(0)
+    points = each.field.frame.to_mesh(rng.uniform(-_REACH, _REACH, (_POINTS, 3)))
+    wanted = each.field.query(points)
+    distance, gradient = ask((each.scale * points - geom.origin) @ geom.turn)
+    # a last bit of a point may change which of two faces is nearest: not of nearly all
+    turned = np.abs(gradient @ geom.turn.T - wanted.normal).max(axis=1)
+    off = float(np.abs(distance - each.scale * wanted.distance).max() / size)
+    if not (off <= _CLOSE and np.percentile(turned, 99) <= 1e-4):  # NaN fails too
+        raise PandisError(
+            f"{name}: MuJoCo has other distances than the library, by {off:.3g} of the size: "
+            "this is a defect of the export: please report it"
+        )
+    return off

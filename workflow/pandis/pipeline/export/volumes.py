@@ -1,0 +1,92 @@
+"""Fields of a mesh as grids of one ``.vdb`` file, read back before it is written."""
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.bridges.vdb.leaves import ALONG, leaves
+from pandis.bridges.vdb.reading import read_vdb
+from pandis.bridges.vdb.vdb import vdb_bytes
+from pandis.pipeline.export.distances import with_distances
+from pandis.runtime.field import NativeField
+
+#: How far from the surface distances go, in voxels, on each side.
+_BAND = 3.0
+#: Points of a call.
+_CHUNK = 1 << 18
+
+
+def export_volumes(paths, log):
+    """Return the bytes of a file with one grid for each field, in mesh units.
+
+    Parameters
+    ----------
+    paths : list of path-like
+        Files for ``pandis.h``.
+    log : callable
+
+    Raises
+    ------
+    PandisError
+        None of the fields has distances, or the file holds others than they have.
+    """
+    fields = with_distances([NativeField(path) for path in paths], log)
+    low, high = fields[0].bounds
+    voxel, held = float((high - low).max()) / ALONG, {}
+    for field in fields:
+        try:
+            held[field.path.stem] = leaves(field, voxel, _BAND)
+        except PandisError as error:
+            log(f"{field.path.stem}: left out: {error}")
+    if not held:
+        raise PandisError(
+            f"no field has anything inside at voxels of {voxel:.3g}: take vdb out of export.also, "
+            "and write smaller voxels with `pandis volume --voxel`"
+        )
+    data = vdb_bytes(held)
+    read = read_vdb(data)
+    for field in fields:
+        if grid := read.get(field.path.stem):
+            _compare(field, grid)
+            count = int(grid.active.sum())
+            log(f"{field.path.stem}: {count:,} voxels of {voxel:.3g}, as it answers")
+    return data
+
+
+def _compare(field, grid):
+    """Refuse voxels that are not what the field says there, or are not where it is near."""
+    side = grid.active.shape[1]
+    local = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1)
+    points = (grid.origins[:, None] + local.reshape(-1, 3)).reshape(-1, 3) * grid.voxel
+    parts = [field.query(points[i : i + _CHUNK]).distance for i in range(0, len(points), _CHUNK)]
+    distance = np.concatenate(parts).reshape(grid.values.shape)
+    wanted = np.clip(distance, -grid.background, grid.background).astype(np.float32)
+    if not np.array_equal(grid.values, wanted):
+        raise PandisError(
+            f"{field.path.stem}: the volume holds other distances than the field: this is a defect "
+            "of the export: please report it"
+        )
+    low, high = grid.origins.min(axis=0), grid.origins.max(axis=0) + side
+    within = ((grid.tiles > low) & (grid.tiles < high)).all(axis=1)
+    inside = field.query(grid.tiles[within] * grid.voxel).distance < 0
+    if (grid.outside[within] == inside).any() or not grid.outside[~within].all():
+        raise PandisError(
+            f"{field.path.stem}: the volume has other sides than the field where it holds no "
+            "voxels: this is a defect of the export: please report it"
+        )
+    _check_leaves(field, grid)
+
+
+def _check_leaves(field, grid):
+    """Refuse a surface that no leaf holds."""
+    rng = np.random.default_rng(0)
+    low, high = field.bounds
+    voxels = np.rint(rng.uniform(low, high, (_CHUNK, 3)) / grid.voxel).astype(int)
+    near = np.abs(field.query(voxels * grid.voxel).distance) < grid.voxel
+    held = {tuple(origin) for origin in grid.origins.tolist()}
+    side = grid.active.shape[1]
+    blocks = np.unique(np.floor_divide(voxels[near], side) * side, axis=0)
+    if not held.issuperset(map(tuple, blocks.tolist())):
+        raise PandisError(
+            f"{field.path.stem}: the volume lacks a part of the surface: this is a defect of the "
+            "export: please report it"
+        )

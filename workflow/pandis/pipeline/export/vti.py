@@ -1,0 +1,170 @@
+"""Grids as VTK image data (``.vti``), for ParaView and 3D Slicer; and back.
+
+VTK's XML format: https://docs.vtk.org, ImageData, points in the order x fastest,
+appended raw data with 64-bit lengths. Lengths are in mesh units, distances
+negative inside.
+"""
+
+import hashlib
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.fields.grids import open_field
+from pandis.pipeline.grids.axes import Axes
+from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.records.grid import DenseRecord, GridRecord
+
+_MARK = b"<!-- sha256:"
+_TYPES = {"Float32": np.dtype("<f4"), "UInt8": np.dtype("u1")}
+
+
+def write_vti(origin, spacing, arrays, note=None):
+    """Return image data as bytes.
+
+    Parameters
+    ----------
+    origin : sequence of 3 float
+        Place of the first node.
+    spacing : sequence of 3 float
+    arrays : dict of str to ndarray, shape (x, y, z) or (x, y, z, 3)
+        float32 or uint8.
+    note : object
+        JSON, put into a comment. The last comment is the SHA-256 of all that stands before it.
+    """
+    shape = next(iter(arrays.values())).shape[:3]
+    extent = " ".join(f"0 {n - 1}" for n in shape)
+    lines, blocks, offset = [], [], 0
+    for name, array in arrays.items():
+        kind = next(k for k, dtype in _TYPES.items() if dtype == array.dtype)
+        data = np.ascontiguousarray(np.moveaxis(array, (0, 1, 2), (2, 1, 0))).tobytes()
+        blocks += [np.uint64(len(data)).tobytes(), data]
+        components = f' NumberOfComponents="{array.shape[3]}"' if array.ndim == 4 else ""
+        lines.append(
+            f'<DataArray type="{kind}" Name="{name}"{components} format="appended" '
+            f'offset="{offset}"/>'
+        )
+        offset += 8 + len(data)
+    where = " ".join(repr(float(x)) for x in origin)
+    steps = " ".join(repr(float(x)) for x in spacing)
+    # two dashes would end the comment
+    text = json.dumps(note, sort_keys=True).replace("--", "\\u002d\\u002d")
+    head = (
+        '<?xml version="1.0"?>\n'
+        f"<!-- {text} -->\n"
+        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" '
+        'header_type="UInt64">\n'
+        f'<ImageData WholeExtent="{extent}" Origin="{where}" Spacing="{steps}">\n'
+        f'<Piece Extent="{extent}"><PointData>\n' + "\n".join(lines) + "\n</PointData></Piece>\n"
+        '</ImageData>\n<AppendedData encoding="raw">\n_'
+    )
+    data = head.encode() + b"".join(blocks) + b"\n</AppendedData>\n</VTKFile>\n"
+    return data + _MARK + hashlib.sha256(data).hexdigest().encode() + b" -->\n"
+
+
+def read_note(path):
+    """Return the note of a ``.vti`` file, after checking that no byte of it has changed.
+
+    Raises
+    ------
+    PandisError
+        It is damaged.
+    """
+    with open(path, "rb") as stream:
+        data, mark, digest = stream.read().rpartition(_MARK)
+    if not mark or digest != hashlib.sha256(data).hexdigest().encode() + b" -->\n":
+        raise PandisError(f"{path}: truncated or damaged (its checksum does not match)")
+    return json.loads(data[data.index(b"<!-- ") + 5 : data.index(b" -->")])
+
+
+def read_vti(path):
+    """Read what `write_vti` has written.
+
+    Returns
+    -------
+    origin : ndarray, shape (3,)
+    spacing : ndarray, shape (3,)
+    arrays : dict of str to ndarray, shape (x, y, z) or (x, y, z, components)
+
+    Raises
+    ------
+    PandisError
+        It is no such file, or cut off.
+    """
+    with open(path, "rb") as stream:
+        data = stream.read()
+    head, mark, rest = data.partition(b'<AppendedData encoding="raw">\n_')
+    try:
+        if not mark:
+            raise ValueError("it has no appended raw data")
+        root = ElementTree.fromstring(head + b"</VTKFile>")
+        if root.get("byte_order") != "LittleEndian" or root.get("header_type") != "UInt64":
+            raise ValueError("its byte order or header type is another")
+        image = root.find("ImageData")
+        low = [int(n) for n in image.get("WholeExtent").split()]
+        shape = [high - first + 1 for first, high in zip(low[::2], low[1::2], strict=True)]
+        arrays = {}
+        for entry in image.iter("DataArray"):
+            dtype, start = _TYPES[entry.get("type")], int(entry.get("offset"))
+            length = int(np.frombuffer(rest, np.uint64, 1, start)[0])
+            parts = int(entry.get("NumberOfComponents", 1))
+            flat = np.frombuffer(rest[start + 8 : start + 8 + length], dtype)
+            block = flat.reshape(*shape[::-1], *([parts] if parts > 1 else []))
+            arrays[entry.get("Name")] = np.moveaxis(block, (0, 1, 2), (2, 1, 0))
+        origin, spacing = (np.array(image.get(k).split(), float) for k in ("Origin", "Spacing"))
+    except (ElementTree.ParseError, ValueError, KeyError, AttributeError, IndexError) as error:
+        raise PandisError(f"{path}: no .vti file of pandis: {error}") from error
+    return origin, spacing, arrays
+
+
+def export_vti(name, artifact, provenance):
+    """Return a grid field as VTK image data: at its own nodes, in mesh units.
+
+    Parameters
+    ----------
+    name : str
+    artifact : pandis.pipeline.run.job.artifact.Artifact
+        Of kind ``grid``.
+    provenance : dict
+        Put into a comment.
+    """
+    field = open_field(parse_field(name, ()), artifact)
+    grid = GridRecord.of(artifact)
+    # a spline has lattices of its own: it is shown on the cube
+    spline = grid.content == "spline"
+    axes = Axes.of_cube(grid.size) if spline else Axes.of(DenseRecord.of(artifact))
+    origin = field.frame.to_mesh(np.array(axes.low))
+    note = {"field": name, "provenance": provenance}
+    return write_vti(origin, axes.step / field.frame.scale, grid_arrays(field, axes), note)
+
+
+def grid_arrays(field, axes):
+    """Return what a field says at the nodes of a grid, for `write_vti`, in mesh units.
+
+    Parameters
+    ----------
+    field : pandis.pipeline.fields.base.Field
+    axes : pandis.pipeline.grids.axes.Axes
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``distance`` (n, n, n), ``normal`` (n, n, n, 3), float32; ``flag`` uint8: 0 where the
+        field covers the node, 1 where the distance is an estimate beyond its band.
+    """
+    size = axes.size
+    x_axis, *others = (np.linspace(low, high, size) for low, high in zip(*axes[1:], strict=True))
+    arrays = {
+        "distance": np.empty((size,) * 3, np.float32),
+        "normal": np.empty((size,) * 3 + (3,), np.float32),
+        "flag": np.empty((size,) * 3, np.uint8),
+    }
+    plane = np.stack(np.meshgrid(*others, indexing="ij"), axis=-1).reshape(-1, 2)
+    for index, x in enumerate(x_axis):
+        answer = field.query(np.column_stack([np.full(len(plane), x), plane]))
+        arrays["distance"][index] = (answer.distance / field.frame.scale).reshape(size, size)
+        arrays["normal"][index] = answer.normal.reshape(size, size, 3)
+        arrays["flag"][index] = answer.flag.reshape(size, size)
+    return arrays

@@ -1,0 +1,128 @@
+"""What every field promises."""
+
+import copy
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.arrays import Points, Values
+from pandis.base.frame import Frame
+
+#: Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field
+#: covers; the distance is at least as large as `Field.bound` says, and no more is known. INVALID:
+#: no answer, because the point is not finite. CUT: not all faces were looked at; the distance may
+#: be a little too large.
+OK, BOUND, INVALID, CUT = 0, 1, 2, 3
+
+
+class Answer(NamedTuple):
+    """What a field answers at points (n, 3).
+
+    Attributes
+    ----------
+    distance : ndarray, shape (n,)
+    normal : ndarray, shape (n, 3)
+    flag : ndarray, shape (n,), uint8
+        OK, BOUND, INVALID or CUT.
+    """
+
+    distance: np.ndarray
+    normal: np.ndarray
+    flag: np.ndarray
+
+
+class Field:
+    """An approximation of a mesh's signed distance and unit normal.
+
+    Subclasses implement ``answer(points)`` in the unit frame.
+
+    Attributes
+    ----------
+    name : str
+        As in the configuration.
+    frame : pandis.base.frame.Frame
+    bytes : int
+        What a program must hold in memory to answer.
+    ordered : bool
+        Answers depend on the way: the points of a call are a path, from out of contact.
+    keeps_length : bool
+        The direction before it is made a unit vector has a meaning, because its length was trained
+        to be 1: such a field has ``direction(points)``, which answers the distance (n,) and it
+        (n, 3). The paper's force keeps that length.
+    """
+
+    ordered = keeps_length = False
+
+    def __init__(self, name, frame, size):
+        self.name, self.frame, self.bytes = name, frame, size
+
+    def distance_and_normal(self, points: Points):
+        """Answer in mesh units.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3), mesh units
+
+        Returns
+        -------
+        distance : ndarray, shape (n,), mesh units, negative inside
+        normal : ndarray, shape (n, 3), unit length, outward
+        """
+        distance, normal = self.answer(self.frame.to_unit(points))
+        return distance / self.frame.scale, normal
+
+    def query(self, points):
+        """Answer with flags (unit frame); a field that covers its box flags what is outside.
+
+        Returns
+        -------
+        Answer
+        """
+        distance, normal = self.answer(points)
+        outside = (np.abs(points) > 1).any(axis=1)
+        flag = np.where(outside, BOUND, OK).astype(np.uint8)
+        flag[np.isnan(distance)] = INVALID
+        return Answer(distance, normal, flag)
+
+    def placed(self, factor, offset):
+        """Return the field as it would be, had its mesh come in other units and elsewhere.
+
+        Parameters
+        ----------
+        factor : float
+            On lengths, after the mesh was moved by ``offset`` (3,), mesh units.
+        """
+        moved, old = copy.copy(self), self.frame
+        moved.frame = Frame(tuple(factor * (np.array(old.centre) + offset)), old.scale / factor)
+        return moved
+
+    def answer(self, points):
+        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
+
+        NaN where a point is no finite number.
+        """
+        raise TypeError(f"{type(self).__name__} must implement answer()")
+
+
+def clamp_to_box(points: Points, low=-1.0, high=1.0) -> tuple[Points, Values]:
+    """Move points into a box: [-1, 1]³, or the one between two corners.
+
+    Returns
+    -------
+    clamped : ndarray, shape (n, 3)
+    outside : ndarray, shape (n,)
+        How far each point was moved: added to the distance at the clamped
+        point it is an upper bound that stays positive, so that no field makes
+        a ghost contact far from its box.
+    """
+    clamped = np.clip(points, low, high)
+    with np.errstate(over="ignore"):  # beyond 1e154 the way is as good as infinite
+        return clamped, np.linalg.norm(points - clamped, axis=1)
+
+
+def normalise(vectors: Points) -> Points:
+    """Scale vectors (n, 3) to unit length; a zero vector becomes +z."""
+    with np.errstate(invalid="ignore"):  # NaN stays NaN
+        length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    zero = length == 0
+    return np.where(zero, [0.0, 0.0, 1.0], vectors / np.where(zero, 1.0, length))

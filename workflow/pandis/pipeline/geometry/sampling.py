@@ -1,0 +1,200 @@
+"""Points on a surface, and the probe sets that errors are measured on.
+
+Points are stratified by area along a space-filling order of the faces; probe
+sets are blue noise besides: no two closer than they must be. Every point can
+be made again from the seed, its face and its barycentrics.
+"""
+
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pandis.base.streams import generator
+
+#: Depths below the surface of the two probe sets (unit frame).
+PROBE_DEPTHS = {"shallow": 0.01, "deep": 0.04}
+#: Faces count as bent by the angles between them and their neighbours, per this length.
+BEND_LENGTH = 0.05
+#: A face where the surface bends gets at most so many times the points of a flat one.
+BEND_FACTOR = 8.0
+#: Points that fields are sized on, and networks of a given error.
+HELD_OUT = 20_000
+#: Candidates per point of a blue-noise set.
+_CANDIDATES = 4
+
+
+class Surface:
+    """The surface of a mesh as something to draw points from.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), unit frame
+    faces : ndarray, shape (F, 3)
+    engine : object, optional
+        If given, points are moved onto its zero level (for closed-form
+        shapes, whose tessellation lies inside of them).
+    """
+
+    def __init__(self, vertices, faces, engine=None):
+        corners = vertices[faces]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(cross, axis=1)
+        self.vertices, self.faces, self.corners = vertices, faces, corners
+        self.normals = cross / np.maximum(length, 1e-300)[:, None]
+        self.areas = length / 2
+        self.order = np.argsort(_morton(corners.mean(axis=1)), kind="stable")
+        self.share = self._cumulative(self.areas)
+        self.engine = engine
+
+    def draw(self, count, rng, start=0, total=None, bent=False):
+        """Draw points stratified by area.
+
+        Parameters
+        ----------
+        count : int
+        rng : numpy.random.Generator
+        start, total : int, optional
+            Draw the points from ``start`` on of a set of ``total`` points.
+        bent : bool
+            Draw more of them where the surface bends.
+
+        Returns
+        -------
+        points, normals : ndarray, shape (count, 3)
+        face : ndarray, shape (count,), int32
+        barycentrics : ndarray, shape (count, 2), float32
+            Weights of the face's second and third corner.
+        """
+        share = self.bent_share if bent else self.share
+        position = (start + np.arange(count) + rng.random(count)) / (total or count)
+        rank = np.minimum(np.searchsorted(share, position, side="right"), len(self.order) - 1)
+        face = self.order[rank]
+        root, turn = np.sqrt(rng.random(count)), rng.random(count)
+        weights = np.stack([root * (1 - turn), root * turn], axis=1).astype(np.float32)
+        points, normals = self.at(face, weights)
+        return points, normals, face.astype(np.int32), weights
+
+    def at(self, face, barycentrics):
+        """Return the points and outward normals at faces (n,) and barycentrics (n, 2)."""
+        b = barycentrics.astype(np.float64)
+        weights = np.concatenate([1 - b.sum(axis=1, keepdims=True), b], axis=1)
+        points = np.einsum("ij,ijk->ik", weights, np.take(self.corners, face, axis=0))
+        if self.engine is None:
+            return points, np.take(self.normals, face, axis=0)
+        for _ in range(2):
+            distance, normal = self.engine.distance_and_normal(points)
+            points = points - distance[:, None] * normal
+        return points, normal
+
+    @cached_property
+    def bent_share(self):
+        """Cumulative share of points by area and bending, along the order of the faces."""
+        return self._cumulative(self.areas * bending(self))
+
+    def _cumulative(self, weight):
+        cumulative = np.cumsum(weight[self.order])
+        return cumulative / cumulative[-1]
+
+
+def bending(surface):
+    """Return how much more points each face (F,) deserves for the bends at its edges.
+
+    A face's bend is the angle to its neighbours, by edge length, over its area: the
+    discrete mean curvature. Between 1 and `BEND_FACTOR`.
+    """
+    faces = surface.faces
+    halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort(halves.T)
+    same = (np.diff(halves[order], axis=0) == 0).all(axis=1)
+    one, other = order[:-1][same], order[1:][same]
+    length = np.linalg.norm(
+        surface.corners[one // 3, one % 3] - surface.corners[one // 3, (one + 1) % 3], axis=1
+    )
+    chord = np.linalg.norm(surface.normals[one // 3] - surface.normals[other // 3], axis=1)
+    bend = 2 * np.arcsin(np.minimum(chord / 2, 1)) * length / 2
+    total = np.bincount(one // 3, bend, len(faces)) + np.bincount(other // 3, bend, len(faces))
+    return np.clip(total / np.maximum(surface.areas, 1e-300) * BEND_LENGTH, 1.0, BEND_FACTOR)
+
+
+def blue_noise(surface, count, rng):
+    """Draw points that keep their distance: sample elimination (Yuksel 2015).
+
+    From four times as many candidates those go that have too many too close
+    neighbours on their own side of a wall, the worst first, until ``count`` are left.
+    Where Yuksel takes them one by one from a heap, all of the worst tenth that are
+    worst among their own neighbours go at once.
+
+    Returns
+    -------
+    points, normals, face, barycentrics
+        As `Surface.draw`.
+    """
+    drawn = surface.draw(_CANDIDATES * count, rng)
+    points, normals = drawn[:2]
+    radius = np.sqrt(surface.areas.sum() / (2 * np.sqrt(3) * count))
+    pairs = cKDTree(points).query_pairs(2 * radius, output_type="ndarray")
+    pairs = pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0]
+    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    closeness = (1 - apart / (2 * radius)) ** 8
+    alive, left = np.ones(len(points), bool), len(points) - count
+    crowding = _sums(pairs, closeness, len(points))
+    while left:
+        worst = np.zeros(len(points))
+        np.maximum.at(worst, pairs[:, 0], crowding[pairs[:, 1]])
+        np.maximum.at(worst, pairs[:, 1], crowding[pairs[:, 0]])
+        tenth = np.partition(crowding[alive], -(alive.sum() // 10 + 1))[-(alive.sum() // 10 + 1)]
+        go = np.flatnonzero(alive & (crowding >= worst) & (crowding >= tenth))
+        go = go[np.argsort(-crowding[go], kind="stable")][:left]
+        alive[go] = False
+        left -= len(go)
+        gone = ~alive[pairs]
+        crowding -= _sums(pairs, np.where(gone.any(axis=1), closeness, 0.0), len(points))
+        crowding[~alive] = 0
+        kept = ~gone.any(axis=1)
+        pairs, closeness = pairs[kept], closeness[kept]
+    return tuple(column[alive] for column in drawn)
+
+
+def _sums(pairs, values, count):
+    return np.bincount(pairs[:, 0], values, count) + np.bincount(pairs[:, 1], values, count)
+
+
+def probes(surface, engine, count, seed):
+    """Return the probe sets of the paper notes' accuracy bars.
+
+    Area-uniform surface points, blue noise, moved inward along the normal by a
+    depth uniform in [0, 0.01] (``shallow``) or [0, 0.04] (``deep``).
+
+    Returns
+    -------
+    dict of str to (points, distance, normal)
+        Exact answers, unit frame, float64.
+    """
+    sets = {}
+    for index, (name, deepest) in enumerate(PROBE_DEPTHS.items()):
+        rng = generator(seed, index)
+        points, normals, _, _ = blue_noise(surface, count, rng)
+        depth = rng.permutation((np.arange(count) + rng.random(count)) / count) * deepest
+        points = points - depth[:, None] * normals
+        sets[name] = (points, *engine.distance_and_normal(points))
+    return sets
+
+
+def _morton(points):
+    """Return the Morton code of points, 21 bits per axis, for a spatial order."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    cells = ((points - low) / np.maximum(high - low, 1e-300) * (2**21 - 1)).astype(np.uint64)
+    code = np.zeros(len(points), np.uint64)
+    for axis in range(3):
+        bits = cells[:, axis]
+        for shift, mask in (
+            (32, 0x1F00000000FFFF),
+            (16, 0x1F0000FF0000FF),
+            (8, 0x100F00F00F00F00F),
+            (4, 0x10C30C30C30C30C3),
+            (2, 0x1249249249249249),
+        ):
+            bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
+        code |= bits << np.uint64(axis)
+    return code

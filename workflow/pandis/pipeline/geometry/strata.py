@@ -1,0 +1,205 @@
+"""Training and held-out points, with exact labels, shard by shard.
+
+A stratum is a share of the points with a law of its own. What shard k of a
+stratum holds depends on the seed, the stratum and k alone, so that nothing
+has to be in memory twice and no count of threads shows in the result.
+"""
+
+import numpy as np
+
+from pandis.base.streams import generator
+from pandis.engine.bvh import TIED
+from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
+from pandis.pipeline.run.ask.options import SampleOptions
+from pandis.pipeline.run.records.samples import SamplesRecord
+
+STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
+#: Depths of the shallow stratum: from just outside to somewhat beyond the shallow probes.
+SHALLOW = (-0.001, 0.0115)
+#: How far along the inward normal the core stratum reaches.
+DEEPEST = 1.0
+#: Points drawn, labelled and stored at once.
+SHARD = 1 << 16
+
+COLUMNS = {
+    "points": ((3,), np.float32),
+    "distance": ((), np.float32),
+    "normal": ((3,), np.float32),
+    "tied": ((), np.uint8),
+    "stratum": ((), np.uint8),
+    "face": ((), np.int32),
+    "barycentrics": ((2,), np.float32),
+    "offset": ((), np.float32),
+}
+
+
+class Strata:
+    """The points that a mesh is learnt from.
+
+    Parameters
+    ----------
+    surface : pandis.pipeline.geometry.sampling.Surface
+    engine : object
+        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    options : pandis.pipeline.run.ask.options.SampleOptions
+    seed : int
+
+    Attributes
+    ----------
+    ranges : dict of str to [int, int]
+        Where each stratum lies among the points.
+    count : int
+    """
+
+    def __init__(self, surface, engine, options, seed):
+        self.surface, self.engine, self.options, self.seed = surface, engine, options, seed
+        counts = {
+            "surface": options.surface,
+            "offset": options.offsets,
+            "shallow": options.shallow,
+            "penetration": options.penetration,
+            "bent": options.bent,
+            "core": options.core,
+            "box": options.box,
+            "held-out": options.held_out,
+        }
+        ends = np.cumsum([0, *(counts[name] for name in STRATA)]).tolist()
+        self.ranges = {name: [ends[k], ends[k + 1]] for k, name in enumerate(STRATA)}
+        self.count = ends[-1]
+
+    @classmethod
+    def of(cls, body, samples):
+        """Return the strata of a body that a samples artifact was drawn from."""
+        law = dict(SamplesRecord.of(samples).law)
+        seed = law.pop("seed")
+        return cls(body.surface, body.distance, SampleOptions(**law), seed)
+
+    def asking(self, engine):
+        """Return these strata with labels from another engine."""
+        return Strata(self.surface, engine, self.options, self.seed)
+
+    def columns(self):
+        """Return how every array is declared to `ArtifactWriter`."""
+        return {
+            name: {
+                "shape": (self.count, *shape),
+                "dtype": kind,
+                "chunks": (min(SHARD, self.count), *shape),
+            }
+            for name, (shape, kind) in COLUMNS.items()
+        }
+
+    def attributes(self):
+        """Return what is stored beside the arrays."""
+        law = self.options.model_dump() | {"seed": self.seed}
+        return SamplesRecord(strata=self.ranges, law=law).attributes()
+
+    def shards(self, progress):
+        """Yield the arrays of one shard after the other.
+
+        Points, distances and normals are float32 in the unit frame, the labels are those
+        of the points as rounded; ``tied`` marks points with two closest points, whose
+        direction is a matter of chance.
+
+        Parameters
+        ----------
+        progress : callable
+            Makes a `pandis.pipeline.run.job.stage.Progress`.
+        """
+        report, done = progress("points", self.count), 0
+        for index, (name, (low, high)) in enumerate(self.ranges.items()):
+            for shard, start in enumerate(range(0, high - low, SHARD)):
+                rng = generator(self.seed, index, shard)
+                size = min(SHARD, high - low - start)
+                yield self._label(index, *self._draw(name, rng, start, size, high - low))
+                done += size
+                report.update(done)
+
+    def arrays(self, progress):
+        """Return the arrays of all shards: what a samples artifact holds."""
+        shards = list(self.shards(progress))
+        return {
+            name: np.concatenate([shard[name] for shard in shards]).astype(kind)
+            for name, (_, kind) in COLUMNS.items()
+        }
+
+    def fresh(self, block, size):
+        """Draw training points that are not among the stored ones, mixed as those are.
+
+        Parameters
+        ----------
+        block : int
+            The same block holds the same points, whatever was drawn before.
+        size : int
+
+        Returns
+        -------
+        ndarray, shape (about size, 7), float32
+            Points, distances, normals; unit frame.
+        """
+        drawn, trained = {}, self.count - self.options.held_out
+        for index, (name, (low, high)) in enumerate(self.ranges.items()):
+            count = round(size * (high - low) / trained)
+            if name != "held-out" and count:
+                rng = generator(self.seed, len(STRATA) + index, block)
+                drawn[name] = self._draw(name, rng, 0, count, count)
+        # all at once: a GPU is slow at a few
+        points = np.concatenate([of[0] for of in drawn.values()]).astype(np.float32)
+        labels = self.engine.label(points.astype(np.float64), ties=False)
+        rows = np.empty((len(points), 7), np.float32)
+        rows[:, :3], rows[:, 3], rows[:, 4:] = points, labels.distance, labels.normal
+        if "surface" in drawn:  # the first of all
+            _, _, face, barycentrics = drawn["surface"]
+            rows[: len(face), 3] = 0
+            rows[: len(face), 4:] = self.surface.at(face, barycentrics)[1]
+        return rows
+
+    def _draw(self, stratum, rng, start, size, total):
+        """Return points, offsets along the normal, faces and barycentrics."""
+        options, index = self.options, start + np.arange(size)
+        if stratum == "box":
+            nowhere = np.full(size, -1, np.int32), np.zeros((size, 2), np.float32)
+            return rng.uniform(-1, 1, (size, 3)), np.zeros(size), *nowhere
+        if stratum == "surface":
+            offset = np.zeros(size)
+        elif stratum == "offset":
+            offset = rng.normal(0, np.array(options.scales)[index % len(options.scales)])
+        elif stratum == "shallow":
+            offset = -rng.uniform(*SHALLOW, size)
+        elif stratum == "held-out":
+            offset = -rng.uniform(0, np.array(list(PROBE_DEPTHS.values()))[index % 2])
+        elif stratum == "core":
+            offset = rng.random(size)  # a share of the way, by its logarithm
+        else:
+            offset = -rng.uniform(0, options.depth, size)
+        drawn = self.surface.draw(size, rng, start, total, bent=stratum == "bent")
+        points, normals, face, barycentrics = drawn
+        if stratum == "core":
+            offset = -(options.depth ** (1 - offset)) * _way(points, -normals) ** offset
+        return points + offset[:, None] * normals, offset, face, barycentrics
+
+    def _label(self, index, points, offset, face, barycentrics):
+        points = points.astype(np.float32)
+        labels = self.engine.label(points.astype(np.float64))
+        distance, normal = labels.distance, labels.normal
+        if STRATA[index] == "surface":
+            # on the surface by construction, except for the rounding of their coordinates
+            distance = np.zeros(len(points))
+            normal = self.surface.at(face, barycentrics)[1]
+        return {
+            "points": points,
+            "distance": distance,
+            "normal": normal,
+            "tied": (labels.flags & TIED) > 0,
+            "stratum": np.full(len(points), index),
+            "face": face,
+            "barycentrics": barycentrics,
+            "offset": offset,
+        }
+
+
+def _way(points, direction):
+    """Return how far it is (n,) to the edge of the box, or to `DEEPEST` if that is less."""
+    with np.errstate(divide="ignore"):
+        way = (np.copysign(1.0, direction) - points) / direction
+    return np.minimum(np.where(direction == 0, np.inf, way).min(axis=1), DEEPEST)

@@ -1,0 +1,57 @@
+"""The coarse spline that a network adds to: a sketch of the distance over all of the box."""
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from pandis.engine.spline import EDGE, Lattice
+
+#: Exact distances per cell and axis that a sketch is fitted to.
+_SAMPLES = 3
+
+
+class BaseSpline:
+    """A tricubic B-spline over the box [-1, 1]³, a few KB.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (cells + 3, cells + 3, cells + 3), float32
+        At nodes from one cell before the box to one behind it.
+    """
+
+    def __init__(self, coefficients):
+        self.coefficients = np.ascontiguousarray(coefficients, np.float32)
+        self.lattice = Lattice.around_box(len(coefficients) - 3)
+
+    def evaluate(self, points):
+        """Return the values (n,) and gradients (n, 3) at points (n, 3) in the box, float64."""
+        return self.lattice.evaluate(self.coefficients, np.clip(points, -EDGE, EDGE))
+
+
+def fit_base(engine, cells):
+    """Return the spline that is nearest to the distance, by least squares over the box.
+
+    Parameters
+    ----------
+    engine : object
+        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    cells : int
+        Per axis.
+
+    Returns
+    -------
+    BaseSpline
+
+    Notes
+    -----
+    Samples and spline are products of the axes, so that the problem of an axis, solved once,
+    solves all of it (de Boor 1979, Efficient computer manipulation of tensor products).
+    """
+    axis = np.linspace(-1, 1, _SAMPLES * cells + 1)
+    places = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    distance = engine.distance_and_normal(places.reshape(-1, 3))[0].reshape(places.shape[:3])
+    knots = -1 + 2 / cells * np.arange(-3, cells + 4)
+    design = BSpline.design_matrix(np.minimum(axis, EDGE), knots, 3).toarray()
+    solve = np.linalg.pinv(design)
+    for _ in range(3):  # an axis at a time, which goes last
+        distance = np.tensordot(distance, solve, axes=(0, 1))
+    return BaseSpline(distance)

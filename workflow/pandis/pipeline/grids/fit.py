@@ -1,0 +1,136 @@
+"""Fitting tricubic splines to exact distances by what counts: the error of the force.
+
+At a point d below the surface the force is -d·n. A spline f with gradient g
+errs there by about √((f - d)² + d²·|g - n|²). The sum of that over sample
+points is what is minimised: not its square, because next to the medial axis
+no smooth function fits, and squares would spoil the rest for the sake of it.
+Iteratively reweighted least squares, each by conjugate gradients.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+#: An error below this does not gain more weight.
+_FLOOR = 1e-4
+#: Keeps coefficients that no sample sees where they are.
+_DAMPING = 1e-3
+
+
+class Targets(NamedTuple):
+    """What is fitted: exact distances and directions at points, and what each counts."""
+
+    points: np.ndarray
+    distance: np.ndarray
+    normal: np.ndarray
+    weight: np.ndarray
+
+
+class Level:
+    """The coefficients of one lattice that may be other than zero.
+
+    Parameters
+    ----------
+    lattice : pandis.engine.spline.Lattice
+    nodes : ndarray, shape (m,)
+        Flat indices of the nodes.
+    """
+
+    def __init__(self, lattice, nodes):
+        self.lattice, self.nodes = lattice, nodes
+
+    def evaluate(self, coefficients, points):
+        """Return value and gradient from the coefficients (m,) of the nodes."""
+        dense = np.zeros(self.lattice.size**3, np.float32)
+        dense[self.nodes] = coefficients
+        return self.lattice.evaluate(dense.reshape((self.lattice.size,) * 3), points)
+
+    def adjoint(self, points, value, gradient):
+        """Return the sums (m,) of residuals: the transpose of `evaluate`."""
+        return self.lattice.adjoint(points, value, gradient)[self.nodes]
+
+
+def evaluate(levels, coefficients, points):
+    """Return value (n,) and gradient (n, 3) of the sum of levels."""
+    value, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
+    for level, part in zip(levels, coefficients, strict=True):
+        more = level.evaluate(part, points)
+        value += more[0]
+        gradient += more[1]
+    return value, gradient
+
+
+def residual(levels, coefficients, targets):
+    """Return the error of the force (n,) that a sum of levels makes at the targets."""
+    value, gradient = evaluate(levels, coefficients, targets.points)
+    squares = ((gradient - targets.normal) ** 2).sum(axis=1)
+    return np.sqrt((value - targets.distance) ** 2 + _depth(targets) ** 2 * squares)
+
+
+def fit(levels, coefficients, targets, rounds, steps, report=None):
+    """Improve coefficients.
+
+    Parameters
+    ----------
+    levels : list of Level
+    coefficients : list of ndarray
+        Where to start.
+    targets : Targets
+    rounds, steps : int
+        Reweightings, and conjugate gradient steps in each.
+    report : callable, optional
+        Called with the number of steps done.
+
+    Returns
+    -------
+    list of ndarray
+    """
+    depth = _depth(targets)
+    ends = np.cumsum([len(part) for part in coefficients])[:-1]
+
+    def forward(x):
+        return evaluate(levels, np.split(x, ends), targets.points)
+
+    def backward(value, gradient):
+        return np.concatenate([v.adjoint(targets.points, value, gradient) for v in levels])
+
+    x = np.concatenate([np.asarray(part, np.float64) for part in coefficients])
+    for turn in range(rounds):
+        value, gradient = forward(x)
+        off, turned = targets.distance - value, targets.normal - gradient
+        error = np.sqrt(off**2 + depth**2 * (turned**2).sum(axis=1))
+        # the first round is plain least squares: its start is too far for weights to mean much
+        flat = targets.weight / np.maximum(error, _FLOOR) if turn else targets.weight / 1e-3
+        steep = (flat * depth**2)[:, None]
+        damping = _DAMPING * flat.mean()
+        rest = backward(flat * off, steep * turned)
+        way, step = rest.copy(), np.zeros_like(x)
+        length = _product(rest, rest)
+        for index in range(steps):
+            if length == 0:
+                break
+            along_value, along_gradient = forward(way)
+            image = backward(flat * along_value, steep * along_gradient) + damping * way
+            amount = length / _product(way, image)
+            step += amount * way
+            rest -= amount * image
+            now = _product(rest, rest)
+            way = rest + now / length * way
+            length = now
+            if report:
+                report(turn * steps + index + 1)
+        x = x + step
+    return np.split(x, ends)
+
+
+def _product(one, other):
+    """Return the inner product of two vectors, by NumPy's own sum.
+
+    BLAS adds in an order that depends on the number of its threads.
+    """
+    return (one * other).sum()
+
+
+def _depth(targets):
+    """Weight of the direction: how long the force is. Outside there is none."""
+    return np.maximum(-targets.distance, 0.0)

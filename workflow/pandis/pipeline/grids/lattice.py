@@ -1,0 +1,194 @@
+"""Puts the vertices of a mesh on a lattice, and mends what that does to its faces.
+
+A lattice of so many bits has 2^bits - 1 steps over [-0.9, 0.9] of the unit frame along each axis.
+Rounding the vertices moves no point of the surface farther than the vertex that moved farthest.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.engine.bvh import Bvh
+
+#: Where the lattice ends (unit frame): the longest side of a mesh reaches from end to end.
+HALF = UNIT_SIDE / 2
+#: A face without an area is removed by turning an edge, which may leave another: so often at most.
+_ROUNDS = 50
+
+
+class Snapped(NamedTuple):
+    """A mesh on the lattice.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (V, 3), int32
+        In steps.
+    faces : ndarray, shape (F, 3), int32
+        Closed: every directed edge occurs as often as its reverse. None has two equal corners.
+    deviation : float
+        No point of either surface is farther from the other than this (unit frame).
+    turned : int
+        How many faces look to the other side than before.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    deviation: float
+    turned: int
+
+
+def step_of(bits):
+    """Return the step of the lattice (unit frame)."""
+    return 2 * HALF / ((1 << bits) - 1)
+
+
+def to_unit(vertices, bits):
+    """Return vertices (V, 3) of the lattice in the unit frame, float64."""
+    return vertices * step_of(bits) - HALF
+
+
+def snap(corners, faces, bits):
+    """Put a closed mesh on the lattice.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (V, 3), unit frame
+        Within the lattice.
+    faces : ndarray, shape (F, 3), integer
+    bits : int
+
+    Returns
+    -------
+    Snapped
+
+    Raises
+    ------
+    PandisError
+        Nothing is left: the mesh is thinner than the lattice's steps everywhere.
+    """
+    steps = np.rint((corners + HALF) / step_of(bits)).astype(np.int64)
+    steps = np.clip(steps, 0, (1 << bits) - 1)
+    moved = float(np.linalg.norm(to_unit(steps, bits) - corners, axis=1).max())
+    before, after = _areas(corners, faces), _areas(steps, faces)
+    turned = int((np.einsum("fk,fk->f", before, after) < 0).sum())
+    _, first, merged = np.unique(
+        steps @ (1 << np.array([40, 20, 0])), return_index=True, return_inverse=True
+    )
+    steps, faces = steps[first], merged.reshape(-1)[faces]
+    faces, lost = _mend(steps, faces)
+    if not len(faces):
+        raise PandisError(
+            f"on a lattice of {bits} bits nothing is left of the mesh: it is thinner than "
+            f"{step_of(bits):.2g} of the unit frame everywhere; take more bits"
+        )
+    deviation = moved + _farthest(steps, lost, faces) * step_of(bits)
+    used, faces = np.unique(faces, return_inverse=True)
+    faces = faces.reshape(-1, 3).astype(np.int32)
+    return Snapped(steps[used].astype(np.int32), faces, deviation, turned)
+
+
+def _areas(vertices, faces):
+    """Return twice the area vectors (F, 3) of faces."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _mend(vertices, faces):
+    """Remove faces that have no inside.
+
+    Returns
+    -------
+    faces : ndarray, shape (F, 3)
+    lost : ndarray, shape (n, 3)
+        Sheets, lines and points that have gone with them, and lie on no face that is left.
+    """
+    sheets, lines = [], []
+    for _ in range(_ROUNDS):
+        faces = _cleaned(faces, sheets, lines)
+        flat = np.flatnonzero((_areas(vertices, faces) == 0).all(axis=1))
+        if not len(flat) or not _turn_edges(vertices, faces, flat):
+            break
+    else:
+        faces = _cleaned(faces, sheets, lines)
+    lines = np.concatenate(lines)
+    if not len(lines):  # of a large mesh the search below takes a minute
+        return faces, np.concatenate([*sheets, lines])
+    count = len(vertices)
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if len(faces) else faces
+    known = edges[:, :2] @ (count, 1)
+    # of equal corners and another one a line is left: from the one to the other
+    ends = lines.min(axis=1), lines.max(axis=1)
+    on_edge = np.isin(ends[0] * count + ends[1], known) | np.isin(ends[1] * count + ends[0], known)
+    on_edge |= (ends[0] == ends[1]) & np.isin(ends[0], faces)
+    return faces, np.concatenate([*sheets, lines[~on_edge]])
+
+
+def _cleaned(faces, sheets, lines):
+    """Return the faces without those of equal corners (lines) and those back to back (sheets)."""
+    equal = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    lines.append(faces[equal])
+    faces = faces[~equal]
+    kept = _without_pairs(faces)
+    sheets.append(faces[~kept])
+    return faces[kept]
+
+
+def _without_pairs(faces):
+    """Tell which faces stay when those that lie back to back cancel each other."""
+    order = np.argsort(faces, axis=1)
+    even = (np.diff(order, axis=1) % 3 == 1).all(axis=1)
+    _, which = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    count = int(which.max(initial=-1)) + 1
+    ups, downs = (np.bincount(which[even == side], minlength=count) for side in (True, False))
+    gone = np.minimum(ups, downs)
+    group = 2 * which + even
+    sorted_by = np.argsort(group, kind="stable")
+    first = np.searchsorted(group[sorted_by], group[sorted_by])
+    kept = np.ones(len(faces), bool)
+    kept[sorted_by] = np.arange(len(faces)) - first >= gone[which[sorted_by]]
+    return kept
+
+
+def _turn_edges(vertices, faces, flat):
+    """Split, in place, the neighbour at the longest edge of each flat face; tell if one was."""
+    across = {}
+    # only faces with two corners of a flat one can lie across its edges
+    beside = np.isin(faces, faces[flat]).sum(axis=1) >= 2
+    for index in np.flatnonzero(beside).tolist():
+        face = faces[index].tolist()
+        for k in range(3):
+            across.setdefault((face[k], face[(k + 1) % 3]), []).append(index)
+    touched, done = set(), False
+    for index in flat.tolist():
+        face = faces[index]
+        sides = vertices[np.roll(face, -1)] - vertices[face]
+        k = int(np.argmax((sides * sides).sum(axis=1)))
+        start, end, middle = (int(face[(k + j) % 3]) for j in range(3))
+        others = [other for other in across.get((end, start), ()) if other not in touched]
+        if index in touched or not others:
+            continue
+        other = others[0]
+        far = next(int(v) for v in faces[other] if v not in (start, end))
+        if far == middle:
+            continue
+        touched |= {index, other}
+        faces[index], faces[other] = (end, middle, far), (middle, start, far)
+        done = True
+    return done
+
+
+def _farthest(vertices, lost, faces):
+    """Return how far the points of lost sheets can lie from the faces that are left (steps).
+
+    No point of a triangle is farther from its nearest corner than its longest side by √3.
+    """
+    if not len(lost):
+        return 0.0
+    points = vertices[lost].astype(np.float64)
+    sides = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2).max(axis=1)
+    tree = Bvh(vertices.astype(np.float64), faces)
+    apart = np.abs(tree.label(points.reshape(-1, 3), 0.0, check=False, feet=False).distance)
+    return float((apart.reshape(-1, 3).max(axis=1) + sides / np.sqrt(3)).max())

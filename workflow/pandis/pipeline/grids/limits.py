@@ -1,0 +1,97 @@
+"""How much of a mesh one query may look at, so that none next to its surface is cut.
+
+Where very many faces are about equally near, as in the middle of a ball, a query is cut: it says
+how far all faces are at least, and answers one that is not much farther. But where the boxes of
+very many faces overlap, as around a corner of thousands of narrow ones, what is cut can be wrong
+by the size of the object. Contact happens next to the surface: so nothing may be cut there. One
+such corner is enough, however small it is and however large the mesh: so every vertex and every
+face is tried, at heights that fit the lengths of the edges there.
+"""
+
+import numpy as np
+
+from pandis.pipeline.geometry.sampling import Surface
+
+#: Points next to the surface at which queries are tried, besides those at vertices and faces.
+_POINTS = 50_000
+#: Heights above and below the surface (unit frame), spread by logarithm.
+_HEIGHTS = 1e-5, 0.1
+#: Distances from a vertex or a face's middle, as shares of the longest edge there.
+_SHARES = 1e-5, 0.1
+#: A corner of more faces than this is tried at so many points.
+_CROWD, _TRIES = 32, 64
+
+
+def near_surface(vertices, faces, count, rng):
+    """Draw points (count, 3) next to a surface, in all directions from it.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), unit frame
+    faces : ndarray, shape (F, 3)
+    count : int
+    rng : numpy.random.Generator
+    """
+    feet = Surface(vertices, faces).draw(count, rng)[0]
+    return _moved(feet, np.exp(rng.uniform(*np.log(_HEIGHTS), count)), rng)
+
+
+def at_corners(vertices, faces, rng):
+    """Draw points (n, 3) next to every vertex and every face's middle.
+
+    Where very many faces meet there are many. The vertices themselves are among the points, but
+    they are the easiest places: the first face that is looked at is at distance 0, so that no
+    other box can be nearer.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), unit frame
+    faces : ndarray, shape (F, 3)
+    rng : numpy.random.Generator
+    """
+    corners = vertices[faces]
+    longest = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1)
+    around = np.zeros(len(vertices))
+    np.maximum.at(around, faces.ravel(), np.repeat(longest, 3))
+    crowded = np.bincount(faces.ravel(), minlength=len(vertices)) > _CROWD
+    tried = np.repeat(np.arange(len(vertices)), np.where(crowded, _TRIES, 1))
+    places = np.concatenate([vertices[tried], corners.mean(axis=1)])
+    share = np.exp(rng.uniform(*np.log(_SHARES), len(places)))
+    next_to = _moved(places, share * np.concatenate([around[tried], longest]), rng)
+    return np.concatenate([vertices, next_to])
+
+
+def _moved(points, length, rng):
+    """Return points (n, 3), each moved by a length (n,) in a random direction."""
+    away = rng.normal(size=points.shape)
+    return points + away * (length / np.linalg.norm(away, axis=1))[:, None]
+
+
+def least_limit(first, vertices, faces, query):
+    """Return twice the limit with which no query is cut that is tried on a surface and next to it.
+
+    Twice, because points that are not tried can need more than those that are.
+
+    Parameters
+    ----------
+    first : int
+        The least limit to return; it is doubled as often as needed.
+    vertices : ndarray, shape (V, 3), unit frame
+    faces : ndarray, shape (F, 3)
+    query : callable
+        Answers (distance, clear), each (n,), at points (n, 3) with a limit, as
+        `pandis.engine.packing.distance_and_clear` does.
+
+    Returns
+    -------
+    int
+    """
+    rng = np.random.default_rng(0)
+    near = near_surface(vertices, faces, _POINTS, rng)
+    points = np.concatenate([at_corners(vertices, faces, rng), near])
+    enough = first // 2
+    while True:
+        distance, clear = query(points, enough)
+        if not (clear < np.abs(distance)).any():
+            return 2 * enough
+        enough *= 2

@@ -1,0 +1,86 @@
+"""Support planes with distance maps: what [16] stores (Moustakas 2015, as far as it is described).
+
+642 directions, the corners of an icosahedron subdivided three times; along each the plane that
+touches the shape, and a map of how far below the plane its surface lies. The maps are a raster
+here; on a shape that is not convex they see the outermost surface only.
+"""
+
+import numpy as np
+from trimesh.creation import icosphere
+
+SUBDIVISIONS = 3
+#: Pixels per axis of a map.
+SIZE = 64
+#: A ray has hit when it is so close to the surface; and the steps it may take.
+_HIT, _STEPS = 1e-6, 96
+#: Rays start so far above their plane: a tessellation touches it from below.
+_ABOVE = 1e-3
+
+
+def plane_axes(normals):
+    """Return two unit vectors (n, 3) each that span the planes of normals (n, 3)."""
+    helper = np.where(np.abs(normals[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
+    one = np.cross(normals, helper)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    return one, np.cross(normals, one)
+
+
+def build_planes(vertices, engine, progress):
+    """Return planes and maps of a shape.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), unit frame
+    engine : object
+        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    progress : callable
+        Makes a `pandis.pipeline.run.job.stage.Progress`.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``normals`` (642, 3), ``offsets`` (642,), ``maps`` (642, 64, 64): n·x = h are the planes,
+        a map holds the depth below its plane at ``linspace(-radius, radius, 64)`` along both
+        `plane_axes`; ``radius`` (). All float32. Where a ray meets nothing the depth is that of
+        the far side.
+    """
+    normals = np.array(icosphere(SUBDIVISIONS).vertices)
+    offsets = np.concatenate([(part @ vertices.T).max(1) for part in np.array_split(normals, 20)])
+    radius = float(np.linalg.norm(vertices, axis=1).max())
+    axis = np.linspace(-radius, radius, SIZE)
+    ones, others = plane_axes(normals)
+    maps = np.empty((len(normals), SIZE, SIZE), np.float32)
+    report = progress("planes", len(normals), "planes")
+    for start in range(0, len(normals), 32):
+        part = slice(start, start + 32)
+        normal = np.repeat(normals[part], SIZE**2, axis=0)
+        origin = (
+            ((offsets[part] + _ABOVE)[:, None] * normals[part])[:, None, None]
+            + axis[:, None, None] * ones[part][:, None, None]
+            + axis[:, None] * others[part][:, None, None]
+        ).reshape(-1, 3)
+        depth = _march(engine, origin, -normal, 2 * radius) - _ABOVE
+        maps[part] = depth.reshape(-1, SIZE, SIZE)
+        report.update(min(start + 32, len(normals)))
+    return {
+        "normals": normals.astype(np.float32),
+        "offsets": offsets.astype(np.float32),
+        "maps": maps,
+        "radius": np.float32(radius),
+    }
+
+
+def _march(engine, origin, along, longest):
+    """Return how far (n,) rays go to the surface, by steps of its distance; else ``longest``."""
+    way = np.zeros(len(origin))
+    going = np.arange(len(origin))
+    for _ in range(_STEPS):
+        distance, _ = engine.distance_and_normal(
+            origin[going] + way[going, None] * along[going], check=False
+        )
+        way[going] += distance
+        going = going[(distance > _HIT) & (way[going] < longest)]
+        if not len(going):
+            break
+    way[going] = longest
+    return np.minimum(way, longest)

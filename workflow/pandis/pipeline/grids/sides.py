@@ -1,0 +1,108 @@
+"""What tells on which side of a mesh on a lattice a point is.
+
+Usually the normal of the nearest face does. At corners and edges whose faces are not nearly in
+one plane it does not; there all points with this closest point are on one side, and one of them,
+beside it, tells which. And rounding can fold a surface over itself, by less than a step: a face
+that looks the wrong way then lies on top, and would give the wrong side to every point that is
+nearest to it. So every face is looked at from both sides, and so are edges folded like a knife's;
+around what is wrong a ray has to count.
+"""
+
+import numpy as np
+
+from pandis.engine.bvh import Bvh
+from pandis.engine.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_rays
+
+#: How far from a face it is looked at (steps): less than any fold is high.
+_BESIDE = 1e-3
+#: Cosine between the normals of faces of which one is folded back onto the other, and how low the
+#: lower one of them is (steps): rounding does not fold what is higher.
+_FOLD, _LOW = -0.7, 4.0
+#: Cosine between the normals around a corner and their mean, above which faces tell the side: as
+#: in packing/sides.h.
+_SMOOTH = 0.82
+#: How many rings of faces around one that looks the wrong way may cross each other.
+_RINGS = 2
+
+
+def find_sides(vertices, faces):
+    """Return what tells the sides of a closed mesh on a lattice.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), int32
+    faces : ndarray, shape (F, 3), int32
+
+    Returns
+    -------
+    pandis.engine.packing.Sides
+    """
+    tree = Bvh(vertices.astype(np.float64), faces)
+    points, owners = find_rays(vertices, faces)
+    known = _agreed(owners, tree.inside(points), len(vertices) + 3 * len(faces))
+    places = vertices[faces].astype(np.float64)
+    normal = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    normal /= np.where(length > 0, length, 1)[:, None]
+    longest = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
+    wrong = tree.look_wrong(_BESIDE) | _folded(faces, normal, length < _LOW * longest)
+    for _ in range(_RINGS):
+        touched = np.zeros(len(vertices), bool)
+        touched[faces[wrong]] = True
+        wrong = touched[faces].any(axis=1)
+    corners, edges = known[: len(vertices)], known[len(vertices) :].reshape(-1, 3)
+    corners[faces[wrong]] = BY_RAY
+    edges[touched[faces] & touched[np.roll(faces, -1, axis=1)]] = BY_RAY
+    corners = _with_edges(corners, edges, faces, normal)
+    return Sides(corners, edges, np.where(wrong, BY_RAY, BY_FACE).astype(np.uint8))
+
+
+def _folded(faces, normal, low):
+    """Tell which low faces have a neighbour that is folded back onto them, and those."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    edge = np.minimum(start, end).astype(np.int64) << 32 | np.maximum(start, end)
+    order = np.argsort(edge, kind="stable")
+    same = edge[order[:-1]] == edge[order[1:]]
+    one, other = order[:-1][same] // 3, order[1:][same] // 3
+    back = np.einsum("nk,nk->n", normal[one], normal[other]) < _FOLD
+    back &= low[one] | low[other]
+    folded = np.zeros(len(faces), bool)
+    folded[one[back]] = folded[other[back]] = True
+    return folded
+
+
+def _with_edges(corners, edges, faces, normal):
+    """Return the sides of corners, where one may be taken for a closest point on an edge.
+
+    Points far away are as near to a corner as to its edges beside it, in single precision. So
+    corners that no point is nearest to take the side of their edges, and where these disagree, or
+    say nothing about faces that look in many directions, a ray counts.
+    """
+    touched = np.zeros((len(corners), 4), bool)
+    for ends in (faces, np.roll(faces, -1, axis=1)):
+        touched[ends.ravel(), edges.ravel()] = True
+    by_edges = np.select([touched[:, INSIDE], touched[:, OUTSIDE]], [INSIDE, OUTSIDE], BY_RAY)
+    unknown = (corners == BY_FACE) & ~_smooth(faces, normal, len(corners))
+    sides = np.where(unknown, by_edges, corners)
+    against = (sides == INSIDE) & touched[:, OUTSIDE] | (sides == OUTSIDE) & touched[:, INSIDE]
+    return np.where(against, BY_RAY, sides).astype(np.uint8)
+
+
+def _smooth(faces, normal, count):
+    """Tell around which corners all faces look nearly in their mean direction."""
+    owners = faces.ravel()
+    around = np.repeat(normal, 3, axis=0)
+    mean = np.column_stack([np.bincount(owners, around[:, k], count) for k in range(3)])
+    mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
+    least = np.ones(count)
+    np.minimum.at(least, owners, np.einsum("nk,nk->n", around, mean[owners]))
+    return least >= _SMOOTH
+
+
+def _agreed(owners, inside, count):
+    """Return the side (count,) of those that have points on one side; a ray's if on both."""
+    within = np.bincount(owners, inside, count) > 0
+    without = np.bincount(owners, ~inside, count) > 0
+    return np.select(
+        [within & without, within, without], [BY_RAY, INSIDE, OUTSIDE], BY_FACE
+    ).astype(np.uint8)

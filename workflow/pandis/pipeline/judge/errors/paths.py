@@ -1,0 +1,145 @@
+"""Errors over several trajectories: the paper's Table 4 as a statement."""
+
+import json
+
+import numpy as np
+from scipy import stats
+
+from pandis.base.forces import penalty_force
+from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.run.records.evaluation import PathsRecord
+
+#: What the paper's claim is about: its own network against its best grid, on the box around the
+#: surface as in the paper, and on the cube that all other grids lie on.
+BASELINES = ("trilinear-box-64", "trilinear-64")
+
+
+def interval(values):
+    """Return the half-width of the 95 % interval of a mean (Student's t); of equal values zero."""
+    if min(values) == max(values):
+        return 0.0  # where rounding of the mean would leave a little
+    return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
+
+
+def spread(values, form):
+    """Format what several trainings gave: their mean and its interval; of one or two, the values.
+
+    Of two the interval would be thirteen times as wide as what they differ by, and say less.
+    """
+    if len(values) < 3:
+        return " and ".join(format(value, form) for value in values)
+    return f"{np.mean(values):{form}} ± {interval(values):{form}}"
+
+
+def repeats(models):
+    """Return lists of networks that were trained in the same way, each with a seed of its own.
+
+    Parameters
+    ----------
+    models : dict of str to pandis.pipeline.run.records.model.ModelRecord
+        By recipe.
+
+    Returns
+    -------
+    list of list of str
+        In the order of ``models``.
+    """
+    groups = {}
+    for name, model in models.items():
+        key = json.dumps([model.options, model.steps, model.device], sort_keys=True)
+        groups.setdefault(key, []).append(name)
+    return list(groups.values())
+
+
+def several(first, surface, engine, options, progress):
+    """Return the first trajectory and more of its kind.
+
+    Parameters
+    ----------
+    first : tuple (points, distance, normal)
+        Exact, unit frame.
+    surface, engine
+        See `pandis.pipeline.geometry.trajectories.trace`.
+    options : pandis.pipeline.run.ask.tasks.EvaluateTask
+    progress : callable
+        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    """
+    paths = [first]
+    for index in range(1, options.paths):
+        seed = [options.seed, 5, index]
+        more, _ = trace(surface, engine, options.trajectory, seed, progress)
+        paths.append(tuple(more[key] for key in ("points", "distance", "normal")))
+    return paths
+
+
+def over_paths(fields, paths):
+    """Compare all fields on several trajectories.
+
+    Parameters
+    ----------
+    fields : list of pandis.pipeline.fields.base.Field
+    paths : list of tuple (points, distance, normal)
+        At least two; exact, unit frame.
+
+    Returns
+    -------
+    dict of str to pandis.pipeline.run.records.evaluation.PathsRecord
+        By field: ``mean`` of the paths' mean force errors (unit frame, k = 1) and ``interval``,
+        what other paths would change; ``ratios``: of the mean to that of each of `BASELINES`
+        that is among the fields.
+    """
+    means = {}
+    for field in fields:
+        forces = [penalty_force(*field.answer(path[0])) for path in paths]
+        exact = [penalty_force(*path[1:]) for path in paths]
+        off = [np.linalg.norm(f - e, axis=1).mean() for f, e in zip(forces, exact, strict=True)]
+        means[field.name] = np.array(off)
+    return {
+        name: PathsRecord(
+            mean=float(errors.mean()),
+            interval=interval(errors),
+            ratios={b: float(errors.mean() / means[b].mean()) for b in BASELINES if b in means},
+        )
+        for name, errors in means.items()
+    }
+
+
+def verdict(table, models):
+    """Say whether networks err less than the paper's best grid, where that was measured.
+
+    Another seed gives another network, whose error may differ by a third: of one training nothing
+    is said of others, and of several by an interval over them.
+
+    Parameters
+    ----------
+    table : dict of str to pandis.pipeline.run.records.evaluation.PathsRecord
+        By field.
+    models : dict of str to pandis.pipeline.run.records.model.ModelRecord
+        By name.
+
+    Returns
+    -------
+    str
+        Empty where nothing can be said.
+    """
+    said = []
+    for names in repeats({n: m for n, m in models.items() if n in table}):
+        for baseline in BASELINES:
+            ratios = [table[n].ratios[baseline] for n in names if baseline in table[n].ratios]
+            if not ratios:
+                continue
+            what, mean = ", ".join(names), np.mean(ratios)
+            if len(ratios) == 1:
+                said.append(f"{what} has {mean:.2f} times the error of {baseline} (one training)")
+                continue
+            half = interval(ratios)
+            how = (
+                "a smaller error than" if mean + half < 1
+                else "a larger error than" if mean - half > 1
+                else "about the same error as"
+            )  # fmt: skip
+            said.append(
+                f"{what} have {how} {baseline}: {mean:.2f} ± {half:.2f} times "
+                f"({len(ratios)} trainings)"
+            )
+    return "; ".join(said) + "." if said else ""

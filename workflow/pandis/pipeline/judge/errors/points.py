@@ -1,0 +1,114 @@
+"""The points that fields are chosen by, and others that say what was chosen.
+
+What was found best on some points looks better there than elsewhere; so nothing is promised by the
+points that chose.
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.streams import generator
+from pandis.pipeline.geometry.measure import draw_contacts, promise
+from pandis.pipeline.geometry.sampling import HELD_OUT
+from pandis.pipeline.run.ask.budget import Limits, told, told_figures
+
+#: Points that a promise rests on.
+PROMISED = 2 * HELD_OUT
+#: Streams of random numbers. Training points have streams of two numbers after the seed, and a
+#: trailing zero changes no stream: these have three, the last of which is none.
+_CHOOSING, _PROMISING = (11, 0, 1), (12, 0, 1)
+
+
+class Measured(NamedTuple):
+    """What was found of a candidate.
+
+    Attributes
+    ----------
+    figures : dict
+        ``mean``, ``p99``, ``missing``: measured on the points that promises rest on, or, where it
+        was turned down before, on those that choose.
+    why : str
+        Why it does not meet the limits; empty if it does.
+    excess : float
+        By how many times it exceeds them at worst; 1 or less if it meets them.
+    """
+
+    figures: dict
+    why: str
+    excess: float
+
+
+class Points:
+    """The points that fields of one mesh are chosen by, and those that promises rest on.
+
+    Parameters
+    ----------
+    surface : pandis.pipeline.geometry.sampling.Surface
+    engine : object
+        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    scale : pandis.base.physical.Scale
+    seed : int
+    """
+
+    def __init__(self, surface, engine, scale, seed):
+        self.surface, self.engine, self.scale, self.seed = surface, engine, scale, seed
+
+    @cached_property
+    def choosing(self):
+        """The contact set that fields are chosen by."""
+        return self._draw(HELD_OUT, _CHOOSING)
+
+    @cached_property
+    def promising(self):
+        """The contact set that promises rest on."""
+        return self._draw(PROMISED, _PROMISING)
+
+    def _draw(self, count, stream):
+        rng = generator(self.seed, *stream)
+        return draw_contacts(self.surface, self.engine, self.scale, count, rng)
+
+    @cached_property
+    def mean_force(self):
+        """The exact force's mean on the deep contact set, unit frame."""
+        force = np.linalg.norm(self.promising.sets["contact-deep"].force, axis=1)
+        return float(force.mean()) if len(force) else 0.0
+
+    def limits(self, target):
+        """Return the `pandis.pipeline.run.ask.budget.Limits` of a target."""
+        return Limits.of(target, self.scale.newtons, self.mean_force)
+
+    def told(self, figures):
+        """Say what was measured of a field, in millinewtons and percent first."""
+        return told_figures(figures, self.scale.newtons, self.mean_force)
+
+    def told_limits(self, limits):
+        """Say what is asked for."""
+        mean = told(limits.mean, self.scale.newtons, self.mean_force)
+        tail = f"{1e3 * self.scale.newtons * limits.tail:.3g} mN at p99"
+        return f"{mean} on average, {tail}, {100 * limits.missed:.2g} % of the surface missing"
+
+    def measure(self, force_at, limits=None):
+        """Measure a field, and hold it against limits.
+
+        Parameters
+        ----------
+        force_at : callable
+            Answers the force (n, 3) at points (n, 3), unit frame, k = 1.
+        limits : pandis.pipeline.run.ask.budget.Limits, optional
+
+        Returns
+        -------
+        Measured
+        """
+        if limits is not None:
+            figures, _ = promise(force_at, self.choosing)
+            if limits.excess(figures) > 1:
+                return Measured(figures, self.told(figures), limits.excess(figures))
+        figures, upper = promise(force_at, self.promising)
+        if limits is None:
+            return Measured(figures, "", 0.0)
+        excess = limits.excess(upper)
+        close = "" if limits.excess(figures) > 1 else ", too close to what is asked to promise it"
+        return Measured(figures, self.told(figures) + close if excess > 1 else "", excess)

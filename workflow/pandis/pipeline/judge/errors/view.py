@@ -1,0 +1,71 @@
+"""What the report's view of a mesh shows: each field's errors, on a mesh that a page can hold."""
+
+import igl
+import numpy as np
+
+from pandis.base.forces import penalty_force
+from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
+
+#: Faces of the mesh that is shown, about.
+FACES = 16_000
+#: Depths below the surface that the error is the mean of: the middles of the deep probes' quarters.
+DEPTHS = PROBE_DEPTHS["deep"] * (np.arange(4) + 0.5) / 4
+
+
+def coarsen(vertices, faces, count=FACES):
+    """Return a mesh of about ``count`` faces; one with fewer as it is.
+
+    By collapsing edges at their middles (libigl), which keeps what is closed closed.
+    """
+    if len(faces) <= count:
+        return vertices, faces
+    coarse, faces, _, _ = igl.decimate(
+        np.asfortranarray(vertices, np.float64), np.asfortranarray(faces, np.int32), count
+    )
+    return coarse, faces
+
+
+def surface_errors(fields, engine, vertices, faces, progress):
+    """Measure the force error of every field below the vertices of a coarse mesh.
+
+    Parameters
+    ----------
+    fields : list of pandis.pipeline.fields.base.Field
+    engine : object
+        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    vertices, faces : ndarray
+        The whole mesh, unit frame.
+    progress : callable
+        Makes a `pandis.pipeline.run.job.stage.Progress`.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``view_vertices`` (V, 3) float32, on the surface, unit frame; ``view_faces`` (F, 3) int32;
+        ``view_error_{field}`` (V,) float32: ‖F − F_exact‖ at k = 1, the mean over `DEPTHS`. Fields
+        whose answers depend on the way have none.
+    """
+    coarse, triangles = coarsen(vertices, faces)
+    distance, outward = engine.distance_and_normal(coarse)
+    foot = coarse - distance[:, None] * outward
+    inward = -_vertex_normals(foot, triangles)
+    points = (foot[:, None] + DEPTHS[:, None] * inward[:, None]).reshape(-1, 3)
+    exact = penalty_force(*engine.distance_and_normal(points))
+    arrays = {"view_vertices": foot.astype(np.float32), "view_faces": triangles.astype(np.int32)}
+    report = progress("view", len(fields), "fields")
+    for index, field in enumerate(fields):
+        if not field.ordered:
+            off = np.linalg.norm(penalty_force(*field.answer(points)) - exact, axis=1)
+            mean = off.reshape(-1, len(DEPTHS)).mean(axis=1)
+            arrays[f"view_error_{field.name}"] = mean.astype(np.float32)
+        report.update(index + 1)
+    return arrays
+
+
+def _vertex_normals(vertices, faces):
+    """Return unit normals (V, 3), weighted by area: for a picture."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals, across = np.zeros_like(vertices), np.cross(b - a, c - a)
+    for k in range(3):
+        np.add.at(normals, faces[:, k], across)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)

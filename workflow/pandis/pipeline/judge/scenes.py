@@ -1,0 +1,219 @@
+"""Scenes: several objects under one probe, tried before anybody holds the device.
+
+A probe goes through the scene, from a place in one object to a place in another. Every force is
+compared with that of asking every object, and the ticks are timed. For C there is a header with the
+objects and where they lie.
+"""
+
+import json
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.pipeline.judge.scene_header import scene_header
+from pandis.pipeline.run.job.machine import describe
+from pandis.pipeline.run.records.scene import PlacedRecord, SceneRecord, TouchedRecord
+from pandis.runtime.contact import Material, NativeContact, TouchedScene
+from pandis.runtime.contact.surfaces import (
+    WHOLE,
+    materials_for,
+    texture_for,
+    textures_for,
+    unknown_materials,
+)
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
+
+#: Ticks that are compared with asking every object, at most so many questions at a time.
+_PIECE = 200_000
+#: Seconds of a tick.
+_PERIOD = 1e-3
+
+
+def try_scene(name, files, options, progress, log):
+    """Go through a scene.
+
+    Parameters
+    ----------
+    name : str
+    files : list of Path
+        ``results/{mesh}/export/{field}.pandis`` of all objects.
+    options : pandis.pipeline.run.ask.tasks.SceneTask
+    progress, log : callable
+        Of a `pandis.pipeline.run.job.stage.Job`.
+
+    Returns
+    -------
+    arrays, attributes : dict
+        As stored in the scene's artifact: the walk, forces, flags, how many fields were asked and
+        the seconds of each tick.
+    text : str
+        ``{scene}.json``: the attributes, except the header, which is ``{scene}.h``.
+
+    Raises
+    ------
+    PandisError
+        A force is not that of asking every object.
+    """
+    opened = {(path.parent.parent.name, path.stem): NativeField(path) for path in files}
+    objects = [_place(asked, opened[asked.mesh, asked.field]) for asked in options.objects]
+    points = walk(objects, options)
+    scene = NativeScene(objects)
+    answer = scene.answer(points, timed=True)
+    different = _compare(scene, points, answer.force, progress)
+    touched = answer.force.any(axis=1)
+    beside = [opened.get((asked.mesh, asked.beside)) for asked in options.objects]
+    described = list(map(_describe, options.objects, objects, beside))
+    _check_names(options.objects, described, log)
+    felt, proxies, no_proxies = _touch(objects, described, beside, points, options.radius)
+    record = SceneRecord(
+        objects=described,
+        ticks=len(points),
+        speed=options.speed,
+        asked_mean=float(answer.asked.mean()),
+        asked_max=int(answer.asked.max()),
+        touched_share=float(touched.mean()),
+        different=int(different),
+        median_us=float(np.median(answer.seconds) * 1e6),
+        p999_us=float(np.percentile(answer.seconds, 99.9) * 1e6),
+        proxies=proxies,
+        no_proxies=no_proxies,
+        machine=describe(),
+    )
+    record = record.model_copy(update={"sentence": _sentence(record)})
+    log(record.sentence)
+    if different or (proxies and proxies.different):
+        raise PandisError(f"scene {name}: {record.sentence}")
+    arrays = {
+        "points": points,
+        "force": answer.force,
+        "flag": answer.flag,
+        "asked": answer.asked.astype(np.int32),
+        "seconds": answer.seconds,
+    } | felt
+    text = json.dumps(record.attributes(), indent=2) + "\n"
+    header = scene_header(name, record.objects, options.radius)
+    return arrays, record.attributes() | {"header": header}, text
+
+
+def _place(asked, field):
+    """Return an object of the configuration with its field, metres and newtons."""
+    rotation = Rotation.from_rotvec(asked.rotation, degrees=True).as_matrix()
+    return Placed.at(field, asked.size, asked.stiffness, asked.position, rotation)
+
+
+def _describe(asked, placed, beside):
+    names = placed.field.region_names or (beside.region_names if beside else ())
+    return PlacedRecord(
+        **dict(asked),
+        file=placed.field.path.as_posix(),
+        beside_file=beside.path.as_posix() if beside else None,
+        rotation_matrix=placed.rotation.tolist(),
+        translation=placed.translation.tolist(),
+        scale=placed.scale,
+        materials=materials_for(asked.contact, names),
+        textures=textures_for(asked.contact, names),
+    )
+
+
+def _check_names(objects, described, log):
+    """Tell of materials in the configuration that nothing in the scene is made of."""
+    known = {name for placed in described for name in placed.materials} - {WHOLE}
+    unknown = {name for asked in objects for name in unknown_materials(asked.contact, known)}
+    there = f"they name {', '.join(sorted(known))}" if known else "their files name no materials"
+    for name in sorted(unknown):
+        log(f"contact.materials.{name}: no object of the scene is made of it: {there}")
+
+
+def _touch(objects, described, beside, points, radius):
+    """Go the same way through proxies; return arrays, a `TouchedRecord`, and why there is none."""
+    for asked, placed in zip(described, objects, strict=True):
+        if asked.contact.kind == "penalty":
+            return {}, None, f"{asked.name}: contact.kind asks for penalty forces"
+        try:
+            NativeContact(placed, radius)
+        except PandisError as error:
+            return {}, None, f"{asked.name}: {error}"
+    materials = [[Material(**made) for made in asked.materials.values()] for asked in described]
+    textures = [texture_for(asked.textures, asked.scale) for asked in described]
+    scene = TouchedScene(objects, radius, materials, beside, textures=textures)
+    answer = scene.follow(points, _PERIOD, timed=True)
+    every = scene.step_all(points, _PERIOD)
+    record = TouchedRecord(
+        radius=radius,
+        queries_mean=float(answer.asked.mean()),
+        queries_max=int(answer.asked.max()),
+        touched_share=float((answer.touched > 0).mean()),
+        different=int((answer.force != every).any(axis=1).sum()),
+        median_us=float(np.median(answer.seconds) * 1e6),
+        p999_us=float(np.percentile(answer.seconds, 99.9) * 1e6),
+    )
+    felt = {
+        "proxy_force": answer.force,
+        "proxy_asked": answer.asked.astype(np.int32),
+        "proxy_seconds": answer.seconds,
+    }
+    return felt, record, ""
+
+
+def walk(objects, options, period=_PERIOD):
+    """Return the way (ticks, 3) of a probe from object to object, at a constant speed.
+
+    Parameters
+    ----------
+    objects : list of pandis.runtime.scene.Placed
+    options : pandis.pipeline.run.ask.tasks.SceneTask
+    period : float
+        Of a tick, s.
+    """
+    rng, step = np.random.default_rng(0), options.speed * period
+    stations, length = [], [0.0]
+    while length[-1] <= step * options.ticks:
+        placed = objects[rng.integers(len(objects))]
+        inside = placed.field.frame.to_mesh(rng.uniform(-1, 1, 3) * UNIT_SIDE / 2)
+        stations.append(placed.scale * placed.rotation @ inside + placed.translation)
+        if len(stations) > 1:
+            length.append(length[-1] + np.linalg.norm(stations[-1] - stations[-2]))
+    at = step * np.arange(options.ticks)
+    return np.stack([np.interp(at, length, axis) for axis in np.transpose(stations)], axis=1)
+
+
+def _compare(scene, points, force, progress):
+    """Return at how many points the scene's force is not that of asking every object."""
+    piece = max(1, _PIECE // len(scene.objects))
+    report, different = progress("compared", len(points), "ticks"), 0
+    for start in range(0, len(points), piece):
+        part = slice(start, start + piece)
+        every = scene.ask_all(points[part])
+        different += (force[part] != every).any(axis=1).sum()
+        report.update(min(start + piece, len(points)))
+    return different
+
+
+def _sentence(record):
+    count = len(record.objects)
+    different = record.different + (record.proxies.different if record.proxies else 0)
+    same = (
+        f"{different:,} forces are not those of asking every object: a field's clearance "
+        "was measured too small; export it again, or take another field"
+        if different
+        else "every force is that of asking every object"
+    )
+    return (
+        f"{record.ticks:,} ticks at {record.speed:g} m/s, {100 * record.touched_share:.0f} % "
+        f"in contact: {record.asked_mean:.2f} of {count} fields asked per tick, at most "
+        f"{record.asked_max}; {record.median_us:.2g} µs a tick, p99.9 {record.p999_us:.2g}; "
+        f"{_proxies(record)}; {same}"
+    )
+
+
+def _proxies(record):
+    made = record.proxies
+    if made is None:
+        return f"no proxies ({record.no_proxies})"
+    return (
+        f"through proxies {made.queries_mean:.2f} queries per tick, at most {made.queries_max}, "
+        f"{made.median_us:.2g} µs, p99.9 {made.p999_us:.2g}"
+    )

@@ -1,0 +1,177 @@
+"""A run on an attached device, through OpenHaptics: the last step, where somebody holds it."""
+
+import os
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.pipeline.run.records.hardware import AttachedRun, TouchVerdict
+from pandis.runtime.device import DONE, Order, run_device
+from pandis.runtime.scene import NativeScene, Placed
+
+STAND_IN = "A stand-in for OpenHaptics ran, and no device: nothing of it is a hardware result."
+UNARMED = (
+    "A haptic device ({model}) was attached; its positions were read and no force was sent, for "
+    "hardware.attached.arm or the environment variable PANDIS_ARM is not set."
+)
+REFUSED = (
+    "A haptic device ({model}) was attached; its positions were read and no force was sent, though "
+    "it was to be armed: {refused}."
+)
+UNTOUCHED = (
+    "A haptic device ({model}) was attached and armed; the object was not touched: no force."
+)
+ENDED = "A haptic device ({model}) was attached; the run ended early: {why}."
+REAL = "A haptic device ({model}) was attached, and forces were sent to it, through its library."
+NONE = "No device ran: {why}."
+#: What must be set to 1, each time anew, for forces to be sent: a configuration stays where it is.
+CONSENT = "PANDIS_ARM"
+#: An armed device gets so much of what is safe for a hand of so many Ns/m.
+SHARE, HAND = 0.7, "0.3"
+
+
+class Span(NamedTuple):
+    """How long a run on the device lasts, and how long a tick of it may compute: s."""
+
+    seconds: float
+    deadline: float
+
+
+def stiffness_for(asked, spec, pressed, walls, sound=True):
+    """Return the stiffness that a device may be armed with, and why it may not be armed at all.
+
+    Parameters
+    ----------
+    asked : float
+        N/m, of the configuration.
+    spec : pandis.pipeline.judge.servo.devices.Specification
+    pressed : pandis.pipeline.run.records.hardware.Pressed or None
+        Of this field, mesh and device; of penalty forces, or, as a `TouchVerdict`, through a proxy.
+    walls : pandis.pipeline.run.records.hardware.WallVerdict or None
+    sound : bool
+        The file has its field's forces, and computes them in time.
+
+    Returns
+    -------
+    stiffness : float
+        N/m: what is asked for, at most the device's own, what is gentle at its rate, and 0.7 of
+        what is safe for a hand of 0.3 Ns/m.
+    refused : str
+        Empty, or why no force may be sent.
+    """
+    most = min(asked, spec.stiffest(1 / spec.rate))
+    if pressed is None or walls is None:
+        return most, "no safe stiffness is known for this field on this device"
+    if not sound:
+        return most, "the file does not give its field's forces, or computes them too slowly"
+    if isinstance(pressed, TouchVerdict) and pressed.passes:
+        return most, f"walls let its proxy through in {pressed.passes} presses"
+    if isinstance(pressed, TouchVerdict) and not pressed.presses:
+        return most, "there was no room for a hard press, so nothing is known of its walls"
+    if not walls.holds or walls.pressed_missing:
+        return most, "the field lacks a part of the surface"
+    safe = SHARE * pressed.hands[HAND]
+    if not safe > 0:
+        return most, f"no stiffness is safe for a hand of {HAND} Ns/m"
+    return min(most, safe), ""
+
+
+def run_attached(field, scale, options, span, pressed=None, walls=None, sound=True, feel=None):
+    """Run one field on the attached device.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    scale : pandis.base.physical.Scale
+        With the stiffness that is asked for: see `stiffness_for`.
+    options : pandis.pipeline.run.ask.options.AttachedOptions
+    span : Span
+    pressed, walls, sound
+        See `stiffness_for`; without the first two no force is sent.
+    feel : pandis.runtime.contact.Feel, optional
+        Of a probe with a proxy; a penalty force without it.
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+        Per tick, in the device's workspace: ``position`` (m), ``force`` (N), ``taken`` and
+        ``since`` (s).
+    record : pandis.pipeline.run.records.hardware.AttachedRun
+    """
+    spec = DEVICES[options.model]
+    # the device's scheduler has a rate of its own
+    period = 1 / spec.rate
+    given, refused = stiffness_for(scale.stiffness, spec, pressed, walls, sound)
+    consent = options.arm and os.environ.get(CONSENT) == "1"
+    armed = consent and not refused
+    placed = Placed.at(field, scale.size, given)
+    order = Order(
+        feel.scene(placed) if feel else NativeScene([placed]),
+        max(1, round(span.seconds / period)),
+        spec.limits(period, given),
+        period,
+        span.deadline,
+        expected=spec.force,
+        armed=armed,
+    )
+    session = run_device(options.library, options.name, order)
+    touched = bool(session.force.any())
+    statement = _statement(session, armed, consent, touched).format(
+        model=session.model or spec.title, why=session.sentence, refused=refused
+    )
+    late = session.since - period
+    record = AttachedRun(
+        statement=statement + _reach(session, scale.size),
+        hardware=not session.stand_in and touched and session.cause == DONE,
+        stand_in=session.stand_in,
+        armed=armed,
+        refused=refused if consent else "",
+        armed_at=session.armed_at,
+        model=session.model,
+        contact="proxy" if feel else "penalty",
+        ended=session.sentence,
+        code=session.code,
+        ticks=len(session.force),
+        stiffness=given,
+        strongest_n=session.strongest,
+        steepest_n=session.steepest,
+        fastest_m_s=session.fastest,
+        cut=session.cut,
+        slowed=session.slowed,
+        damped=session.damped,
+        signs=session.signs,
+        energy_j=session.worst,
+        late_us=float(np.percentile(late, 99.9) * 1e6) if len(late) else None,
+    )
+    arrays = {
+        "position": session.position,
+        "force": session.force,
+        "taken": session.taken,
+        "since": session.since,
+    }
+    return arrays, record
+
+
+def _statement(session, armed, consent, touched):
+    if not len(session.force):
+        return NONE
+    if session.stand_in:
+        return STAND_IN
+    if session.cause != DONE:
+        return ENDED
+    if not armed:
+        return REFUSED if consent else UNARMED
+    return REAL if touched else UNTOUCHED
+
+
+def _reach(session, size):
+    """Say if the object, in the middle of the device's own workspace, reaches beyond it."""
+    room = 1e3 * (np.array(session.said.high) - np.array(session.said.low))
+    if (room <= 0).any() or (1e3 * size <= room).all():
+        return ""
+    box = " x ".join(f"{side:.0f}" for side in room)
+    return (
+        f" The device's own workspace is {box} mm: parts of an object of {1e3 * size:.0f} mm may "
+        "lie beyond it; make device.size smaller."
+    )

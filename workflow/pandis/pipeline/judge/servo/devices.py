@@ -1,0 +1,124 @@
+"""What is known of haptic devices: data sheets, and the limits that programs in the field keep.
+
+Forces, stiffnesses and workspaces are those that CHAI3D sets for each device, encoder steps and
+frictions the makers' nominal values, where they give them; what nobody gives is assumed, and
+listed.
+"""
+
+from typing import NamedTuple
+
+from pandis.runtime.device import NEEDS_BUTTON, Limits, Simulated
+
+#: Seconds until the whole force is given; largest addition, share of the largest force per ms.
+RAMP, IMPULSE = 0.5, 0.1
+#: So much a tick may give (J) to a hand that moves so fast (m/s).
+TICK_ENERGY, HAND_SPEED = 4e-5, 0.2
+
+
+class Specification(NamedTuple):
+    """A haptic device.
+
+    Attributes
+    ----------
+    title : str
+    force : float
+        Largest, N.
+    stiffness : float
+        Largest that programs give it, N/m.
+    workspace : float
+        Radius, m.
+    encoder : float
+        Step of the position it reports, m.
+    friction : float
+        Coulomb, N.
+    mass : float
+        At the tip, kg.
+    damping : float
+        Viscous, Ns/m.
+    impulse : float
+        Largest change of the force, N per ms.
+    speed : float
+        Largest, m/s.
+    rate : float
+        Ticks per second.
+    assumed : tuple of str
+        What of this is no maker's figure.
+    continuous : float
+        Largest force for long, N; 0: not known.
+    most_damping : float
+        That a program may add, Ns/m.
+    button : bool
+        It has one that is held while forces are given.
+    """
+
+    title: str
+    force: float
+    stiffness: float
+    workspace: float
+    encoder: float
+    friction: float
+    mass: float
+    damping: float
+    impulse: float
+    speed: float
+    rate: float
+    assumed: tuple
+    continuous: float = 0.0
+    most_damping: float = 0.0
+    button: bool = False
+
+    def simulated(self, hand_stiffness, hand_damping, delay, period, wall):
+        """Return the simulated device with a hand, under a wall of so many N/m."""
+        return Simulated(
+            self.mass, self.damping, self.friction, self.encoder, self.force, self.impulse,
+            self.speed, hand_stiffness, hand_damping, period, wall, delay,
+        )  # fmt: skip
+
+    def stiffest(self, period):
+        """Return the largest stiffness (N/m) at a period (s): the device's, and what is gentle.
+
+        A wall that is a tick late gives up to k (vT)^2 / 2 in that tick.
+        """
+        return min(self.stiffness, 2 * TICK_ENERGY / (HAND_SPEED * period) ** 2)
+
+    def limits(self, period, stiffness):
+        """Return the limits that no force to this device may go beyond.
+
+        The force comes in over `RAMP`, and grows by no more than `IMPULSE`.
+
+        Parameters
+        ----------
+        period : float
+            Of a tick, s.
+        stiffness : float
+            Of the wall, N/m.
+        """
+        change = self.impulse * period * 1e3
+        step = min(change, IMPULSE * self.force * period * 1e3)
+        return Limits(
+            self.force, self.continuous, step, change, self.speed, RAMP / period,
+            self.damping, self.encoder, stiffness, self.most_damping,
+            NEEDS_BUTTON if self.button else 0,
+        )  # fmt: skip
+
+
+_ALWAYS = ("damping", "impulse", "speed", "most_damping")
+#: By the names that the configuration uses.
+DEVICES = {
+    "touch": Specification(
+        "Touch", 3.3, 400.0, 0.075, 55e-6, 0.26, 0.045, 0.1, 3.3, 1.5, 1000.0, _ALWAYS,
+        0.88, 2.0, True,
+    ),
+    "touch-x": Specification(
+        "Touch X", 7.9, 1000.0, 0.1, 23e-6, 0.06, 0.09, 0.1, 7.9, 1.5, 1000.0, (*_ALWAYS, "mass"),
+        1.75, 4.0, True,
+    ),
+    "omega-3": Specification(
+        "omega.3", 12.0, 5000.0, 0.075, 10e-6, 0.1, 0.2, 0.5, 12.0, 1.5, 4000.0,
+        (*_ALWAYS, "mass", "friction"), 12.0, 40.0, True,
+    ),
+    "falcon": Specification(
+        "Falcon", 8.0, 3000.0, 0.04, 63e-6, 0.3, 0.15, 0.3, 8.0, 1.5, 1000.0,
+        (*_ALWAYS, "mass", "friction"), 0.0, 10.0, True,
+    ),
+}  # fmt: skip

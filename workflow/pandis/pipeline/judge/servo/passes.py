@@ -1,0 +1,338 @@
+"""Whether anything lets a hand through: presses on thin places, judged by libigl.
+
+A simulated hand presses a device from outside, ever harder, at a slant, until it gives the device's
+largest force or more, holds on, and withdraws along the way it came. Nothing here asks the field
+that is judged, nor the tree that made it: distances and sides are libigl's, and whether a way
+crosses the surface is computed from the triangles.
+"""
+
+from typing import NamedTuple
+
+import igl
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from pandis.runtime.device import DONE, Order, run_simulated
+from pandis.runtime.scene import NativeScene, Placed
+
+#: Metres: deeper than this beyond the field's largest surface error, a proxy has passed; and so far
+#: outside, at least, are two proxies between which a way is asked for.
+MARGIN = 5e-5
+#: Metres above the surface where a press begins, unless there is less room.
+ABOVE = 3e-3
+#: Seconds of waiting, pressing, holding, withdrawing.
+_TIMES = 0.03, 0.35, 0.1, 0.35
+#: Seconds until the whole force is given: before the surface is reached.
+_RAMP = 0.02
+#: N/m and Ns/m of the hand, and how many times the device's largest force it gives.
+_HAND, _HARD = (400.0, 3.0), 1.2
+#: Runs whose proxies libigl is asked about together.
+_TOGETHER = 500
+#: So near (m), the direction to the closest point is rounding.
+_ON_IT = 1e-7
+#: How much longer than the straight way a free one may be.
+_DETOUR = 2.0
+#: A way around is looked for in so many rounds, in each of which so many balls get so many others
+#: on their rims; smaller ones than a share of the margin lead nowhere.
+_ROUNDS, _GROWN, _RIM, _LEAST = 60, 48, 10, 0.02
+#: Faces that are compared with a way at a time.
+_SOME = 4096
+
+
+class Press(NamedTuple):
+    """A press: where it begins, and how far the hand goes; metres.
+
+    Attributes
+    ----------
+    start, end : ndarray, shape (3,)
+        Outside of the object, and where the hand would be if nothing were in its way.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+
+
+class Judged(NamedTuple):
+    """What became of presses.
+
+    Attributes
+    ----------
+    presses, ended : int
+        All of them; those that the guard has ended early.
+    deep, crossed : int
+        Presses whose proxy lay too deep, and whose proxy went through triangles.
+    around : int
+        Presses after which, all the way back, the proxy was somewhere else than the probe, though
+        its way crosses nothing: it has slid around a part of the object, which is no pass.
+    deepest : float
+        Of a proxy below the surface, m.
+    """
+
+    presses: int
+    ended: int
+    deep: int
+    crossed: int
+    around: int
+    deepest: float
+
+    @property
+    def passed(self):
+        """Presses in which something let the hand through."""
+        return self.deep + self.crossed
+
+
+def draw(feet, outward, spec, stiffness, slant, rng, above=ABOVE):
+    """Draw presses on surface points.
+
+    Parameters
+    ----------
+    feet, outward : ndarray, shape (n, 3)
+        Surface points (m) and their outward normals.
+    spec : pandis.pipeline.judge.servo.devices.Specification
+    stiffness : float
+        Of the object, N/m.
+    slant : float
+        Largest angle between press and normal, rad.
+    rng : numpy.random.Generator
+    above : float
+        How far above the points presses begin, m.
+
+    Returns
+    -------
+    list of Press
+    """
+    presses = []
+    for foot, normal in zip(feet, outward, strict=True):
+        side = rng.normal(size=3)
+        side -= (side @ normal) * normal
+        angle = rng.uniform(0, slant)
+        way = -np.cos(angle) * normal + np.sin(angle) * side / np.linalg.norm(side)
+        far = _HARD * spec.force * (1 / _HAND[0] + 1 / stiffness)
+        presses.append(Press(foot - above * way, foot + far * way))
+    return presses
+
+
+class Oracle:
+    """Sides, distances and crossings of a mesh, by libigl and by plain arithmetic.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), m
+    faces : ndarray, shape (F, 3)
+    """
+
+    def __init__(self, vertices, faces):
+        self.vertices = np.ascontiguousarray(vertices, np.float64)
+        self.faces = np.ascontiguousarray(faces, np.int64)
+        corners = self.vertices[self.faces]
+        self._corners, self._low, self._high = corners, corners.min(axis=1), corners.max(axis=1)
+
+    def look(self, points):
+        """Return signed distances (n,) of points (n, 3), m, and the directions in which they grow.
+
+        Negative inside; the direction at a point of the surface is the normal of its face.
+        """
+        kind = igl.SignedDistanceType.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+        points = np.ascontiguousarray(points, np.float64)
+        distance, face, closest, _ = igl.signed_distance(points, self.vertices, self.faces, kind)
+        away = (points - closest) * np.sign(distance)[:, None]
+        a, b, c = self._corners[face].transpose(1, 0, 2)
+        on_it = np.abs(distance) < _ON_IT
+        away[on_it] = np.cross(b - a, c - a)[on_it]
+        return distance, away / np.maximum(np.linalg.norm(away, axis=1), 1e-300)[:, None]
+
+    def crosses(self, start, end):
+        """Return whether the straight way from one point (3,) to another crosses a triangle."""
+        low, high = np.minimum(start, end), np.maximum(start, end)
+        near = np.flatnonzero(((self._low <= high) & (self._high >= low)).all(axis=1))
+        return any(self._hits(start, end, near[i : i + _SOME]) for i in range(0, len(near), _SOME))
+
+    def _hits(self, start, end, which):
+        a, b, c = self._corners[which].transpose(1, 0, 2)
+        before, after = (
+            np.einsum("ij,ij->i", np.cross(b - a, c - a), point - a) for point in (start, end)
+        )
+        way = np.broadcast_to(end - start, a.shape)
+        sides = [np.einsum("ij,ij->i", way, np.cross(p - start, q - start))
+                 for p, q in ((a, b), (b, c), (c, a))]  # fmt: skip
+        inside = np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
+        return bool((inside & (before * after < 0)).any())
+
+
+def free_starts(presses, oracle, above=ABOVE):
+    """Return those of some presses that begin outside of the shape, whatever a field has there.
+
+    Parameters
+    ----------
+    presses : list of Press
+    oracle : Oracle
+    above : float
+        How far above the surface they were to begin, m.
+
+    Returns
+    -------
+    list of Press
+    """
+    starts = np.array([press.start for press in presses]).reshape(-1, 3)
+    free = oracle.look(starts)[0] > above / 3
+    return [presses[i] for i in np.flatnonzero(free)]
+
+
+def run(field, spec, size, stiffness, presses, feel=None):
+    """Let a simulated device make presses; yields a session, and the proxies (n, 3), m, of each.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    spec : pandis.pipeline.judge.servo.devices.Specification
+    size, stiffness : float
+        Metres of the longest side, N/m.
+    presses : list of Press
+    feel : pandis.runtime.contact.Feel, optional
+        Of a probe with a proxy. Without it the force is the penalty force, and for its proxy
+        counts the last place that was outside.
+    """
+    period = 1 / spec.rate
+    share = np.concatenate([
+        np.zeros(round(_TIMES[0] / period)), np.linspace(0, 1, round(_TIMES[1] / period)),
+        np.ones(round(_TIMES[2] / period)), np.linspace(1, 0, round(_TIMES[3] / period)),
+        np.zeros(round(_TIMES[0] / period)),
+    ])[:, None]  # fmt: skip
+    placed = Placed.at(field, size, stiffness)
+    scene = feel.scene(placed) if feel else NativeScene([placed])
+    limits = spec.limits(period, stiffness)
+    limits.ramp = _RAMP / period
+    order = Order(scene, len(share), limits, period, armed=True)
+    device = spec.simulated(*_HAND, 0, period, stiffness)
+    for press in presses:
+        if feel:
+            scene.restart()
+        rest = press.start + share * (press.end - press.start)
+        session = run_simulated(device, press.start, rest, np.zeros(3), order)
+        proxy = session.proxy
+        if not feel:
+            inside = scene.ask_all(session.position).any(axis=1)
+            last = np.maximum.accumulate(np.where(inside, 0, np.arange(len(inside))))
+            proxy = session.position[last]
+        yield session, proxy
+
+
+def judge(runs, oracle, error, detours=True, radius=0.0):
+    """Judge runs of presses.
+
+    Parameters
+    ----------
+    runs : iterable of (pandis.runtime.device.Session, ndarray)
+        From `run`.
+    oracle : Oracle
+    error : float
+        The field's largest error at the surface, m.
+    detours : bool
+        Whether a proxy may have gone around something in a tick; a probe under a penalty force,
+        which is outside, inside and outside again, has not.
+    radius : float
+        Of the probe, m: it is to lie so far outside.
+
+    Returns
+    -------
+    Judged
+    """
+    margin, found = error + MARGIN, []
+    held = [_Run.of(session, proxies) for session, proxies in runs]
+    for some in range(0, len(held), _TOGETHER):
+        group = held[some : some + _TOGETHER]
+        looks = oracle.look(np.concatenate([run.places for run in group]))
+        ends = np.cumsum([len(run.places) for run in group])[:-1]
+        parts = zip(*(np.split(column, ends) for column in looks), strict=True)
+        for run, (distance, outward) in zip(group, parts, strict=True):
+            depth = radius - distance.min()
+            fault = (
+                "deep"
+                if depth > margin
+                else _fault(run, distance, outward, margin, oracle, detours)
+            )
+            found.append((fault, depth))
+    faults = [fault for fault, _ in found]
+    return Judged(
+        presses=len(held),
+        ended=sum(run.ended for run in held),
+        **{name: faults.count(name) for name in ("deep", "crossed", "around")},
+        deepest=max((float(depth) for _, depth in found), default=0.0),
+    )
+
+
+class _Run(NamedTuple):
+    """Where a proxy has been, each place once, and how far it is from the probe in the end."""
+
+    places: np.ndarray
+    ended: bool
+    apart: float
+
+    @classmethod
+    def of(cls, session, proxies):
+        if session.cause != DONE:  # from its end on nobody has asked for a force
+            given = np.flatnonzero(session.force.any(axis=1))
+            proxies = proxies[: given[-1] + 1 if len(given) else 1]
+        moved = np.concatenate([[True], (np.diff(proxies, axis=0) != 0).any(axis=1)])
+        apart = float(np.linalg.norm(proxies[-1] - session.position[-1]))
+        return cls(proxies[moved], session.cause != DONE, apart)
+
+
+def _fault(run, distance, outward, margin, oracle, detours=True):
+    """Return which of a judgement's faults a run that was never too deep has, if any."""
+    # through what is no thicker than two margins a proxy comes without being deeper than one
+    for i in np.flatnonzero(np.linalg.norm(np.diff(run.places, axis=0), axis=1) > 2 * margin):
+        if _through(
+            run.places[i : i + 2], distance[i : i + 2], outward[i : i + 2], margin, oracle, detours
+        ):
+            return "crossed"
+    return "around" if run.apart > MARGIN and not run.ended else None
+
+
+def _through(places, distance, outward, margin, oracle, detours):
+    """Return whether no free way leads from one place to the next, of two (2, 3), near them.
+
+    What happens between ticks is not known. The straight way is tried first, as far outside as a
+    proxy may lie inside; then ways that are not much longer, through balls that are free by
+    libigl's distances.
+    """
+    length = np.linalg.norm(places[1] - places[0])
+    if length <= np.maximum(0.0, distance).sum():
+        return False
+    lifted = places + (np.maximum(distance, margin) - distance)[:, None] * outward
+    if not oracle.crosses(*lifted):
+        return False
+    return not (detours and _leads_around(places, margin, oracle, _DETOUR * length))
+
+
+def _leads_around(places, margin, oracle, longest):
+    """Return whether free balls, each overlapping one before, lead from one place to the other.
+
+    A proxy may be off by a margin, so every ball that is as near belongs to a place. Balls are
+    grown from rims of others, first of those that are nearest to the other place, within the
+    ellipsoid of ways that are at most so long.
+    """
+    rng, (start, goal) = np.random.default_rng(0), places
+    inside = rng.normal(size=(_GROWN, 3))
+    inside *= margin * np.cbrt(rng.random((_GROWN, 1))) / np.linalg.norm(inside, axis=1)[:, None]
+    tried, centres, radius = start + inside, np.empty((0, 3)), np.empty(0)
+    grown = np.zeros(0, bool)
+    for _ in range(_ROUNDS):
+        way = np.linalg.norm(tried - start, axis=1) + np.linalg.norm(tried - goal, axis=1)
+        tried = tried[way <= longest]
+        free = oracle.look(tried)[0] if len(tried) else np.empty(0)
+        kept = (free > _LEAST * margin) & (cdist(tried, centres) >= radius / 2).all(axis=1)
+        centres, radius = np.concatenate([centres, tried[kept]]), np.append(radius, free[kept])
+        grown = np.append(grown, np.zeros(kept.sum(), bool))
+        left = np.linalg.norm(centres - goal, axis=1) - radius
+        if (left <= margin).any():
+            return True
+        chosen = np.argsort(np.where(grown, np.inf, left), kind="stable")[:_GROWN]
+        chosen = chosen[~grown[chosen]]
+        if not len(chosen):
+            return False
+        grown[chosen] = True
+        away = rng.normal(size=(len(chosen), _RIM, 3))
+        away /= np.linalg.norm(away, axis=2, keepdims=True)
+        tried = (centres[chosen, None] + radius[chosen, None, None] * away).reshape(-1, 3)
+    return False

@@ -1,0 +1,254 @@
+"""A field under a simulated device and a hand: limits, energy, the largest safe stiffness.
+
+The C loop of a real device runs here on a simulated one, in the time of ticks: position in, force
+out through the guard, HDAPI's order and errors. The hand presses on points of the surface, of every
+class of inscribed radius, and slides along the evaluation trajectory.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.frame import UNIT_SIDE
+from pandis.engine.threads import thread_count
+from pandis.pipeline.judge.servo.devices import RAMP
+from pandis.pipeline.judge.stress.coupled import CALM, LADDER, QUIET, START, shaking
+from pandis.pipeline.run.host.processes import each
+from pandis.pipeline.run.records.hardware import Pressed
+from pandis.runtime.device import DONE, Order, run_simulated
+from pandis.runtime.scene import NativeScene, Placed
+
+#: Milliseconds of a press, and of the slide.
+TICKS, SLIDE = 1200, 2000
+#: Above the surface (m): where a press begins, the first at which the field has no force.
+_HEIGHTS = START * 2.0 ** np.arange(7)
+#: A press of less than so many times the friction may never reach the wall.
+_STUCK = 1.5
+#: A press that comes all at once swings to twice its force: half of what the wall holds is enough.
+_GENTLE = 0.5
+#: So much energy (J) may be missing: an encoder's step at the force that is pressed with hides it.
+SLACK = 2e-5
+
+
+#: Dampings (Ns/m) of the hands that a stiffness is called safe for: a light one, one that holds on,
+#: a firm one.
+HANDS = (0.3, 1.0, 3.0)
+
+
+class Hand(NamedTuple):
+    """The hand that holds the device.
+
+    ``stiffness`` N/m, ``damping`` Ns/m, ``press`` N: with how much it presses; ``delay``: ticks by
+    which the force comes late.
+    """
+
+    stiffness: float
+    damping: float
+    press: float
+    delay: int
+
+
+class Contact(NamedTuple):
+    """Where the hand presses and slides: m, in the device's workspace.
+
+    Attributes
+    ----------
+    points, normals : ndarray, shape (n, 3)
+        The surface above a trajectory, and the outward normals there.
+    feet, outward : ndarray, shape (m, 3)
+        Surface points that are pressed on, and their outward normals.
+    radius : ndarray, shape (m,)
+        The inscribed radius at them.
+    hard_feet, hard_outward : ndarray, shape (p, 3)
+        Those that are pressed through a proxy with all force: the thinnest walls among them.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    feet: np.ndarray
+    outward: np.ndarray
+    radius: np.ndarray
+    hard_feet: np.ndarray
+    hard_outward: np.ndarray
+
+
+def contact(trajectory, places, thin, size):
+    """Return where a hand presses and slides, in the device's workspace.
+
+    Parameters
+    ----------
+    trajectory : dict of str to ndarray
+        ``points``, ``distance`` and ``normal`` in the unit frame.
+    places, thin : pandis.pipeline.geometry.places.Stratified
+        Surface points to press on, and to press hard through a proxy; unit frame.
+    size : float
+        Metres of the longest side.
+    """
+    normals, metres = trajectory["normal"], size / UNIT_SIDE
+    above = trajectory["points"] - trajectory["distance"][:, None] * normals
+    pressed = places.feet * metres, places.outward, places.radius * metres
+    return Contact(above * metres, normals, *pressed, thin.feet * metres, thin.outward)
+
+
+def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
+    """Press a device with a field onto a mesh, and slide along it.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    spec : pandis.pipeline.judge.servo.devices.Specification
+    surface : Contact
+    size, stiffness : float
+        Metres of the longest side, and N/m asked for; if the device is given less, it is that.
+    hand : Hand
+    rate : float
+        Ticks per second.
+    feel : pandis.runtime.contact.Feel, optional
+        Of a probe with a proxy; a penalty force without it.
+
+    Returns
+    -------
+    Pressed
+    """
+    rig = _Rig(field, spec, surface, size, hand, rate, feel)
+    stiffness = min(stiffness, spec.stiffness)
+    runs = rig.presses(stiffness)
+    slide = rig.slide(stiffness)
+    every = [*runs, slide]
+    ended = next((run.sentence for run in every if run.cause != DONE), "")
+    cut = sum(run.cut for run in every)
+    energy = min(run.worst for run in every)
+    reach = max(float(np.linalg.norm(run.path, axis=1).max()) for run in every)
+    others = [hand._replace(damping=damping) for damping in HANDS if damping != hand.damping]
+    others.append(hand._replace(stiffness=0.0, damping=0.0))
+    rigs = [rig, *(_Rig(field, spec, surface, size, other, rate, feel) for other in others)]
+    # in the time of ticks nothing is late, however many rigs run beside each other
+    found = list(each(lambda one: one.safe(stiffness), rigs, thread_count()))
+    safe, limit = found[0]
+    held = {one.hand.damping: most for one, (most, _) in zip(rigs[:-1], found[:-1], strict=True)}
+    return Pressed(
+        hand=hand.damping,
+        hands={f"{damping:g}": held[damping] for damping in sorted(held)},
+        released_n_m=found[-1][0],
+        stiffness=stiffness,
+        strongest_n=max(run.strongest for run in every),
+        steepest_n_per_ms=max(run.steepest for run in every) * 1e-3 * rate,
+        cut=int(cut),
+        energy_j=float(energy),
+        quiet=rig.quiet(stiffness),
+        unarmed=sum(run.armed_at < 0 for run in runs),
+        reach_m=reach,
+        ended=ended,
+        within_limits=not cut and not ended and reach <= spec.workspace,
+        passive=bool(energy >= -SLACK),
+        safe_n_m=safe,
+        limited_by=limit,
+    )
+
+
+class _Rig:
+    def __init__(self, field, spec, surface, size, hand, rate, feel):
+        self.feel = feel
+        self.field, self.spec, self.hand, self.period = field, spec, hand, 1 / rate
+        self.size, self.surface, self._pressed = size, surface, {}
+        starts = self._free(surface.feet, surface.outward)
+        self.picked = list(zip(surface.feet, surface.outward, surface.radius, starts, strict=True))
+        # the hand waits above the surface until the whole force is given
+        self.wait = round(RAMP * rate)
+        self.ticks = self.wait + round(TICKS * 1e-3 * rate)
+
+    def _free(self, feet, outward):
+        """Return the lowest places (n, 3) above surface points at which the field has no force.
+
+        No device is armed within a force, and a grid of forces pushes in free space, too.
+        """
+        heights = _HEIGHTS[:, None, None] + (self.feel.radius if self.feel else 0.0)
+        places = feet + heights * outward
+        scene = NativeScene([Placed.at(self.field, self.size, 1.0)])
+        pushed = scene.ask_all(places.reshape(-1, 3)).reshape(places.shape).any(axis=2)
+        return places[np.argmin(pushed, axis=0), np.arange(len(feet))]
+
+    def strength(self, stiffness, radius):
+        """Return with how many newtons the hand presses where the solid is so thick."""
+        return min(self.hand.press, _GENTLE * stiffness * radius)
+
+    def order(self, stiffness, ticks):
+        placed = Placed.at(self.field, self.size, stiffness)
+        scene = self.feel.scene(placed) if self.feel else NativeScene([placed])
+        limits = self.spec.limits(self.period, stiffness)
+        limits.most_damping = 0.0  # safe is what needs no damping: that is for what nobody foresaw
+        return Order(scene, ticks, limits, self.period, armed=True)
+
+    def simulated(self, wall):
+        hand = self.hand
+        return self.spec.simulated(hand.stiffness, hand.damping, hand.delay, self.period, wall)
+
+    def presses(self, stiffness):
+        if stiffness not in self._pressed:  # the ladder has a rung at the stiffness asked for
+            wanted, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
+            self._pressed[stiffness] = []
+            for point, normal, radius, start in self.picked:
+                press = self.strength(stiffness, radius)
+                rest, push = (
+                    np.tile(point, (self.ticks, 1)),
+                    np.tile(-press * normal, (self.ticks, 1)),
+                )
+                rest[: self.wait], push[: self.wait] = start, 0.0
+                if self.feel:
+                    wanted.scene.restart()
+                run = run_simulated(device, start, rest, push, wanted)
+                self._pressed[stiffness].append(run)
+        return self._pressed[stiffness]
+
+    def slide(self, stiffness):
+        """The hand follows the trajectory, at its step per millisecond."""
+        count = min(SLIDE, len(self.surface.points))
+        at = np.arange(round(count * 1e-3 / self.period)) * self.period * 1e3
+        steps = np.arange(len(self.surface.points))
+        rest, push = (
+            np.stack([np.interp(at, steps, values[:, k]) for k in range(3)], axis=1)
+            for values in (self.surface.points, -self.hand.press * self.surface.normals)
+        )
+        start = self._free(self.surface.points[:1], self.surface.normals[:1])[0]
+        rest = np.concatenate([np.tile(start, (self.wait, 1)), rest])
+        push = np.concatenate([np.zeros((self.wait, 3)), push])
+        device, wanted = self.simulated(stiffness), self.order(stiffness, len(rest))
+        return run_simulated(device, start, rest, push, wanted)
+
+    def is_quiet(self, run):
+        path = run.path[self.wait + (len(run.path) - self.wait) * 2 // 3 :]
+        return run.cause == DONE and shaking(path, self.period) < QUIET
+
+    def quiet(self, stiffness):
+        """Return the share of the presses that reach a wall and keep still there.
+
+        A press that friction may hold back, and that has reached none, tells nothing; if it is so
+        with all of them, nothing shakes.
+        """
+        told = []
+        for run, (_, _, radius, _) in zip(self.presses(stiffness), self.picked, strict=True):
+            touched = bool(run.force.any())
+            carried = self.strength(stiffness, radius) <= _STUCK * self.spec.friction
+            if touched or not carried or run.armed_at < 0:
+                told.append(touched and self.is_quiet(run))
+        return float(np.mean(told)) if told else 1.0
+
+    def safe(self, stiffness):
+        """Return the largest stiffness that is quiet and passive, and what keeps it from more."""
+        last, why = 0.0, ""
+        for wanted in LADDER * stiffness:
+            runs = self.presses(wanted)
+            if self.quiet(wanted) < CALM:
+                why = "beyond that it shakes, or holds nothing"
+            if min(run.worst for run in runs) < -SLACK:
+                why = "beyond that the wall gives energy"
+            if any(run.cause != DONE for run in runs):
+                why = "beyond that a run ends early"
+            if why:
+                break
+            last = float(wanted)
+            if wanted > self.spec.stiffness:
+                break
+        if last >= self.spec.stiffness:
+            return self.spec.stiffness, "the most that is tried on this device"
+        return last, why or "more was not tried"

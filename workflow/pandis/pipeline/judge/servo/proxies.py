@@ -1,0 +1,225 @@
+"""A field felt through a proxy: what it costs, whether a wall lets it through, what is safe."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.base.streams import PRESSES, generator
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.pipeline.judge.servo.passes import ABOVE, draw, free_starts, judge, run
+from pandis.pipeline.judge.servo.pressing import Hand, press
+from pandis.pipeline.judge.servo.verdict import proxy_sentence, proxy_verdict
+from pandis.pipeline.run.records.hardware import ProxyVerdict, TouchVerdict
+from pandis.runtime.contact import BEHIND, TOUCHING, Feel, Material, NativeContact
+from pandis.runtime.contact.surfaces import materials_for, texture_for, textures_for
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import Placed
+
+#: Queries that a tick may take, at least and at most; the share of the deadline that they fit into.
+LEAST, MOST, SHARE = 8, 24, 0.5
+#: Largest angle between a press and the normal, rad.
+_SLANT = 0.3
+
+
+class Surfaces(NamedTuple):
+    """What the materials of an object feel like, by their names, as a report tells it."""
+
+    materials: dict
+    textures: dict
+
+
+class Truth(NamedTuple):
+    """What says whether a wall has let a proxy through.
+
+    Attributes
+    ----------
+    oracle : pandis.pipeline.judge.servo.passes.Oracle
+        Of the mesh in the device's workspace.
+    feet : ndarray, shape (n, 3), m
+        Surface points at which the field's error is taken: those at which it has the force, so that
+        a hole in a field does not excuse what goes through it.
+    """
+
+    oracle: object
+    feet: np.ndarray
+
+    def error(self, field, size):
+        """Return the largest error of a field at the surface, m.
+
+        With that of the mesh itself, if the object is a closed form.
+        """
+        if not len(self.feet):
+            return 0.0
+        metres = size / UNIT_SIDE
+        answer = field.query(field.frame.to_mesh(self.feet / metres))
+        off = (
+            np.abs(answer.distance) * field.frame.scale * metres,
+            np.abs(self.oracle.look(self.feet)[0]),
+        )
+        return float(off[0].max() + off[1].max())
+
+
+def feel_for(field, beside, contact, size, seconds, deadline):
+    """Return how a field is felt.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    beside : pandis.runtime.field.NativeField or None
+        A mesh of the same object, whose regions count where the field has none.
+    contact : pandis.pipeline.run.ask.contacts.ContactOptions
+    size : float
+        Metres of the longest side.
+    seconds, deadline : float
+        Of a query here, and of a tick.
+
+    Returns
+    -------
+    feel : pandis.runtime.contact.Feel or None
+        None where there is no proxy.
+    surfaces : Surfaces
+        Likewise None.
+    lacks : str
+        Empty, or why there is no proxy.
+    """
+    if contact.kind == "penalty":
+        return None, None, "contact.kind asks for penalty forces"
+    try:
+        NativeContact(Placed.at(field, 1.0, 1.0))
+    except PandisError as error:
+        return None, None, str(error)
+    regions = None if field.region_names else beside
+    names = field.region_names or (regions and regions.region_names)
+    materials, textures = materials_for(contact, names), textures_for(contact, names)
+    fit = int(SHARE * deadline / seconds) if seconds > 0 else MOST
+    queries = contact.queries or min(max(fit, LEAST), MOST)
+    made = tuple(Material(**values) for values in materials.values())
+    texture = texture_for(textures, Placed.at(field, size, 1.0).scale)
+    return Feel(contact.radius, made, regions, queries, texture), Surfaces(materials, textures), ""
+
+
+def regions_among(exports):
+    """Return a mesh among exported files that says what its faces are made of, or None.
+
+    Parameters
+    ----------
+    exports : iterable of Path
+    """
+    meshes = [path for path in exports if path.stem.startswith(("compact", "exact"))]
+    for path in sorted(meshes, key=lambda path: path.stem):  # a compact one first
+        field = NativeField(path)
+        if field.region_names:
+            return field
+    return None
+
+
+def felt_again(field, verdict, size, folder):
+    """Return how a field was felt when it was validated.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    verdict : pandis.pipeline.run.records.hardware.ProxyVerdict
+    size : float
+        Metres of the longest side.
+    folder : Path
+        Of exported files, among which are those that say what faces are made of.
+
+    Raises
+    ------
+    pandis.base.errors.PandisError
+        Of several materials, no file in the folder says which one a face is made of.
+    """
+    materials = tuple(Material(**made) for made in verdict.materials.values())
+    beside = None
+    if len(materials) > 1 and not field.region_names:
+        beside = regions_among(folder.glob("*.pandis"))
+        if beside is None:
+            raise PandisError(
+                f"{folder}: the proxy was validated with the materials "
+                f"{', '.join(verdict.materials)}, and no file here says which of them a place is "
+                "made of; put exact.pandis or the compact file of the same run beside the field"
+            )
+    texture = texture_for(verdict.textures, Placed.at(field, size, 1.0).scale)
+    return Feel(verdict.radius, materials, beside, verdict.budget, texture)
+
+
+def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
+    """Try a field through a proxy.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    feel, surfaces
+        From `feel_for`.
+    path : ndarray, shape (n, 3), m
+        Of the probe, tick by tick, from outside.
+    surface : pandis.pipeline.judge.servo.pressing.Contact
+    walls : pandis.pipeline.run.records.hardware.WallVerdict
+    truth : Truth
+    options : pandis.pipeline.run.ask.tasks.ValidateTask
+
+    Returns
+    -------
+    pandis.pipeline.run.records.hardware.ProxyVerdict
+    """
+    placed = Placed.at(field, options.size, options.stiffness)
+    followed = []
+    for _ in range(2):
+        contact = NativeContact(placed, *feel[:3], feel.texture)
+        contact.set(budget=feel.queries)
+        followed.append(contact.follow(path, 1 / options.rate, timed=True))
+    touches = followed[0]
+    # the same work twice: what took longer once was another program's
+    seconds = np.minimum(*(each.seconds for each in followed))
+    missed = float((seconds > options.deadline).mean())
+    touching = float(((touches.state & TOUCHING) > 0).mean())
+    return ProxyVerdict(
+        radius=feel.radius,
+        **surfaces._asdict(),
+        budget=feel.queries,
+        queries=_levels(touches.queries),
+        compute_us=_levels(1e6 * seconds),
+        miss_share=missed,
+        in_time=bool(touching and missed <= options.misses),
+        touching_share=touching,
+        behind_share=float(((touches.state & BEHIND) > 0).mean()),
+        devices={
+            name: touch_device(name, field, feel, surface, walls, truth, options, options.rate)
+            for name in options.devices
+        },
+    )
+
+
+def touch_device(name, field, feel, surface, walls, truth, options, rate):
+    """Press a simulated device onto a field through a proxy, gently and with all its force."""
+    spec, hand = DEVICES[name], Hand(**dict(options.hand))
+    pressed = press(field, spec, surface, options.size, options.stiffness, hand, rate, feel)
+    error = truth.error(field, options.size)
+    rng = generator(options.seed, PRESSES)
+    above = ABOVE + feel.radius
+    hard = surface.hard_feet, surface.hard_outward
+    presses = draw(*hard, spec, pressed.stiffness, _SLANT, rng, above)
+    presses = free_starts(presses, truth.oracle, above)
+    given = field, spec, options.size, pressed.stiffness, presses
+    judged = judge(run(*given, feel), truth.oracle, error, radius=feel.radius)
+    other = judge(run(*given), truth.oracle, error, detours=False)
+    made = TouchVerdict(
+        **dict(pressed),
+        device=name,
+        presses=judged.presses,
+        passes=judged.passed,
+        penalty_passes=other.passed,
+        deepest_m=judged.deepest,
+        holds=walls.holds,
+    )
+    said = {"verdict": proxy_verdict(made), "sentence": proxy_sentence(made)}
+    return made.model_copy(update=said)
+
+
+def _levels(values):
+    return {f"p{q:g}": float(np.percentile(values, q)) for q in (50, 99, 99.9)} | {
+        "max": float(np.max(values))
+    }

@@ -1,0 +1,233 @@
+"""Feel an exported field on a device, without the workflow: ``pandis-touch FIELD.pandis``.
+
+Usage::
+
+    PYTHONPATH=workflow python -m pandis.pipeline.judge.servo.touch FIELD.pandis
+
+Without a device (``--simulated``) a simulated one is held by a hand that goes through the object
+and back, by the clock. Forces are sent only with ``--arm`` and PANDIS_ARM=1, and only with a
+stiffness that ``hardware.json``, beside the exports, has found safe for this very file, by penalty
+forces or, with ``--proxy``, through the proxy that it has tried.
+"""
+
+import argparse
+import hashlib
+import sys
+from pathlib import Path
+from typing import NamedTuple, get_args
+
+import numpy as np
+from pydantic import ValidationError
+
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.base.physical import Scale
+from pandis.pipeline.judge.servo.attached import Span, run_attached, stiffness_for
+from pandis.pipeline.judge.servo.devices import DEVICES
+from pandis.pipeline.judge.servo.proxies import felt_again
+from pandis.pipeline.run.ask.options import AttachedOptions, HardwareOptions
+from pandis.pipeline.run.records.hardware import HardwareRecord
+from pandis.runtime.contact import Feel, Material
+from pandis.runtime.device import Order, run_simulated
+from pandis.runtime.field import NativeField
+from pandis.runtime.scene import NativeScene, Placed
+
+#: Models that OpenHaptics drives.
+ATTACHED = get_args(AttachedOptions.model_fields["model"].annotation)
+#: The hand that holds the simulated device: N/m and Ns/m.
+HAND = (300.0, 6.0)
+
+
+def digest(path):
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+class Known(NamedTuple):
+    """What a validation has found for a file on a device.
+
+    Attributes
+    ----------
+    pressed, walls
+        As for `pandis.pipeline.judge.servo.attached.stiffness_for`.
+    why : str
+        Empty, or why nothing is known.
+    proxy : pandis.pipeline.run.records.hardware.ProxyVerdict or None
+        Where it is about a proxy.
+    """
+
+    pressed: object = None
+    walls: object = None
+    why: str = ""
+    proxy: object = None
+
+
+def known(path, model, size, through_proxy=False):
+    """Return what a validation has found for a file on a device, or why it tells nothing.
+
+    Parameters
+    ----------
+    path : Path
+        ``{field}.pandis``, in a folder ``export`` beside ``hardware.json``.
+    model : str
+        A key of `pandis.pipeline.judge.servo.devices.DEVICES`.
+    size : float
+        Metres of the longest side.
+    through_proxy : bool
+        Whether it is to be about the proxy.
+
+    Returns
+    -------
+    Known
+    """
+    verdict = path.resolve().parent.parent / "hardware.json"
+    if not verdict.is_file():
+        return Known(why=f"{verdict} is not there: run the workflow's hardware stage")
+    try:
+        report = HardwareRecord.model_validate_json(verdict.read_bytes())
+    except ValidationError:
+        return Known(why=f"{verdict} is not a report of this version: run the hardware stage")
+    validated = report.fields.get(path.stem)
+    if validated is None or validated.sha256 != digest(path):
+        return Known(why=f"{verdict} is about another file: run the workflow's hardware stage")
+    if not abs(report.size / size - 1) <= 1e-6:  # no number is no agreement, either
+        return Known(why=f"{verdict} is about a longest side of {report.size:g} m: use --size")
+    if report.rate != DEVICES[model].rate:
+        return Known(why=f"{verdict} is about {report.rate:g} Hz, this device about another")
+    if not (validated.agrees and validated.in_time):
+        return Known(why=f"{verdict} says: {validated.sentence}")
+    proxy, said = None, validated.devices
+    if through_proxy:
+        proxy = validated.proxy
+        if proxy is None:
+            return Known(why=f"{verdict} is about no proxy: {validated.no_proxy}")
+        if not proxy.in_time:
+            return Known(why=f"{verdict} says: a proxy computes too long with it")
+        said = proxy.devices
+    pressed = said.get(model)
+    if pressed is None:
+        return Known(why=f"{verdict} knows no {model}: add it to hardware.devices")
+    return Known(pressed, validated.walls, "", proxy)
+
+
+def touch_simulated(field, model, size, stiffness, seconds, feel=None):
+    """Lead a simulated device through the middle of an object and back, by the clock.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    model : str
+        A key of `pandis.pipeline.judge.servo.devices.DEVICES`.
+    size, stiffness, seconds : float
+        Metres of the longest side, N/m, and how long.
+    feel : pandis.runtime.contact.Feel, optional
+        Of a probe with a proxy; the penalty force without it.
+
+    Raises
+    ------
+    PandisError
+        The field is a grid of forces, which has no proxy.
+
+    Returns
+    -------
+    pandis.runtime.device.Session
+    """
+    spec = DEVICES[model]
+    period = 1 / spec.rate
+    ticks = max(1, round(seconds / period))
+    height = 0.6 * size * np.cos(np.linspace(0, 2 * np.pi, ticks))
+    rest = np.column_stack([np.zeros(ticks), height, np.zeros(ticks)])
+    device = spec.simulated(*HAND, 0, period, stiffness)
+    placed = Placed.at(field, size, stiffness)
+    scene = feel.scene(placed) if feel else NativeScene([placed])
+    # nothing is late on a device that does not exist
+    late = {"deadline": 1.0, "gap": 1.0, "patience": 5.0}
+    order = Order(scene, ticks, spec.limits(period, stiffness), period, armed=True, **late)
+    return run_simulated(device, rest[0], rest, np.zeros(3), order, clock=True)
+
+
+def _feel(field, given, proxy):
+    """Return how a field is felt through a proxy: as it was validated, or as the user says."""
+    feel = felt_again(field, proxy, given.size, given.field.resolve().parent) if proxy else Feel()
+    if given.radius is not None:
+        feel = feel._replace(radius=given.radius)
+    if given.friction is not None:
+        rubs = Material(given.friction, given.friction, 0.0, 0.0)
+        feel = feel._replace(materials=(rubs,))
+    return feel
+
+
+def told(session, stiffness):
+    """Return what became of a run, in a sentence."""
+    return (
+        f"{session.sentence}: {len(session.force):,} ticks at {stiffness:.0f} N/m, at most "
+        f"{session.strongest:.2f} N, {session.cut} ticks cut, {session.slowed} slowed, "
+        f"{session.damped} damped, {session.signs} signs of an unstable wall"
+    )
+
+
+def main(words=None):
+    """Run the program; returns its exit status."""
+    about = __doc__.split("\n", 1)[0]
+    parser = argparse.ArgumentParser("pandis-touch", description=about)
+    parser.add_argument("field", type=Path, help="FIELD.pandis, as exported")
+    parser.add_argument("--model", choices=DEVICES, default="touch")
+    parser.add_argument("--library", default="libHD.so", help="OpenHaptics' library")
+    parser.add_argument("--name", default="", help="of the device; empty: the default one")
+    parser.add_argument("--simulated", action="store_true", help="no device: a simulated one")
+    parser.add_argument("--size", type=float, default=0.1, help="longest side, m")
+    parser.add_argument("--stiffness", type=float, default=400.0, help="asked for, N/m")
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--proxy", action="store_true", help="a proxy that no wall lets through")
+    parser.add_argument("--radius", type=float, help="of the proxy, m; by default as validated")
+    parser.add_argument("--friction", type=float, help="force per force; by default as validated")
+    parser.add_argument("--arm", action="store_true", help="send forces, with PANDIS_ARM=1")
+    given = parser.parse_args(words)
+    if not given.simulated and given.model not in ATTACHED:
+        parser.error(f"only {' and '.join(ATTACHED)} can be attached; others with --simulated")
+    asked = [value for value in (given.radius, given.friction) if value is not None]
+    if asked and not (given.proxy and given.simulated):
+        parser.error("a device has the contact that was validated: --radius and --friction are for "
+                     "--simulated --proxy")  # fmt: skip
+    if not all(value >= 0 for value in asked):
+        parser.error("--radius and --friction are numbers from 0 on")
+    try:
+        field = NativeField(given.field)
+    except PandisError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    found = known(given.field, given.model, given.size, given.proxy)
+    pressed, walls, why = found.pressed, found.walls, found.why
+    feel = _feel(field, given, found.proxy) if given.proxy else None
+    print(f"{given.field}: longest side {UNIT_SIDE / field.frame.scale:g} in the mesh's units")
+    if why:
+        print(f"no safe stiffness is known: {why}")
+    if given.simulated:
+        most = min(given.stiffness, DEVICES[given.model].stiffness)
+        stiffness = most if why else stiffness_for(most, DEVICES[given.model], pressed, walls)[0]
+        try:
+            session = touch_simulated(
+                field, given.model, given.size, stiffness, given.seconds, feel
+            )
+        except PandisError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 1
+        print(f"A simulated device ran, and no other. It {told(session, stiffness)}.")
+        return 0
+    options = AttachedOptions(
+        library=given.library, name=given.name, model=given.model, arm=given.arm
+    )
+    span = Span(given.seconds, HardwareOptions().deadline)
+    scale = Scale(given.size, given.stiffness)
+    try:
+        _, run = run_attached(field, scale, options, span, pressed, walls, feel=feel)
+    except PandisError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(run.statement)
+    print(f"It ended so: {run.ended}; at most {run.strongest_n:.2f} N.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,134 @@
+"""Whether an exported field pushes as the exact one does: on thin parts, too."""
+
+from typing import NamedTuple
+
+from pandis.base.forces import force_of
+from pandis.base.streams import WALLS, generator
+from pandis.pipeline.fields.controls import controls, demand_failure
+from pandis.pipeline.geometry.measure import ContactSet, below, draw_contacts
+from pandis.pipeline.geometry.places import Stratified, stratify
+from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
+from pandis.pipeline.geometry.shares import (
+    JUDGED,
+    MISSING_LIMIT,
+    PATCH_LIMIT,
+    STRONG_LIMIT,
+    Probes,
+    differences,
+    missing,
+    shares,
+)
+from pandis.pipeline.judge.stress.ghosts import far_ghosts
+from pandis.pipeline.run.records.hardware import WallVerdict
+
+#: Surface points that forces are compared at; and that a simulated device presses on.
+POINTS, PRESSED = 20_000, 10
+#: Of ‖F − F_exact‖ the 99th percentile may be so large (N): about half of what the exact force is
+#: on average, as deep as a probe goes at the default stiffness.
+TAIL_LIMIT = 0.2
+
+
+class Walls(NamedTuple):
+    """Where the forces of a mesh's fields are compared with the exact ones.
+
+    Attributes
+    ----------
+    contacts : pandis.pipeline.geometry.measure.ContactSet
+    pressed : pandis.pipeline.geometry.places.Stratified
+        The few that a simulated device presses on: of every class of inscribed radius as many.
+    pressed_probes : pandis.pipeline.geometry.shares.Probes
+        Below those, at the depth min(0.04, 0.9 r).
+    thin : pandis.pipeline.geometry.places.Stratified
+        Likewise, walls that a penalty force does not hold among them: what is pressed through a
+        proxy.
+    """
+
+    contacts: ContactSet
+    pressed: Stratified
+    pressed_probes: Probes
+    thin: Stratified
+
+
+def open_walls(exact, surface, scale, seed):
+    """Draw the points of a mesh, and see that no control passes on them.
+
+    Parameters
+    ----------
+    exact : pandis.pipeline.fields.exact.ExactField
+    surface : pandis.pipeline.geometry.sampling.Surface
+    scale : pandis.base.physical.Scale
+    seed : int
+
+    Returns
+    -------
+    Walls
+
+    Raises
+    ------
+    PandisError
+        A control passes.
+    """
+    rng, engine = generator(seed, WALLS), exact.engine
+    contacts = draw_contacts(surface, engine, scale, POINTS, rng)
+    pressed, thin = (stratify(surface, engine, scale, PRESSED, rng, among)
+                     for among in ("pushing", "all"))  # fmt: skip
+    depth = pressed.depth(PROBE_DEPTHS["deep"])
+    probes = below(engine, pressed.feet, pressed.outward, depth, pressed.wall, scale)
+    walls = Walls(contacts, pressed, probes, thin)
+    tried = {c.name: compare(c, walls)
+             for c in controls(exact, surface, scale)}  # fmt: skip
+    demand_failure("the hardware verdict", (n for n, compared in tried.items() if compared.holds))
+    return walls
+
+
+def compare(field, walls):
+    """Compare a field's forces with the exact ones.
+
+    Parameters
+    ----------
+    field : pandis.pipeline.fields.base.Field
+    walls : Walls
+
+    Returns
+    -------
+    WallVerdict
+    """
+    force_at = force_of(field)
+    full, deep = walls.contacts.pressed, walls.contacts.sets["contact-deep"]
+    figures = shares(force_at(full.points), full) | differences(force_at(deep.points), deep)
+    probes = walls.pressed_probes
+    scale = probes.scale
+    ghost_n = far_ghosts(field.answer, probes.engine, scale)
+    force = force_at(probes.points)
+    gone = probes.judged & missing(force, probes.force, probes.wall, scale.newtons)
+    verdict = WallVerdict(
+        **figures, left_out=walls.contacts.left_out, points=len(full.points),
+        pressed_missing=int(gone.sum()), ghost_n=ghost_n, holds=False,
+    )  # fmt: skip
+    return verdict.model_copy(update={"holds": not gone.any() and not faults(verdict)})
+
+
+def faults(verdict):
+    """Say what a field's forces are found guilty of, in clauses of a sentence; none if of nothing.
+
+    Parameters
+    ----------
+    verdict : pandis.pipeline.run.records.hardware.WallVerdict
+    """
+    clauses = []
+    if verdict.left_out >= 1:
+        return ["all of the surface is too thin to be judged"]
+    if verdict.missing > MISSING_LIMIT:
+        clauses.append(f"on {verdict.missing:.2%} of the surface the force is missing")
+    if verdict.left_out > MISSING_LIMIT:
+        clauses.append(f"{verdict.left_out:.2%} of the surface is too thin to be judged")
+    if verdict.strongly_felt > STRONG_LIMIT or verdict.patch > PATCH_LIMIT:
+        clauses.append(
+            f"on {verdict.strongly_felt:.2%} of the surface the force is strongly felt to be "
+            f"another one, on {verdict.patch:.2%} in one patch"
+        )
+    if verdict.p99_n > TAIL_LIMIT:
+        clauses.append(f"one force in a hundred is off by {verdict.p99_n:.2g} N or more")
+    if not verdict.ghost_n < JUDGED:
+        clauses.append(f"in free space there are forces of up to {verdict.ghost_n:.2g} N")
+    return clauses

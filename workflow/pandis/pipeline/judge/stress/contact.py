@@ -1,0 +1,123 @@
+"""Surface that is missing or pushes with another force, and how hard a wall holds."""
+
+import numpy as np
+
+from pandis.base.forces import penalty_force
+from pandis.pipeline.geometry.shares import (
+    JUDGED,
+    MISSING_LIMIT,
+    PATCH_LIMIT,
+    ROUNDING,
+    STRONG_LIMIT,
+    differences,
+    shares,
+)
+
+#: A wall gives way early if it holds less than this share of what the exact one does at the same
+#: point, and breaks if it holds less than half of that; so much of the area may have such walls.
+#: Next to an edge every smooth field gives way early: it rounds the crease between the two walls.
+HOLDS, BREAKS = 0.9, 0.5
+EARLY, BROKEN = 0.2, MISSING_LIMIT
+#: Depths at which a wall is asked how hard it holds: each so many times the one before, from a
+#: hundredth of the deepest on, or from this share of the inscribed radius if that is less.
+_STEPS, _SHALLOWEST, _OF_RADIUS = 96, 0.01, 0.25
+#: A wall is asked somewhat deeper than where the exact one has the force wanted: it may be softer.
+_DEEPER = 1.25
+
+
+def absence(answer, contacts):
+    """Count the share of the surface on which the force is missing, or feels different.
+
+    Returns
+    -------
+    dict
+        What `pandis.pipeline.geometry.shares.shares` counts; ``left_out``, the share of the area
+        that is too thin to be judged; ``limit`` of both ``missing`` and it; ``passed``.
+    """
+    probes = contacts.pressed
+    figures = shares(penalty_force(*answer(probes.points)), probes)
+    figures["left_out"] = contacts.left_out
+    passed = max(figures["missing"], contacts.left_out) <= MISSING_LIMIT
+    return figures | {"limit": MISSING_LIMIT, "passed": passed}
+
+
+def otherness(answer, contacts):
+    """Count the share of the surface on which the force is strongly felt to be another one.
+
+    Returns
+    -------
+    dict
+        What `pandis.pipeline.geometry.shares.differences` measures on the deep contact set;
+        ``limit``, ``patch_limit``, ``passed``.
+    """
+    probes = contacts.sets["contact-deep"]
+    figures = differences(penalty_force(*answer(probes.points)), probes)
+    return figures | {
+        "left_out": contacts.left_out,
+        "limit": STRONG_LIMIT,
+        "patch_limit": PATCH_LIMIT,
+        "passed": figures["strongly_felt"] <= STRONG_LIMIT and figures["patch"] <= PATCH_LIMIT,
+    }
+
+
+def holding(answer, places, scale, device):
+    """Return the largest force (n,), newtons, against a push straight in from surface points.
+
+    It ends where the force no longer pushes back, or beyond the device's largest.
+
+    Parameters
+    ----------
+    answer : callable
+    places : pandis.pipeline.geometry.places.Stratified
+    scale : pandis.base.physical.Scale
+    device : pandis.pipeline.judge.stress.physical.Device
+    """
+    deepest = _DEEPER * device.force_limit / scale.newtons
+    first = np.minimum(_SHALLOWEST * deepest, _OF_RADIUS * places.radius)
+    depth = np.geomspace(first, np.full(len(first), deepest), _STEPS, axis=1)
+    way = places.feet[:, None] - depth[:, :, None] * places.outward[:, None]
+    force = penalty_force(*answer(way.reshape(-1, 3))).reshape(way.shape)
+    against = np.einsum("nsk,nk->ns", force, places.outward)
+    begun = np.logical_or.accumulate(against > 0, axis=1)
+    broken = np.logical_or.accumulate(begun & ~(against > 0), axis=1)
+    return np.where(broken, 0.0, against).max(axis=1) * scale.newtons
+
+
+def wanted_force(exact, places, scale, device):
+    """Return how hard (n,) walls must hold (N): 0.9 of the exact ones, or the device's most."""
+    return np.minimum(HOLDS * holding(exact, places, scale, device), device.force_limit)
+
+
+def hold(answer, places, wanted, scale, device):
+    """Count the walls that give way before the exact ones do at the same point.
+
+    Parameters
+    ----------
+    answer : callable
+    places : pandis.pipeline.geometry.places.Stratified
+    wanted : ndarray, shape (n,)
+        From `wanted_force`.
+    scale : pandis.base.physical.Scale
+    device : pandis.pipeline.judge.stress.physical.Device
+
+    Returns
+    -------
+    dict
+        ``gives_way``: the share of the area whose wall holds less than is wanted; ``breaks``: less
+        than half of that, and, away from walls, by 0.05 N; ``of_exact``: the least share of it that
+        a wall holds;
+        ``limit``, ``broken_limit``, ``passed``.
+    """
+    forces = holding(answer, places, scale, device)
+    share = forces / np.maximum(wanted, 1e-12)
+    short = wanted - forces >= np.where(places.wall, ROUNDING, JUDGED)
+    early = float(places.weight[share < 1 - 1e-6].sum())
+    broken = float(places.weight[(share < BREAKS) & short].sum())
+    return {
+        "gives_way": early,
+        "breaks": broken,
+        "of_exact": float(share.min()),
+        "limit": EARLY,
+        "broken_limit": BROKEN,
+        "passed": bool(early <= EARLY and broken <= BROKEN),
+    }

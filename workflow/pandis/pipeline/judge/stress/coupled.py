@@ -1,0 +1,227 @@
+"""Device, hand and field in a closed loop: up to which stiffness they stay quiet.
+
+A virtual wall answers a position that is a tick old, on average half of one: energy. Damping of
+device and hand takes it away up to K < b / (T/2 + n·T), n the ticks that a force comes late
+(Colgate and Schenkel 1997; Abbott and Okamura 2005 with friction and encoder). A kink or a seam
+of the field lowers what is left.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.ndimage import uniform_filter1d
+
+from pandis.base.arrays import Points
+from pandis.base.forces import penalty_force
+from pandis.engine.mass import mass_steps
+from pandis.pipeline.judge.stress.physical import TICK
+
+#: Stiffnesses that are tried, as shares of the one asked for.
+LADDER = 2 ** (np.arange(-6, 11) / 2)
+#: Ticks of a run; quiet is what shakes less than QUIET (m) in the last third of them.
+TICKS, QUIET = 900, 1e-4
+#: So many of the points pressed on must stay quiet: on some the shape lets the probe slip off.
+CALM = 0.8
+#: Share of the area on which a press may shake or give way that is calm on the exact field.
+ALLOWED = 0.1
+#: A wall holds a press if it answers with so much of it, on average over the last third of a run.
+HOLDS = 0.5
+#: Ticks of the mean that shaking is measured from: what is slower than 30 Hz is sliding.
+_MEAN = 33
+#: Above the surface (m) where a run starts.
+START = 2e-4
+#: A press that comes all at once swings to twice its force: the hard one is half of what the wall
+#: must hold.
+_HARD = 0.5
+#: A press of less than so many times the friction may not reach the wall within a run.
+_STUCK = 1.5
+#: Steps of the friction within a tick.
+_SUBSTEPS = 4
+
+
+class Mass:
+    """A device and the hand that holds it, as one mass with Coulomb friction.
+
+    m·x″ = u − (b + b_hand)·x′ − k_hand·x, x from where the hand would rest; the friction acts
+    against the motion, and at rest holds what is no stronger than it. Exact under a constant u.
+
+    Parameters
+    ----------
+    device : pandis.pipeline.judge.stress.physical.Device
+    dt : float
+        s of a step.
+    """
+
+    def __init__(self, device, dt):
+        damping = device.damping + device.hand_damping
+        state = np.zeros((3, 3))
+        state[0, 1] = 1
+        state[1] = -device.hand_stiffness / device.mass, -damping / device.mass, 1 / device.mass
+        after = expm(state * dt)
+        self._oscillator = [*after[0], *after[1], device.friction, device.hand_stiffness, dt]
+
+    def step(self, position, speed, push, steps=1):
+        """Return positions and speeds (n, 3) so many steps later, under pushes (n, 3)."""
+        return mass_steps(self._oscillator, position, speed, push, steps)
+
+
+class Press(NamedTuple):
+    """What became of presses on surface points.
+
+    Attributes
+    ----------
+    swing : ndarray, shape (n,)
+        How far the probe shakes in the last third, above 30 Hz, peak to peak, m.
+    energy : ndarray, shape (n,)
+        What the wall has taken from the device, J; negative: it has given.
+    held : ndarray, shape (n,)
+        Mean force of the last third, as a share of the press; infinite where friction holds it.
+    """
+
+    swing: np.ndarray
+    energy: np.ndarray
+    held: np.ndarray
+
+    @property
+    def calm(self):
+        """Where (n,) the probe neither shakes nor goes through."""
+        return (self.swing < QUIET) & (self.held >= HOLDS)
+
+
+def simulate(
+    answer,
+    points: Points,
+    normals: Points,
+    stiffness,
+    scale,
+    device,
+    press,
+    ticks=TICKS,
+    start=START,
+):
+    """Press a device onto surface points.
+
+    Parameters
+    ----------
+    answer : callable
+        Answers (distance, normal) at points (n, 3), unit frame.
+    points, normals : ndarray, shape (n, 3), unit frame
+        The hand presses against the normal there.
+    stiffness : ndarray, shape (n,)
+        N/m.
+    scale : pandis.base.physical.Scale
+    device : pandis.pipeline.judge.stress.physical.Device
+    press : ndarray, shape (n,)
+        With how many newtons the hand presses.
+    ticks : int
+    start : float or ndarray, shape (n, 1)
+        Height above the points where it starts from rest, m.
+
+    Returns
+    -------
+    Press
+    """
+    mass = Mass(device, TICK / _SUBSTEPS)
+    position, speed = start * normals, np.zeros_like(normals)
+    pressing = -press[:, None] * normals
+    late = deque([np.zeros_like(normals)] * device.delay)
+    path, answered = [], np.zeros(len(points))
+    energy = np.zeros(len(points))
+    for tick in range(ticks):
+        seen = np.round(position / device.encoder) * device.encoder if device.encoder else position
+        depth = penalty_force(*answer(points + seen * scale.metre)) / scale.metre
+        force = stiffness[:, None] * depth
+        size = np.linalg.norm(force, axis=1, keepdims=True)
+        force *= np.minimum(1, device.force_limit / np.maximum(size, 1e-12))
+        late.append(force)
+        force = late.popleft()
+        before = position
+        position, speed = mass.step(position, speed, force + pressing, _SUBSTEPS)
+        energy -= (force * (position - before)).sum(axis=1)
+        if tick >= ticks * 2 // 3:
+            path.append(position)
+            answered += np.einsum("ij,ij->i", force, normals)
+    carried = answered / np.maximum(press * len(path), 1e-12)
+    # what friction holds may not come to the wall
+    carried[press <= _STUCK * device.friction] = np.inf
+    return Press(shaking(np.array(path)), energy, carried)
+
+
+def shaking(path, period=TICK):
+    """Return how far a path (t, ..., 3) shakes above 30 Hz, peak to peak: what is slower slides.
+
+    ``period`` is that of the path's ticks, s.
+    """
+    mean = round(_MEAN * TICK / period)
+    fast = path - uniform_filter1d(path, mean, axis=0)
+    return np.linalg.norm(np.ptp(fast[mean:-mean], axis=0), axis=-1)
+
+
+def stable_stiffness(answer, places, wanted, scale, device):
+    """Return the largest stiffness of the ladder up to which presses on CALM of the area are calm.
+
+    Pressed with what the hand presses with, or half of what walls must hold at that stiffness
+    (``wanted``: at the one asked for) if that is less: an absent wall is quiet, but holds nothing.
+    """
+    count, ladder = len(places.feet), LADDER * scale.stiffness
+    every = np.tile(places.feet, (len(LADDER), 1)), np.tile(places.outward, (len(LADDER), 1))
+    holds = _HARD * np.outer(LADDER, wanted).ravel()
+    press = np.minimum(device.press, holds)
+    runs = simulate(answer, *every, np.repeat(ladder, count), scale, device, press)
+    calm = runs.calm.reshape(len(LADDER), count) @ places.weight >= CALM
+    steps = int(np.logical_and.accumulate(calm).sum())
+    return float(ladder[steps - 1]) if steps else 0.0
+
+
+def presses(answer, places, wanted, scale, device):
+    """Press on places, as the hand does and as hard as the exact wall holds when it swings.
+
+    Returns
+    -------
+    ndarray, shape (2, n), bool
+        Whether each press stays calm, at the stiffness asked for.
+    """
+    press = np.concatenate([np.minimum(device.press, _HARD * wanted), _HARD * wanted])
+    every = np.tile(places.feet, (2, 1)), np.tile(places.outward, (2, 1))
+    stiffness = np.full(len(press), scale.stiffness)
+    return simulate(answer, *every, stiffness, scale, device, press).calm.reshape(2, -1)
+
+
+def closed_loop(answer, places, wanted, calm, rests, scale, device):
+    """Find where a device and a hand shake on a field or go through, and up to which stiffness.
+
+    Parameters
+    ----------
+    answer : callable
+    places : pandis.pipeline.geometry.places.Stratified
+    wanted : ndarray, shape (n,)
+        How hard walls must hold, N: see `pandis.pipeline.judge.stress.contact.wanted_force`.
+    calm : ndarray, shape (2, n), bool
+        From `presses`, of the exact field: where the shape itself lets a probe slip off or
+        through, no field is to blame.
+    rests : float
+        The exact field's largest stable stiffness.
+    scale : pandis.base.physical.Scale
+    device : pandis.pipeline.judge.stress.physical.Device
+
+    Returns
+    -------
+    dict
+        ``restless``: share of the area on which a press that is calm on the exact field is not,
+        the worse of a light and a hard press; ``stable_n_m``; ``least_n_m``: the stiffness asked
+        for, or what the exact field reaches; ``limit``; ``passed``.
+    """
+    pressed = presses(answer, places, wanted, scale, device)
+    restless = float(((calm & ~pressed) * places.weight).sum(axis=1).max())
+    stable = stable_stiffness(answer, places, wanted, scale, device)
+    least = float(min(scale.stiffness, rests))
+    passed = bool(restless <= ALLOWED and stable >= least)
+    return {
+        "restless": restless,
+        "stable_n_m": stable,
+        "least_n_m": least,
+        "limit": ALLOWED,
+        "passed": passed,
+    }

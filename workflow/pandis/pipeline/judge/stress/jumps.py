@@ -1,0 +1,85 @@
+"""How much the force changes over a short way: what a device turns into a click."""
+
+import numpy as np
+
+from pandis.base.forces import penalty_force
+from pandis.pipeline.judge.stress.probes import excess
+
+#: Lengths (m): a tenth of a millimetre, and what a tick at 0.1, 0.5 and 1 m/s covers.
+WAYS = {"mm01": 1e-4, "tick05": 5e-4, "tick1": 1e-3}
+_COUNTED = "mm01"
+#: A change of more than so many times k · the way is a jump, unless the exact force changes as
+#: much nearby; so many of the ways may have one. On all but one way in ten thousand the change is
+#: at most so many times k · the way beyond the exact one's: a seam is long, but thin.
+STEEP, ALLOWED, WORST, RARE = 2.0, 0.005, 5.0, 1e-4
+#: Nearby is so many times the way: what the exact force does at once at an edge, a smooth field
+#: spreads.
+NEARBY = 10
+
+
+def jumps(answer, exact, shell, along, scale, device):
+    """Measure the changes of the force.
+
+    Parameters
+    ----------
+    answer, exact : callable
+    shell : pandis.pipeline.judge.stress.probes.Shell
+        Where ways begin.
+    along : ndarray, shape (n, 3)
+        Unit vectors along them. All are taken over 0.1 mm, a tenth over the other ways.
+    scale : pandis.base.physical.Scale
+    device : pandis.pipeline.judge.stress.physical.Device
+
+    Returns
+    -------
+    dict
+        In newtons, over an encoder step (``encoder``), 0.1 mm (``mm01``: what a tick at 0.1 m/s
+        covers), and a tick at 0.5 and 1 m/s: ``…_p999``, ``…_max`` and ``…_rms``; ``jumps``, the
+        share of ways of 0.1 mm with one where the exact force has none; ``worst_n``, what the
+        force changes by beyond the exact one on the worst way in ten thousand; ``limit``;
+        ``passed``; and ``exact_…``: what the exact force changes by over 0.1 mm.
+    """
+    figures = {}
+    for name, way in {"encoder": device.encoder, **WAYS}.items():
+        part = slice(None, None, 1 if name == _COUNTED else 10)
+        change = _changes(answer, shell.points[part], along[part], way * scale.metre)
+        figures |= _told(name, change * scale.newtons)
+        if name == _COUNTED:
+            flat = way * scale.metre
+            exactly = _changes(exact, shell.points, along, flat)
+            figures |= _told("exact", exactly * scale.newtons)
+            reference = _nearby(exact, shell.points, along, flat, exactly)
+            share = excess(change, reference, STEEP * flat, shell.weight)
+            worst = _upper(change - reference, shell.weight, RARE)
+    passed = share <= ALLOWED and worst <= WORST * flat
+    worst_n = float(worst * scale.newtons)
+    return figures | {"jumps": share, "worst_n": worst_n, "limit": ALLOWED, "passed": bool(passed)}
+
+
+def _told(name, change):
+    """Return the figures of changes of a force, newtons."""
+    levels = {
+        "p999": np.percentile(change, 99.9),
+        "max": change.max(),
+        "rms": np.sqrt((change**2).mean()),
+    }
+    return {f"{name}_{level}": float(value) for level, value in levels.items()}
+
+
+def _nearby(exact, points, along, way, exactly):
+    """Return how much the exact force changes nearby (n,), beyond what a flat wall does."""
+    middle = points + way / 2 * along
+    whole = _changes(exact, middle - NEARBY * way / 2 * along, along, NEARBY * way)
+    return np.maximum(whole - (NEARBY - 1) * way, exactly)
+
+
+def _upper(values, weight, share):
+    """Return the value that only ``share`` of the area exceeds."""
+    order = np.argsort(-values, kind="stable")
+    return values[order[np.searchsorted(np.cumsum(weight[order]), share)]]
+
+
+def _changes(answer, points, along, way):
+    ends = np.concatenate([points, points + way * along])
+    one, other = np.split(penalty_force(*answer(ends)), 2)
+    return np.linalg.norm(other - one, axis=1)

@@ -1,0 +1,62 @@
+"""Points that the questions are asked at: all as deep as a probe can press there."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.arrays import Values
+
+
+class Shell(NamedTuple):
+    """Points below a surface, down to the depth of the device's largest force.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3), unit frame
+    weight : ndarray, shape (n,)
+        Share of the area that each stands for; they sum to 1.
+    """
+
+    points: np.ndarray
+    weight: np.ndarray
+
+
+def shell_points(places, count, deepest, rng):
+    """Return about ``count`` points at random depths below stratified places.
+
+    Parameters
+    ----------
+    places : pandis.pipeline.geometry.places.Stratified
+    count : int
+    deepest : float
+        Unit frame; less where the part is thin: see
+        `pandis.pipeline.geometry.places.Stratified.depth`.
+    rng : numpy.random.Generator
+    """
+    times = max(1, round(count / len(places.feet)))
+    depth = np.tile(places.depth(deepest), times) * rng.random(times * len(places.feet))
+    points = np.tile(places.feet, (times, 1)) - depth[:, None] * np.tile(places.outward, (times, 1))
+    return Shell(points, np.tile(places.weight, times) / times)
+
+
+def directions(count, rng):
+    """Return unit vectors (n, 3) in all directions."""
+    along = rng.normal(size=(count, 3))
+    return along / np.linalg.norm(along, axis=1, keepdims=True)
+
+
+def excess(value: Values, reference: Values, floor, weight: Values, more=1.1):
+    """Return the share of the area where a value is above a floor, and above the exact field's.
+
+    Parameters
+    ----------
+    value, reference : ndarray, shape (n,)
+        Of a field and of the exact one, at the same points.
+    floor : float
+    weight : ndarray, shape (n,)
+        Share of the area that each point stands for.
+    more : float
+        A field's may be so many times the exact one's.
+    """
+    # NaN is above everything
+    return float(weight[~(value <= np.maximum(floor, more * reference))].sum())

@@ -1,0 +1,270 @@
+"""What a field does through a proxy: does it hold, does it rest, does it keep energy and walls."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.pipeline.geometry.shares import MISSING_LIMIT, missing
+from pandis.pipeline.judge.stress.physical import TICK
+from pandis.pipeline.judge.stress.work import SPEED
+from pandis.runtime.contact import TOUCHING, Material, NativeContact
+from pandis.runtime.scene import Placed
+
+#: Friction of the surfaces that are pressed, and how far of the cone they are pushed aside.
+STICKS, SHARE = 0.6, 0.5
+#: How deep a wall is pressed (m), however thin it is, from how high (unit frame), and ticks of a
+#: press: down, aside, and at rest, of which it may still move in the first part.
+DEPTH, ABOVE = 1e-3, 0.03
+DOWN, ASIDE, REST, SETTLES = 60, 20, 100, 50
+#: A place holds at least this share of what it does by the exact field; a proxy at rest moves by
+#: less than this (m).
+HOLDS, RESTS = 0.5, 1e-5
+#: Every so many steps of a loop are taken, so many ticks lead to it.
+EVERY, LEAD = 8, 60
+#: Of the long way: one tick in so many is compared with the mesh, and a proxy may lie so much
+#: deeper than the field's surface does (m).
+LOOKED, MARGIN = 10, 5e-5
+#: Ticks from above a place into its wall, and out of it to the next one; how deep, and how high.
+_STAGE, _INTO, _OUT = 20, 0.05, 0.15
+
+
+class Steps(NamedTuple):
+    """What a path through a proxy answers, tick by tick.
+
+    Attributes
+    ----------
+    force : ndarray, shape (n, 3), N
+    proxy : ndarray, shape (n, 3), unit frame
+    state : ndarray, shape (n,)
+    slide : float
+        How far the proxy may go in a tick beside the probe's own way (unit frame).
+    """
+
+    force: np.ndarray
+    proxy: np.ndarray
+    state: np.ndarray
+    slide: float
+
+
+class Felt(NamedTuple):
+    """Follows paths of the unit frame through a proxy.
+
+    Attributes
+    ----------
+    placed : pandis.runtime.scene.Placed
+    scale : pandis.base.physical.Scale
+    """
+
+    placed: Placed
+    scale: object
+
+    @classmethod
+    def of(cls, field, scale):
+        """Return that of a `ExportedField`; None if it has no proxy."""
+        file = getattr(field, "file", None)
+        if file is None:
+            return None
+        placed = Placed.at(file, scale.size, scale.stiffness)
+        try:
+            NativeContact(placed)
+        except PandisError:
+            return None
+        return cls(placed, scale)
+
+    def __call__(self, path, material=None):
+        """Follow a path (n, 3), smooth or with a `Material`; returns `Steps`."""
+        contact = NativeContact(self.placed, material=material or Material())
+        touches = contact.follow(path / self.scale.metre, TICK)
+        proxies = touches.proxy * self.scale.metre
+        slide = contact.options.slide * TICK * self.scale.metre
+        return Steps(touches.force, proxies, touches.state, slide)
+
+
+def nothing(path, material=None):
+    """Follow a path as if there were no surface: what every judgement must fail."""
+    return Steps(np.zeros_like(path), path, np.zeros(len(path), np.int32), np.inf)
+
+
+class Presses(NamedTuple):
+    """What became of presses through a proxy, place by place.
+
+    Attributes
+    ----------
+    push : ndarray, shape (n,)
+        The force at the end of the press, straight out of the surface: N, at most k·depth.
+    creeps : ndarray, shape (n,)
+        The proxy still moves after half of the rest.
+    """
+
+    push: np.ndarray
+    creeps: np.ndarray
+
+
+def press_all(follow, places, scale):
+    """Press into places and through them, push aside within the friction cone, and wait.
+
+    Parameters
+    ----------
+    follow : callable
+        A `Felt`.
+    places : pandis.pipeline.geometry.places.Stratified
+    scale : pandis.base.physical.Scale
+
+    Returns
+    -------
+    Presses
+    """
+    depth = DEPTH * scale.metre
+    push, creeps = np.zeros(len(places.feet)), np.zeros(len(places.feet), bool)
+    for i, (foot, outward) in enumerate(zip(places.feet, places.outward, strict=True)):
+        sideways = np.linalg.svd(outward[None])[2][1]
+        down = foot + np.linspace(ABOVE, -depth, DOWN)[:, None] * outward
+        aside = down[-1] + np.linspace(0, SHARE * STICKS * depth, ASIDE)[:, None] * sideways
+        path = np.concatenate([down, aside, np.tile(aside[-1], (REST, 1))])
+        steps = follow(path, Material(STICKS, STICKS, 0, 0))
+        push[i] = min(steps.force[DOWN - 1] @ outward, depth * scale.newtons)
+        rest = steps.proxy[-(REST - SETTLES) :]
+        creeps[i] = not np.ptp(rest, axis=0).max() < RESTS * scale.metre
+    return Presses(push, creeps)
+
+
+def holds(follow, places, exact, scale):
+    """Count the places that hold a hand less than the exact field does through a proxy.
+
+    What a proxy holds does not depend on how thick a wall is, so that thin walls are asked, too.
+    The strips beside convex edges in which nothing is judged are none: there a proxy slides off
+    whatever rounds the edge.
+
+    Parameters
+    ----------
+    follow, places, scale
+        As for `press_all`.
+    exact : Presses
+        Of the exact field, at the same places.
+
+    Returns
+    -------
+    dict
+        ``soft``: the share of the area judged that pushes back with less than half of what the
+        exact field does; ``creeps``: on which the proxy still moves after half of the rest, and the
+        exact one does not; ``worst``: the larger one; ``limit``, ``passed``.
+    """
+    pressed = press_all(follow, places, scale)
+    soft = ~(pressed.push >= HOLDS * exact.push)  # NaN is no force either
+    creeps = pressed.creeps & ~exact.creeps
+    shares = {name: float(places.weight[which].sum())
+              for name, which in (("soft", soft), ("creeps", creeps))}  # fmt: skip
+    passed = all(share <= MISSING_LIMIT for share in shares.values())
+    return shares | {"worst": max(shares.values()), "limit": MISSING_LIMIT, "passed": passed}
+
+
+def keeps(follow, engine, paths, device):
+    """Lead a hand around closed loops, twice, on a smooth surface; the second round is judged.
+
+    Parameters
+    ----------
+    follow : callable
+        A `Felt`.
+    engine : object
+        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    paths : ndarray, shape (m, STEPS, 3)
+        From `pandis.pipeline.judge.stress.work.loops`.
+    device : pandis.pipeline.judge.stress.physical.Device
+
+    Returns
+    -------
+    dict
+        ``push_n``: what the hand gains on the worst loop, per length of it, newtons; ``limit``:
+        what the device's damping takes at `pandis.pipeline.judge.stress.work.SPEED`; ``passed``.
+    """
+    gained = []
+    distance, normal = engine.distance_and_normal(paths[:, 0], check=False)
+    above = paths[:, 0] + (ABOVE - distance)[:, None] * normal  # from where the proxy comes
+    for path, start in zip(paths, above, strict=True):
+        loop = path[::EVERY]
+        way = np.concatenate([np.linspace(start, loop[0], LEAD), loop, loop, loop[:1]])
+        force = follow(way).force[-len(loop) - 1 :]
+        moved = np.diff(way[-len(loop) - 1 :], axis=0)
+        work = np.einsum("ij,ij->", (force[:-1] + force[1:]) / 2, moved)
+        gained.append(work / np.linalg.norm(moved, axis=1).sum())
+    push, limit = float(np.max(gained)), device.damping * SPEED
+    return {"push_n": push, "limit": limit, "passed": bool(push <= limit)}
+
+
+def stays(follow, engine, error, path, scale):
+    """Go a long smooth way into walls and out of them.
+
+    Parameters
+    ----------
+    follow : callable
+        A `Felt`.
+    engine : object
+        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    error : float
+        Of the field at the surface, at most (unit frame).
+    path : ndarray, shape (n, 3)
+        From `wander`.
+    scale : pandis.base.physical.Scale
+
+    Returns
+    -------
+    dict
+        ``ticks``; ``bad``: forces that are no number, or change by more than k times twice the
+        probe's way and the proxy's own; ``deepest_mm``: how deep a proxy lay in the mesh;
+        ``limit``: mm, the field's error and `MARGIN`; ``touching``: share of the ticks;
+        ``passed``: some of them touch, and nothing is wrong.
+    """
+    steps = follow(path)
+    moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    change = np.linalg.norm(np.diff(steps.force, axis=0), axis=1)
+    within = change <= (2 * moved + steps.slide) * scale.newtons + 1e-9
+    bad = int((~within).sum() + (~np.isfinite(steps.proxy)).any(axis=1).sum())
+    places = steps.proxy[::LOOKED]
+    places = places[np.isfinite(places).all(axis=1)]
+    deep = -engine.distance_and_normal(places, check=False)[0]
+    deepest, limit = float(deep.max(initial=0)), error + MARGIN * scale.metre
+    per, touching = 1e3 / scale.metre, float(((steps.state & TOUCHING) > 0).mean())
+    return {
+        "ticks": len(path),
+        "bad": bad,
+        "deepest_mm": max(deepest, 0) * per,
+        "limit": limit * per,
+        "touching": touching,
+        "passed": bool(bad == 0 and deepest <= limit and touching > 0),
+    }
+
+
+def wander(places, rng):
+    """Return a smooth way (n, 3), unit frame, into the wall at every place and out of it again.
+
+    Parameters
+    ----------
+    places : pandis.pipeline.geometry.places.Stratified
+    rng : numpy.random.Generator
+    """
+    order = np.repeat(rng.permutation(len(places.feet)), 2)
+    height = np.where(np.arange(len(order)) % 2, -_INTO, _OUT)[:, None]
+    stations = CubicSpline(range(len(order)), places.feet[order] + height * places.outward[order])
+    path = stations(np.arange(_STAGE * (len(order) - 1)) / _STAGE)
+    path[0] = 5.0  # outside of any object
+    return path
+
+
+def surface_error(field, contacts):
+    """Return the largest distance (unit frame) that a field says of the surface.
+
+    Of its points below which the field has the force, so that a hole excuses nothing.
+
+    Parameters
+    ----------
+    field : pandis.pipeline.fields.base.Field
+    contacts : pandis.pipeline.geometry.measure.ContactSet
+    """
+    probes = contacts.pressed
+    force = penalty_force(*field.answer(probes.points))
+    gone = missing(force, probes.force, probes.wall, probes.scale.newtons)
+    feet = (probes.points - probes.distance[:, None] * probes.normal)[~gone]
+    return float(np.abs(field.answer(feet)[0]).max(initial=0))

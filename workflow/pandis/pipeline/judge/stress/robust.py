@@ -1,0 +1,154 @@
+"""Long runs, other units, lost digits, special places, no numbers: what must change nothing."""
+
+import itertools
+
+import numpy as np
+
+from pandis.base.forces import penalty_force
+from pandis.base.frame import UNIT_SIDE
+from pandis.pipeline.fields.base import OK
+from pandis.pipeline.judge.stress.probes import excess
+
+#: Points of a long run that are asked at once; and again at its end.
+CHUNK = 50_000
+#: How far the probe moves in a tick of a long run (unit frame): 1 m/s on an object of 0.1 m.
+PACE = 0.018
+#: Factors on the mesh's units, and offsets in lengths of its longest side.
+SCALES, OFFSETS = (1e-6, 1e-3, 1e3, 1e6), (1e3, 1e6)
+#: Distances may differ by so much between them (unit frame), and the force on all but a small
+#: share of the area, where two walls are all but equally near.
+SAME, ELSEWHERE = 1e-7, 0.005
+#: What is no place, or none in any workspace.
+_NOWHERE = (np.nan, np.inf, -np.inf, 1e300, -1e300)
+#: Moving a point by float32's rounding may change the force by so many times k times the way, on
+#: all but the same share.
+STEEP = 5.0
+
+
+def walk(count, rng):
+    """Yield the points (up to CHUNK, 3) of a random walk in the box, tick by tick."""
+    place = np.zeros(3)
+    for start in range(0, count, CHUNK):
+        steps = rng.normal(size=(min(CHUNK, count - start), 3)) * PACE / np.sqrt(3)
+        path = place + np.cumsum(steps, axis=0)
+        path = 1 - np.abs((path + 1) % 4 - 2)  # reflected at the faces
+        yield path
+        place = path[-1]
+
+
+def endurance(answer, count, rng, report):
+    """Ask along a random walk of ``count`` ticks, and the first of it again at the end.
+
+    Returns
+    -------
+    dict
+        ``ticks``; ``bad``: answers that are no number, or normals not of unit length;
+        ``drift``: answers at the same points that differ at the end; ``passed``.
+    """
+    bad, first, done = 0, None, 0
+    for points in walk(count, rng):
+        distance, normal = answer(points)
+        bad += _bad(distance, normal)
+        first = first or (points, distance, normal)
+        done += len(points)
+        report.update(done)
+    points, *before = first
+    changed = np.zeros(len(points), bool)
+    for old, new in zip(before, answer(points), strict=True):
+        changed |= (old != new).reshape(len(points), -1).any(axis=1)
+    drift = int(changed.sum())
+    return {"ticks": count, "bad": bad, "drift": drift, "passed": bad == 0 and drift == 0}
+
+
+def _bad(distance, normal):
+    """Count answers that are no number, and normals that are not of unit length."""
+    off = np.abs(np.linalg.norm(normal, axis=1) - 1)
+    return int((~np.isfinite(distance) | ~(off < 1e-5)).sum())
+
+
+def invariance(field, shell):
+    """Ask a field in other units and far from the origin.
+
+    Parameters
+    ----------
+    field : pandis.pipeline.fields.base.Field
+    shell : pandis.pipeline.judge.stress.probes.Shell
+
+    Returns
+    -------
+    dict
+        ``distance``: the largest difference of distances (unit frame); ``changed``: the share of
+        the area where forces differ by more than that may; ``limit``, ``passed``.
+    """
+    frame, points = field.frame, shell.points
+    wanted_distance, wanted_normal = field.answer(points)
+    wanted = penalty_force(wanted_distance, wanted_normal)
+    length, off, changed = UNIT_SIDE / frame.scale, 0.0, 0.0
+    cases = [(f, 0.0) for f in SCALES] + [(1.0, o) for o in OFFSETS]
+    for factor, offset in cases:
+        move = np.array([1.0, -0.5, 0.25]) * offset * length
+        there = factor * (frame.to_mesh(points) + move)
+        distance, normal = field.placed(factor, move).distance_and_normal(there)
+        distance = distance * frame.scale / factor
+        off = max(off, float(np.abs(distance - wanted_distance).max()))
+        change = np.linalg.norm(penalty_force(distance, normal) - wanted, axis=1)
+        changed = max(changed, float(shell.weight[~(change <= SAME)].sum()))
+    passed = off <= SAME and changed <= ELSEWHERE
+    return {"distance": off, "changed": changed, "limit": SAME, "passed": passed}
+
+
+def precision(answer, exact, shell, scale):
+    """Round points to float32, as a host program may hold them.
+
+    Returns
+    -------
+    dict
+        ``changed``: the share of the area where the force changes by more than STEEP times k times
+        the largest rounding, and by more than the exact one; ``newtons``: the largest change;
+        ``limit``, ``passed``.
+    """
+    points = shell.points
+    rounded = points.astype(np.float32).astype(np.float64)
+    change, reference = (
+        np.linalg.norm(np.subtract(*(penalty_force(*a(p)) for p in (points, rounded))), axis=1)
+        for a in (answer, exact)
+    )
+    flat = STEEP * np.linalg.norm(points - rounded, axis=1).max()
+    # what is computed in float32 has digits of its own size to lose
+    changed = excess(change, reference, max(flat, 2**-18), shell.weight)
+    return {
+        "changed": changed,
+        "newtons": float(change.max() * scale.newtons),
+        "limit": ELSEWHERE,
+        "passed": changed <= ELSEWHERE,
+    }
+
+
+def special_points(vertices, faces, places, thickness):
+    """Return points (n, 3) where there is something to stumble over.
+
+    Vertices, edges and faces of the mesh, the medial axis (between the walls below surface
+    points), corners, edges and faces of the box, the origin.
+    """
+    corners = vertices[faces[:: max(1, len(faces) // 1000)]]
+    edges = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2
+    box = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=3)))
+    medial = places.feet - thickness[:, None] * places.outward
+    return np.concatenate([corners.reshape(-1, 3), edges, corners.mean(axis=1), medial, box])
+
+
+def special(field, points):
+    """Ask at special points, and at what is no point.
+
+    Returns
+    -------
+    dict
+        ``bad``: answers that are no number, or normals not of unit length; ``unflagged``: what
+        is no finite point, or far beyond any, and is not flagged, or pushed; ``passed``.
+    """
+    bad = _bad(*field.answer(points))
+    lost = [[v if k == axis else 0.1 for k in range(3)] for axis in range(3) for v in _NOWHERE]
+    answer = field.query(np.array(lost))
+    push = np.nan_to_num(penalty_force(answer.distance, answer.normal)).any(axis=1)
+    unflagged = int((push | (answer.flag == OK)).sum())
+    return {"bad": bad, "unflagged": unflagged, "passed": bad == 0 and unflagged == 0}

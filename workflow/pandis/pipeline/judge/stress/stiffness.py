@@ -1,0 +1,62 @@
+"""How steep the force is: the largest singular value of dF/dx, against the wall's own stiffness."""
+
+import numpy as np
+
+from pandis.base.arrays import Matrices, Points
+from pandis.base.forces import penalty_force
+from pandis.pipeline.judge.stress.probes import excess
+
+#: A wall that is more than so many times as stiff as asked for is felt as an edge.
+STEEP = 2.0
+#: Share of the area on which it may be, where the exact one is not.
+ALLOWED = 0.01
+#: What the exact force does within so many steps, a smooth field may do in one.
+NEARBY = 20
+
+
+def jacobians(answer, points: Points, step) -> Matrices:
+    """Return dF/dx (n, 3, 3) by central differences over ``step``, k = 1, unit frame."""
+    moves = np.concatenate([step / 2 * np.eye(3), -step / 2 * np.eye(3)])
+    force = penalty_force(*answer((points[:, None] + moves).reshape(-1, 3))).reshape(-1, 2, 3, 3)
+    return ((force[:, 0] - force[:, 1]) / step).transpose(0, 2, 1)
+
+
+def stiffness(answer, exact, shell, scale, device):
+    """Measure the local stiffness over a step of the encoder.
+
+    Parameters
+    ----------
+    answer, exact : callable
+        Answer (distance, normal) at points (n, 3), unit frame.
+    shell : pandis.pipeline.judge.stress.probes.Shell
+    scale : pandis.base.physical.Scale
+    device : pandis.pipeline.judge.stress.physical.Device
+
+    Returns
+    -------
+    dict
+        ``p50_n_m``, ``p99_n_m``, ``max_n_m``: largest singular value of dF/dx; ``steep``: share
+        of the area where it is above STEEP times k, and above what the exact force changes by
+        nearby, were it all in one step; ``asymmetry``:
+        mean ‖J − Jᵀ‖ / ‖J‖, zero of a force that is a gradient; ``limit``, ``passed``.
+    """
+    step = device.encoder * scale.metre
+    slopes = jacobians(answer, shell.points, step)
+    largest, here, nearby = (
+        np.linalg.norm(j, ord=2, axis=(1, 2))
+        for j in (slopes, *(jacobians(exact, shell.points, s) for s in (step, NEARBY * step)))
+    )
+    reference = np.maximum(here, NEARBY * nearby - (NEARBY - 1))
+    size = np.linalg.norm(slopes, axis=(1, 2))
+    odd = np.linalg.norm(slopes - slopes.transpose(0, 2, 1), axis=(1, 2))
+    steep = excess(largest, reference, STEEP, shell.weight)
+    p50, p99 = np.percentile(largest, [50, 99]) * scale.stiffness
+    return {
+        "p50_n_m": float(p50),
+        "p99_n_m": float(p99),
+        "max_n_m": float(largest.max() * scale.stiffness),
+        "steep": steep,
+        "asymmetry": float((odd / np.maximum(size, 1e-12)).mean()),
+        "limit": ALLOWED,
+        "passed": steep <= ALLOWED,
+    }

@@ -1,0 +1,221 @@
+"""How long one query and a batch take, with the program a user would run."""
+
+import time
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+from pandis.pipeline.export.check import FORCE
+from pandis.pipeline.export.session import Session
+from pandis.pipeline.judge.timing import libtorch
+from pandis.pipeline.run.job.machine import describe
+from pandis.pipeline.run.records.timing import TimingRecord
+from pandis.runtime.field import CACHES, NativeField
+
+#: The exact field without a tree, as the paper's ground truth: every face at every query. Its
+#: single queries, and no batches.
+BRUTE, BRUTE_COUNTS = "exact-all-faces", (200, 0, 0)
+_IN_C = "C, called from Python"
+#: Places anywhere in the box that are asked in C, and how often each: the least of its times
+#: counts, so that what is worst is the field's doing and not the system's.
+ANYWHERE, TRIES = 2000, 3
+
+
+def time_fields(fields, exports, natives, body, points, options, progress):
+    """Time every field of a mesh along its trajectory.
+
+    Parameters
+    ----------
+    fields : list of pandis.pipeline.fields.base.Field
+        What is timed as it is called from Python.
+    exports : list of Path
+        ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
+    natives : list of Path
+        ``{field}.pandis``: run by ``pandis.h``, timed in C.
+    body : pandis.pipeline.geometry.body.Body
+    points : ndarray, shape (m, 3), unit frame
+    options : pandis.pipeline.run.ask.options.TimingOptions
+    progress : callable
+        Makes a `pandis.pipeline.run.job.stage.Progress`.
+
+    Returns
+    -------
+    arrays, attributes : dict
+        As stored in ``timing.zarr.zip``: seconds of every single query, of those with empty
+        caches, and of every batch (per point), by field; and of `BRUTE`.
+    """
+    points = body.frame.to_mesh(points)
+    counts = (options.queries, options.batch, options.repeats)
+    answers = [(f.name, f.distance_and_normal, _IN_C, counts) for f in fields]
+    if body.can_be_scanned:
+        answers.append((BRUTE, body.scan, _IN_C, BRUTE_COUNTS))
+    for path in exports:
+        answer = Session(path).distance_and_normal
+        answers.append((path.stem, answer, "ONNX Runtime, 1 thread", counts))
+    arrays, figures = {}, {}
+    report = progress("fields", len(answers), "fields")
+    for index, (name, answer, engine, counts) in enumerate(answers):
+        single, batched = time_queries(answer, points, *counts)
+        arrays |= {f"single_{name}": single, f"batch_{name}": batched}
+        figures[name] = summarise(single, batched) | {"engine": engine}
+        if options.cold:
+            cold = arrays[f"cold_{name}"] = time_cold(answer, points, options.cold)
+            figures[name]["cold_p50_us"] = float(np.median(cold) * 1e6)
+        report.update(index + 1)
+    for path in natives:
+        seconds_of, told = time_native(NativeField(path), points, options)
+        arrays |= {f"{way}_{path.stem}": seconds for way, seconds in seconds_of.items()}
+        figures.setdefault(path.stem, {}).update(told)
+    return arrays, TimingRecord(fields=figures, machine=describe()).attributes()
+
+
+def time_native(field, points, options):
+    """Time an exported field in C: along a path, anywhere, and with empty caches.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField
+    points : ndarray, shape (m, 3), mesh units
+        The trajectory.
+    options : pandis.pipeline.run.ask.options.TimingOptions
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+        Seconds of every query: ``native`` one after the other along the path, ``anywhere`` at
+        places of the box (the least of several tries at each), ``native_cold`` along the path,
+        with empty caches.
+    figures : dict
+        Of each of the three, median and largest, in microseconds.
+    """
+    field.time(points, 100)
+    arrays = {"native": field.time(points, options.queries)}
+    places = field.frame.to_mesh(np.random.default_rng(0).uniform(-1, 1, (ANYWHERE, 3)))
+    tries = [field.time(places, ANYWHERE) for _ in range(TRIES)]
+    arrays["anywhere"] = np.min(tries, axis=0)
+    if options.cold:
+        some = points[np.arange(options.cold) * len(points) // options.cold]
+        arrays["native_cold"] = field.time(some, options.cold, cold=True)
+    figures = _percentiles("native", arrays["native"])
+    for way, seconds in arrays.items():
+        figures[f"{way}_p50_us"] = float(np.median(seconds) * 1e6)
+        figures[f"{way}_max_us"] = float(seconds.max() * 1e6)
+    return arrays, figures
+
+
+def time_program(path, mesh, points, options, figures, log):
+    """Time a network as the paper does, from a C++ program on LibTorch.
+
+    Parameters
+    ----------
+    path : Path
+        ``{field}.pt2``, its ``.onnx`` beside it.
+    mesh, points, options
+        As for `time_fields`.
+    figures : dict
+        The figures of all fields: percentiles ``libtorch_…_us`` are added to the field's.
+    log : callable
+
+    Returns
+    -------
+    dict
+        Seconds of every query, as stored.
+
+    Raises
+    ------
+    PandisError
+        The program does not build, or does not answer as the ONNX model does.
+    """
+    frame, name = Frame.of(mesh), path.stem
+    points = frame.to_mesh(points)
+    distance, normal, seconds = libtorch.ask(path, points, options.queries)
+    wanted = Session(path.with_suffix(".onnx")).distance_and_normal(points)
+    force, wanted_force = penalty_force(distance, normal), penalty_force(*wanted)
+    off = np.linalg.norm(force - wanted_force, axis=1).max() * frame.scale
+    if not off <= 2 * FORCE:  # each may differ by so much from the network
+        raise PandisError(
+            f"{path}: its force in LibTorch differs from the ONNX model's by {off:.3g}, allowed is "
+            f"{2 * FORCE:.3g}; please report it, and set timing.libtorch to false"
+        )
+    times = _percentiles("libtorch", seconds)
+    figures[name] |= times
+    median = times["libtorch_p50_us"]
+    log(f"{name}: {median:.1f} µs per query in LibTorch; force as ONNX, {off:.1e}")
+    return {f"libtorch_{name}": seconds}
+
+
+def time_queries(answer, points, queries, batch, repeats):
+    """Time a field.
+
+    Parameters
+    ----------
+    answer : callable
+        Answers (distance, normal) at points (n, 3).
+    points : ndarray, shape (m, 3)
+        Queries are taken from these in order, over and over.
+    queries, batch, repeats : int
+        Single queries; points of a batch; batches.
+
+    Returns
+    -------
+    single : ndarray, shape (queries,)
+        Seconds of each single query, after a warm-up.
+    batched : ndarray, shape (repeats,)
+        Seconds per point, of each batch.
+    """
+    single = np.empty(queries)
+    clock = time.perf_counter
+    one = [np.ascontiguousarray(points[i % len(points)][None]) for i in range(queries)]
+    for point in one[:100]:
+        answer(point)
+    for index, point in enumerate(one):
+        start = clock()
+        answer(point)
+        single[index] = clock() - start
+    if not batch:
+        return single, np.empty(0)
+    many = points[np.arange(batch) % len(points)]
+    batched = np.empty(repeats)
+    answer(many)
+    for index in range(repeats):
+        start = clock()
+        answer(many)
+        batched[index] = (clock() - start) / batch
+    return single, batched
+
+
+def time_cold(answer, points, queries):
+    """Time single queries after other work has emptied the caches.
+
+    Parameters
+    ----------
+    answer, points, queries
+        As for `time_queries`.
+
+    Returns
+    -------
+    ndarray, shape (queries,)
+        Seconds.
+    """
+    clock, other, single = time.perf_counter, np.zeros(CACHES, np.uint8), np.empty(queries)
+    for index in range(queries):
+        point = np.ascontiguousarray(points[index * len(points) // queries][None])
+        other += 1
+        start = clock()
+        answer(point)
+        single[index] = clock() - start
+    return single
+
+
+def summarise(single, batched):
+    """Return the figures of `time_queries` in microseconds per query."""
+    figures = _percentiles("one", single)
+    return figures | ({"batch_us": float(np.median(batched) * 1e6)} if len(batched) else {})
+
+
+def _percentiles(way, seconds):
+    """Return the percentiles of single queries asked in a way, in microseconds."""
+    times = np.percentile(seconds, [50, 99, 99.9]) * 1e6
+    return dict(zip((f"{way}_{p}_us" for p in ("p50", "p99", "p999")), times.tolist(), strict=True))

@@ -1,0 +1,212 @@
+"""How far a repaired mesh is from its source: two-sided, sampled on faces.
+
+Points at vertices alone would not do: a flipped diagonal of a skew quad keeps
+every vertex and moves the surface. Faces that both meshes have are at distance
+0 without asking.
+
+Two kinds of surface are told apart and not counted, as they are what repair is
+for: *hidden* parts of the source, which lie inside its solid on both sides
+(walls inside a union), and *caps* of the result, where the source has no surface:
+its winding number there lies clearly between 0 and 1.
+"""
+
+import igl
+import numpy as np
+
+from pandis.pipeline.mesh.winding import WindingNumber
+
+#: Points per direction.
+SAMPLES = 100_000
+#: How far beside a face (share of the diagonal) its two sides are looked at.
+BESIDE = 1e-5
+#: So far from 0 and from 1 a winding number lies between them.
+BETWEEN = 0.05
+#: Where a face of a repaired mesh is from.
+ORIGINS = ("kept", "cut or moved", "cap of a hole")
+
+
+class Surface:
+    """A mesh to measure from and to: tree, solid angle and rims, made when first needed.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray
+    """
+
+    def __init__(self, vertices, faces):
+        self.vertices = np.ascontiguousarray(vertices, np.float64)
+        self.faces = np.ascontiguousarray(faces, np.int64)
+        used = self.vertices[np.unique(self.faces)]
+        self.low, self.high = used.min(axis=0), used.max(axis=0)
+        self.diagonal = float(np.linalg.norm(self.high - self.low))
+        self._tree = self._winding = None
+
+    def distance(self, points):
+        """Return the distance (n,)."""
+        if self._tree is None:
+            self._tree = igl.AABB()
+            self._tree.init(self.vertices, self.faces)
+        squared, _, _ = self._tree.squared_distance(
+            self.vertices, self.faces, np.ascontiguousarray(points)
+        )
+        return np.sqrt(squared)
+
+    def windings(self, points):
+        """Return the winding number (n,)."""
+        if self._winding is None:
+            self._winding = WindingNumber(self.vertices, self.faces)
+        return self._winding(points)
+
+    def sample(self, count, rng, among):
+        """Draw points uniform by area; those on faces outside ``among`` are not returned.
+
+        Returns
+        -------
+        points : ndarray, shape (n, 3), n <= count
+        normals : ndarray, shape (n, 3)
+        """
+        corners = self.vertices[self.faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(normal, axis=1)
+        share = np.cumsum(area) / area.sum()
+        position = (np.arange(count) + rng.random(count)) / count
+        face = np.minimum(np.searchsorted(share, position, side="right"), len(area) - 1)
+        face = face[among[face]]
+        root, turn = np.sqrt(rng.random(len(face))), rng.random(len(face))
+        weights = np.stack([1 - root, root * (1 - turn), root * turn], axis=1)
+        points = np.einsum("ij,ijk->ik", weights, corners[face])
+        return points, normal[face] / np.maximum(area[face], 1e-300)[:, None]
+
+
+def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
+    """Measure how far two meshes are apart, in both directions.
+
+    Parameters
+    ----------
+    source, result : Surface
+    seed : int
+    reference : Surface, optional
+        The source after welding and turning outward; it knows the inside
+        where the source itself is a soup. The source if left out.
+    wall : float
+        Half the thickness where a surface was made a wall: what lies deeper in
+        the result's solid is sealed in, and hidden.
+    samples : int
+        Points per direction, uniform by area.
+
+    Returns
+    -------
+    dict
+        ``to_result`` and ``to_source``: max, p99 and mean distance in mesh
+        units, and the shares of area not counted (``hidden``, ``caps``);
+        ``untouched``: the share of the source's corner positions that the result has.
+    """
+    reference = reference or source
+    kept_source, kept_result, untouched = _common(source, result)
+    rng = np.random.default_rng(seed)
+    points, normals = source.sample(samples, rng, ~kept_source)
+    hidden = np.zeros(len(points), bool)
+    distance = np.zeros(len(points))
+    if len(points):
+        distance = result.distance(points)
+        beside = BESIDE * source.diagonal * normals
+        far = np.flatnonzero(distance > 2 * BESIDE * source.diagonal)
+        if len(far):
+            least = np.minimum(
+                reference.windings((points + beside)[far]),
+                reference.windings((points - beside)[far]),
+            )
+            hidden[far] = least > 0.75
+        deep = np.flatnonzero(distance > wall) if wall else []
+        if len(deep):
+            hidden[deep] |= result.windings(points[deep]) > 0.5
+    to_result = _summary(distance[~hidden], samples) | {"hidden": float(hidden.sum() / samples)}
+    points, _ = result.sample(samples, rng, ~kept_result)
+    caps, distance = np.zeros(len(points), bool), np.zeros(len(points))
+    if len(points):
+        distance = reference.distance(points)
+        far = np.flatnonzero(distance > 2 * BESIDE * source.diagonal)
+        if len(far) and not wall:  # beside a sheet every winding number lies between
+            caps[far] = np.abs(reference.windings(points[far]) - 0.5) < 0.5 - BETWEEN
+    to_source = _summary(distance[~caps], samples) | {"caps": float(caps.sum() / samples)}
+    return {"to_result": to_result, "to_source": to_source, "untouched": untouched}
+
+
+def provenance(source, result, reference):
+    """Tell for each face of a repaired mesh where it is from, and how far its centre is.
+
+    Returns
+    -------
+    origin : ndarray, shape (F,), uint8
+        An index into `ORIGINS`.
+    distance : ndarray, shape (F,), float32
+        From the face's centre to the source, mesh units.
+    """
+    _, kept, _ = _common(source, result)
+    origin, distance = np.where(kept, 0, 1).astype(np.uint8), np.zeros(len(kept), np.float32)
+    new = np.flatnonzero(~kept)
+    if len(new):
+        centres = result.vertices[result.faces[new]].mean(axis=1)
+        distance[new] = reference.distance(centres)
+        between = np.abs(reference.windings(centres) - 0.5) < 0.5 - BETWEEN
+        origin[new[between & (distance[new] > 2 * BESIDE * source.diagonal)]] = 2
+    return origin, distance
+
+
+def none():
+    """Return the deviation of a mesh from itself."""
+    zero = {"max": 0.0, "p99": 0.0, "mean": 0.0}
+    return {
+        "to_result": zero | {"hidden": 0.0},
+        "to_source": zero | {"caps": 0.0},
+        "untouched": 1.0,
+    }
+
+
+def _summary(distance, samples):
+    """Summarise; samples that are not in ``distance`` lie on faces that both meshes have."""
+    if not len(distance):
+        return {"max": 0.0, "p99": 0.0, "mean": 0.0}
+    whole = np.concatenate([np.zeros(max(samples - len(distance), 0)), distance])
+    return {
+        "max": float(distance.max()),
+        "p99": float(np.percentile(whole, 99)),
+        "mean": float(whole.mean()),
+    }
+
+
+def _common(source, result):
+    """Tell which faces of each mesh the other has too; and the share of kept positions."""
+    both = np.concatenate([source.vertices, result.vertices]) + 0.0
+    _, name = np.unique(both, axis=0, return_inverse=True)
+    name = name.reshape(-1)
+    faces = [
+        np.sort(name[: len(source.vertices)][source.faces], axis=1),
+        np.sort(name[len(source.vertices) :][result.faces], axis=1),
+    ]
+    _, index = np.unique(np.concatenate(faces), axis=0, return_inverse=True)
+    mine, theirs = np.split(index.reshape(-1), [len(source.faces)])
+    corners = np.unique(faces[0])
+    untouched = float(np.isin(corners, np.unique(faces[1])).mean())
+    return np.isin(mine, theirs), np.isin(theirs, mine), untouched
+
+
+def inside_changed(reference, result, seed, count=20_000):
+    """Return the share of the inside that a repair has added or lost.
+
+    Points count where the reference's winding number says clearly inside or
+    outside; near its holes it does not.
+
+    Parameters
+    ----------
+    reference, result : Surface
+    seed : int
+    count : int
+        Points, uniform in the box around the reference.
+    """
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(reference.low, reference.high, (count, 3))
+    before, after = reference.windings(points), result.windings(points) > 0.5
+    sure = np.abs(before - 0.5) > 0.25
+    changed = int((sure & ((before > 0.5) != after)).sum())
+    return changed / max(int((sure & (before > 0.5)).sum()), 1)

@@ -1,0 +1,255 @@
+"""What is wrong with a mesh: everything that a signed distance depends on."""
+
+from dataclasses import asdict, dataclass, field
+
+import igl
+import igl.predicates
+import numpy as np
+
+from pandis.base.arrays import Faces, Vertices
+from pandis.pipeline.mesh.nesting import must_turn, nesting_depth, signed_volumes
+from pandis.pipeline.mesh.topology import (
+    EdgeTable,
+    components,
+    nonmanifold_vertices,
+    repeats_a_vertex,
+    same_place,
+)
+from pandis.pipeline.mesh.winding import WindingNumber
+
+#: A face whose smallest altitude is this share of its longest edge, or less, has no normal.
+FLAT = 1e-13
+#: A face whose smallest altitude is at most this share of its longest edge is a sliver.
+SLIVER = 1e-2
+#: Points at which the winding number is looked at, and rays that measure wall thickness.
+WINDING_POINTS, THICKNESS_RAYS = 20_000, 2_000
+#: Of very many components, the largest are listed.
+LISTED_COMPONENTS = 50
+
+#: Counts that must all be zero, and how a person reads them.
+FAULTS = {
+    "split_vertices": "vertices at the place of another",
+    "boundary_edges": "boundary edges",
+    "nonmanifold_edges": "non-manifold edges",
+    "nonmanifold_vertices": "non-manifold vertices",
+    "orientation_conflicts": "edges whose faces disagree in orientation",
+    "duplicate_faces": "duplicate faces",
+    "degenerate_faces": "degenerate faces",
+    "inverted_components": "components that are inside out",
+    "self_intersections": "pairs of faces that cross or touch",
+    "odd_windings": "points whose winding number is neither 0 nor 1",
+}
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Faults and key figures of a triangle mesh; lengths and volumes in mesh units."""
+
+    vertices: int
+    faces: int
+    components: int
+    euler: int
+    boundary_edges: int
+    holes: list  # of {"edges": int, "length": float}, longest first
+    unbalanced_edges: int  # of which more faces run along one way than the other
+    nonmanifold_edges: int
+    nonmanifold_vertices: int
+    orientation_conflicts: int
+    duplicate_faces: int
+    degenerate_faces: int
+    sliver_faces: int
+    unreferenced_vertices: int
+    split_vertices: int  # corners at the place of another; joined for all other counts
+    inverted_components: int
+    self_intersections: int
+    odd_windings: int  # of WINDING_POINTS in the box around the mesh
+    volume: float
+    area: float
+    diagonal: float
+    parts: list = field(default_factory=list)  # of {"faces", "volume", "depth"}, largest first
+    cavities: int | None = None  # components at odd depth; None where not all are closed
+    genus: int | None = None  # of all components; None unless manifold and closed
+    wall: dict | None = None  # {"min", "p1"}: thickness along inward rays, where valid
+
+    @property
+    def closed(self):
+        """Every edge has exactly two faces."""
+        return not (self.boundary_edges or self.nonmanifold_edges)
+
+    @property
+    def valid(self):
+        """Closed, manifold, outward and free of self-intersections: an inside is defined."""
+        return not any(getattr(self, name) for name in FAULTS)
+
+    @property
+    def rank(self):
+        """What repair compares, the less the better: is it open, is it torn, what else."""
+        return (
+            self.unbalanced_edges,
+            self.nonmanifold_edges + self.nonmanifold_vertices + self.orientation_conflicts,
+            sum(getattr(self, name) for name in FAULTS),
+        )
+
+    def attributes(self):
+        """Return the diagnosis as an artifact's attribute."""
+        return asdict(self) | {"closed": self.closed, "valid": self.valid}
+
+    def faults(self):
+        """Return the faults that make the mesh invalid, as one phrase."""
+        faults = [
+            f"{getattr(self, key):,} {name}" for key, name in FAULTS.items() if getattr(self, key)
+        ]
+        if self.holes:
+            longest = self.holes[0]
+            rim = f"{longest['length'] / self.diagonal:.3g} times the mesh's diagonal"
+            several = len(self.holes) > 1
+            count = f"{len(self.holes):,} holes, the longest" if several else "1 hole"
+            faults.append(f"{count} with {longest['edges']} edges and a rim {rim}")
+        return ", ".join(faults) or "none"
+
+
+def diagnose(vertices: Vertices, faces: Faces):
+    """Examine a mesh.
+
+    Corners at the same place are counted, then taken as one vertex: the faults
+    of a triangle soup are those of the surface that it describes.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), float64
+    faces : ndarray, shape (F, 3), int64
+
+    Returns
+    -------
+    Diagnosis
+    """
+    vertices = np.ascontiguousarray(vertices, np.float64)
+    separate = np.unique(faces)
+    faces = np.ascontiguousarray(same_place(vertices)[faces])
+    edges = EdgeTable(faces)
+    component, count = components(faces)
+    used = np.unique(faces)
+    altitude, area = altitudes(vertices[faces])
+    unit = _unit_box(vertices, used)
+    crossings = crossing_faces(vertices, faces)  # as they are: scaling would round
+    volumes = signed_volumes(vertices, faces, component, count)
+    solid = edges.closed and not edges.conflicts.any()
+    depth = nesting_depth(unit, faces, component, count, crossings) if edges.closed else None
+    euler = len(used) - edges.count + len(faces)
+    torn = len(nonmanifold_vertices(faces, edges))
+    figures = {
+        "vertices": len(vertices),
+        "faces": len(faces),
+        "components": count,
+        "euler": euler,
+        "boundary_edges": int(edges.boundary.sum()),
+        "holes": edges.holes(vertices),
+        "unbalanced_edges": int((2 * edges.forward != edges.uses).sum()),
+        "nonmanifold_edges": int(edges.nonmanifold.sum()),
+        "nonmanifold_vertices": torn,
+        "orientation_conflicts": int(edges.conflicts.sum()),
+        "duplicate_faces": len(faces) - count_distinct(faces),
+        "degenerate_faces": int((altitude <= FLAT).sum()),
+        "sliver_faces": int(((altitude > FLAT) & (altitude <= SLIVER)).sum()),
+        "unreferenced_vertices": len(vertices) - len(separate),
+        "split_vertices": len(separate) - len(used),
+        "inverted_components": int(must_turn(volumes, depth).sum()) if solid else 0,
+        "self_intersections": len(crossings),
+        "odd_windings": _odd_windings(unit, faces) if solid else 0,
+        "volume": float(volumes.sum()),
+        "area": float(area.sum()),
+        "diagonal": float(np.linalg.norm(np.ptp(vertices[used], axis=0))),
+        "parts": _parts(component, count, volumes, depth),
+        "cavities": int((depth % 2).sum()) if solid else None,
+        "genus": int(count - euler / 2) if solid and not torn else None,
+    }
+    diagnosis = Diagnosis(**figures)
+    if not diagnosis.valid:
+        return diagnosis
+    scale = np.ptp(vertices[used], axis=0).max()
+    return Diagnosis(**figures, wall=_wall_thickness(unit, faces, area, scale))
+
+
+def crossing_faces(vertices: Vertices, faces: Faces):
+    """Return the pairs (m, 2) of faces that meet elsewhere than in what they share.
+
+    Exact (libigl's predicates). Faces that merely touch count: where two
+    surfaces touch, the distance does not know which one it is to.
+    """
+    sound = np.flatnonzero(~repeats_a_vertex(faces))
+    if not len(sound):
+        return np.empty((0, 2), np.int64)
+    # libigl has an absolute tolerance in it: bring the size to about 1, by a power of two,
+    # which rounds nothing; any other scale or shift could make coplanar faces cross
+    size = np.abs(np.ptp(vertices[faces[sound].reshape(-1)], axis=0)).max()
+    scaled = np.ldexp(vertices, -int(np.frexp(size)[1]))
+    _, pairs, _ = igl.predicates.find_self_intersections(
+        np.ascontiguousarray(scaled), np.ascontiguousarray(faces[sound])
+    )
+    return sound[np.asarray(pairs, np.int64).reshape(-1, 2)]
+
+
+def count_distinct(faces: Faces):
+    """Return the number of different vertex triples."""
+    ordered = np.sort(faces, axis=1)
+    ordered = ordered[np.lexsort(ordered.T)]
+    return 1 + int((np.diff(ordered, axis=0) != 0).any(axis=1).sum())
+
+
+def _unit_box(vertices, used):
+    """Centre and scale to longest side 1: float32 inside libigl, and thresholds, need it."""
+    low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
+    return (vertices - (low + high) / 2) / (high - low).max()
+
+
+def altitudes(corners):
+    """Return smallest altitude over longest edge, and area, of faces with corners (F, 3, 3)."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    double = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return double / np.maximum(longest, 1e-300) / np.maximum(longest, 1e-300), double / 2
+
+
+def _odd_windings(unit, faces):
+    half = np.ptp(unit[np.unique(faces)], axis=0) / 2
+    points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
+    turns = WindingNumber(unit, faces)(points)
+    # whole numbers, as the mesh is closed
+    return int((np.abs(turns - 0.5) > 0.75).sum())
+
+
+def _parts(component, count, volumes, depth):
+    sizes = np.bincount(component, minlength=count)
+    largest = np.argsort(-sizes, kind="stable")[:LISTED_COMPONENTS]
+    return [
+        {
+            "faces": int(sizes[k]),
+            "volume": float(volumes[k]),
+            "depth": None if depth is None else int(depth[k]),
+        }
+        for k in largest
+    ]
+
+
+def _wall_thickness(unit, faces, area, scale):
+    """Return the least, and the first percentile, of the way through matter along −normal."""
+    rng = np.random.default_rng(0)
+    start = np.minimum(
+        np.searchsorted(np.cumsum(area) / area.sum(), rng.random(THICKNESS_RAYS)), len(faces) - 1
+    )
+    corners = unit[faces[start]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    weights = rng.dirichlet((1, 1, 1), len(start))
+    origin = np.einsum("ij,ijk->ik", weights, corners)
+    tree = igl.AABB()
+    tree.init(unit, faces)
+    hits = tree.intersect_ray(unit, faces, origin, -normal)
+    ways = [
+        min((hit[1] for hit in seen if hit[0] != face), default=np.nan)
+        for face, seen in zip(start.tolist(), hits, strict=True)
+    ]
+    ways = np.asarray(ways)[np.isfinite(ways)] * scale
+    if not len(ways):
+        return None
+    return {"min": float(ways.min()), "p1": float(np.percentile(ways, 1))}

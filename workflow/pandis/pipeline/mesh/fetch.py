@@ -1,0 +1,42 @@
+"""Downloading a mesh, checked against its digest before it is kept."""
+
+import hashlib
+import http.client
+import urllib.error
+import urllib.request
+
+from pandis.base.errors import PandisError
+
+_BLOCK = 1 << 20
+
+
+def fetch(url, sha256, progress):
+    """Return the bytes behind a URL.
+
+    Raises
+    ------
+    PandisError
+        Not reachable, or not what the digest says.
+    """
+    try:
+        with urllib.request.urlopen(url, timeout=60) as response:
+            total = int(response.headers.get("Content-Length") or 0)
+            report, parts, done = progress("download", total or 1, "bytes"), [], 0
+            while block := response.read(_BLOCK):
+                parts.append(block)
+                done += len(block)
+                if total:
+                    report.update(done)
+    except (urllib.error.URLError, http.client.HTTPException, OSError, ValueError) as error:
+        raise PandisError(
+            f"{url}: cannot be fetched ({error}); without network, download it elsewhere and "
+            "give its path as `source`"
+        ) from error
+    data = b"".join(parts)
+    digest = hashlib.sha256(data).hexdigest()
+    if digest != sha256.lower():
+        raise PandisError(
+            f"{url}: the sha256 of what came is {digest}, the configuration says "
+            f"{sha256.lower()}; the file changed or the download broke: correct sha256 or the URL"
+        )
+    return data

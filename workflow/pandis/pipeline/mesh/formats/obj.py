@@ -1,0 +1,131 @@
+"""Wavefront OBJ."""
+
+import re
+
+import numpy as np
+
+from pandis.pipeline.mesh.formats.base import (
+    AGAIN,
+    NUMBER,
+    UNNAMED,
+    FormatError,
+    Reading,
+    lines_of,
+    numbers,
+    text_of,
+)
+from pandis.pipeline.mesh.formats.base import triangles as cut
+from pandis.pipeline.mesh.formats.base import words as words_of
+
+#: Free-form geometry, which needs a modeller.
+_FREE_FORM = {"surf", "curv", "curv2", "cstype"}
+#: A statement's name: what begins otherwise is a line that has lost its beginning.
+_STATEMENT = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*")
+#: A face's corner: a vertex, perhaps a texture's and a normal's.
+_CORNER = re.compile(r"(-?[0-9]{1,18})(/(-?[0-9]+)?){0,2}")
+
+
+def read(path, folder=None):
+    """Read positions, polygons and the names of materials of an OBJ file.
+
+    Indices may be relative, and then count from the vertices so far.
+
+    Parameters
+    ----------
+    path : Path
+    folder : Path, optional
+        Where files lie that it names; of OBJ nothing else is read.
+
+    Returns
+    -------
+    pandis.pipeline.mesh.formats.base.Reading
+
+    Raises
+    ------
+    pandis.pipeline.mesh.formats.base.FormatError
+    """
+    del folder
+    rows, at, polygons, where, names, name = [], [], [], [], [], UNNAMED
+    unknown = []
+    for line, words in _statements(text_of(path.read_bytes(), "OBJ")):
+        key = words[0]
+        if key == "v":
+            if len(words) < 4:
+                raise FormatError(f"line {line}: a vertex of {len(words) - 1} numbers; {AGAIN}")
+            rows.append(words[1:4])
+            at.append(line)
+        elif key in ("f", "fo"):
+            polygons.append([_index(word, line, len(rows)) for word in words[1:]])
+            where.append(line)
+            names.append(name)
+        elif key == "usemtl":
+            name = " ".join(words[1:]) or UNNAMED
+        elif key in _FREE_FORM:
+            raise FormatError(
+                f"line {line}: '{key}': free-form curves and surfaces cannot be read; export the "
+                "object as polygons"
+            )
+        elif not _STATEMENT.fullmatch(key):
+            raise FormatError(f"line {line}: '{key[:40]}' begins no statement of OBJ; {AGAIN}")
+        elif key.lower() in ("v", "f") or (key not in _SILENT and _is_place(words[1:])):
+            raise FormatError(f"line {line}: '{key}' is not known, and may be a vertex; {AGAIN}")
+        elif key not in _SILENT:
+            unknown.append((line, key))
+    vertices = numbers(rows, lambda i: f"line {at[i]}").reshape(-1, 3)
+    few = next((i for i, polygon in enumerate(polygons) if len(polygon) < 3), None)
+    if few is not None:
+        raise FormatError(f"line {where[few]}: a face of {len(polygons[few])} corners; {AGAIN}")
+    faces, counts = cut(vertices, polygons, lambda i: f"line {where[i]}", first=1)
+    notes = []
+    if unknown:
+        line, key = unknown[0]
+        notes.append(f"{len(unknown)} statements are not known (line {line}: '{key}')")
+    return Reading(vertices, faces, np.repeat(np.array(names, str), counts), notes)
+
+
+#: Statements that place no polygon.
+_SILENT = frozenset(
+    """vt vn vp p l o g s mg mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj
+    deg bmat step parm trim hole scrv sp end con ctech stech""".split()  # noqa: SIM905
+)
+
+
+def _is_place(words):
+    """Tell whether words are three numbers or more."""
+    return len(words) > 2 and all(NUMBER.fullmatch(word) for word in words)
+
+
+def _statements(text):
+    """Yield the number and the words of every line; a backslash at its end continues it."""
+    begun, first = [], 0
+    for line, content in enumerate(lines_of(text), 1):
+        if content.endswith("\\"):
+            first = first or line
+            begun += words_of(content[:-1])
+            continue
+        found = begun + words_of(content)
+        if found:
+            yield first or line, found
+        begun, first = [], 0
+    if begun:
+        yield first, begun
+
+
+def _index(word, line, count):
+    """Return the vertex that a corner names, counted from 0."""
+    match = _CORNER.fullmatch(word)
+    if not match:
+        raise FormatError(f"line {line}: '{word[:40]}' is no corner of a face; {AGAIN}")
+    index = int(match[1])
+    if index > 0:
+        return index - 1
+    if index == 0:
+        raise FormatError(
+            f"line {line}: index 0: OBJ counts vertices from 1; this file seems to count from 0: "
+            "add 1 to every index"
+        )
+    if count + index < 0:
+        raise FormatError(
+            f"line {line}: index {index} counts back from the {count:,} vertices before it; {AGAIN}"
+        )
+    return count + index

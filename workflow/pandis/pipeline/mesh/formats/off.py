@@ -1,0 +1,130 @@
+"""OFF, the format of Geomview."""
+
+import re
+
+from pandis.pipeline.mesh.formats.base import (
+    AGAIN,
+    FormatError,
+    Reading,
+    lines_of,
+    numbers,
+    text_of,
+    whole,
+    words,
+)
+from pandis.pipeline.mesh.formats.base import triangles as cut
+
+#: Its first word; what stands directly behind it, as in ModelNet's files, is the first count.
+_HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF")
+
+
+def read(path, folder=None):
+    """Read an OFF file.
+
+    Parameters
+    ----------
+    path, folder
+        As of `pandis.pipeline.mesh.formats.obj.read`.
+
+    Returns
+    -------
+    pandis.pipeline.mesh.formats.base.Reading
+
+    Raises
+    ------
+    pandis.pipeline.mesh.formats.base.FormatError
+    """
+    del folder
+    lines = lines_of(text_of(path.read_bytes(), "OFF"))
+    lines = [(i, found) for i, line in enumerate(lines, 1) if (found := words(line))]
+    _take_head(lines)
+    counts = []
+    while len(counts) < 3 and lines:
+        line, found = lines[0]
+        taken = 3 - len(counts)
+        counts += [whole(word, f"line {line}") for word in found[:taken]]
+        rest = found[taken:]
+        lines[:1] = [(line, rest)] if rest else []
+    if len(counts) < 2 or min(counts) < 0:
+        raise FormatError(f"it declares no counts of vertices and faces; {AGAIN}")
+    count, declared = counts[:2]
+    _check_amount(lines, count, declared)
+    if len(lines) != count + declared:
+        lines = _regrouped(lines, count, declared)
+    at = [line for line, _ in lines]
+    for line, found in lines[:count]:
+        if len(found) < 3 or len(found) != len(lines[0][1]):
+            raise FormatError(
+                f"line {line}: a vertex of {len(found)} numbers, the first has "
+                f"{len(lines[0][1])}; {AGAIN}"
+            )
+    rows = [found[:3] for _, found in lines[:count]]
+    vertices = numbers(rows, lambda i: f"line {at[i]}").reshape(-1, 3)
+    polygons = [_polygon(found, line) for line, found in lines[count:]]
+    faces, _ = cut(vertices, polygons, lambda i: f"line {at[count + i]}")
+    return Reading(vertices, faces)
+
+
+def _take_head(lines):
+    """Take the first word off, and refuse what is not in three dimensions, or binary."""
+    if not lines:
+        raise FormatError(f"it holds nothing; {AGAIN}")
+    line, found = lines[0]
+    match = _HEAD.match(found[0])
+    if not match:
+        if not re.fullmatch(r"[0-9]+", found[0]):
+            raise FormatError(f"line {line}: '{found[0][:40]}' in place of OFF; {AGAIN}")
+        return
+    if match[4] or match[5]:
+        raise FormatError(f"line {line}: {match[0]} is not of three dimensions; export it as OFF")
+    rest = [found[0][match.end() :], *found[1:]]
+    if "BINARY" in rest:
+        raise FormatError("binary OFF cannot be read; export it as text")
+    rest = [word for word in rest if word]
+    lines[:1] = [(line, rest)] if rest else []
+
+
+def _check_amount(lines, count, declared):
+    words_there = sum(len(found) for _, found in lines)
+    if count > words_there // 3 or declared > words_there:
+        raise FormatError(
+            f"it declares {count:,} vertices and {declared:,} faces, and {len(lines):,} lines "
+            f"follow; it is cut or damaged: {AGAIN}"
+        )
+
+
+def _regrouped(lines, count, declared):
+    """Return a row for each vertex and face of a file that breaks its lines more often.
+
+    A line belongs to one of them, and there is nothing but positions and corners: which vertex
+    else would have a number more could not be told.
+    """
+    waiting, rows = iter(lines), []
+    try:
+        for place in range(count + declared):
+            line, found = next(waiting)
+            row = list(found)
+            size = 3 if place < count else 1 + max(whole(row[0], f"line {line}"), 0)
+            while len(row) < size:
+                row += next(waiting)[1]
+            if len(row) > size:
+                break
+            rows.append((line, row))
+    except StopIteration:
+        pass
+    if len(rows) < count + declared or next(waiting, None):
+        raise FormatError(
+            f"it declares {count:,} vertices and {declared:,} faces, and {len(lines):,} lines "
+            f"follow, which leaves {max(len(lines) - count, 0):,} for faces; it is cut or "
+            f"damaged: {AGAIN}"
+        )
+    return rows
+
+
+def _polygon(found, line):
+    size = whole(found[0], f"line {line}")
+    if size < 1 or len(found) < 1 + size:
+        raise FormatError(
+            f"line {line}: a face of {size} corners, and {len(found) - 1} numbers follow; {AGAIN}"
+        )
+    return [whole(word, f"line {line}") for word in found[1 : 1 + size]]

@@ -1,0 +1,326 @@
+"""PLY, as text and binary of both byte orders."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.pipeline.mesh.formats.base import (
+    AGAIN,
+    FormatError,
+    Reading,
+    lines_of,
+    number,
+    numbers,
+    whole,
+    words,
+)
+from pandis.pipeline.mesh.formats.base import triangles as cut
+
+_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+#: What the list of a face's corners is called.
+_CORNERS = ("vertex_indices", "vertex_index")
+
+
+class Element(NamedTuple):
+    """A kind of row: its name, how many there are, and (name, type, type of a list's length)."""
+
+    name: str
+    count: int
+    properties: list
+
+
+def read(path, folder=None):
+    """Read a PLY file.
+
+    Parameters
+    ----------
+    path, folder
+        As of `pandis.pipeline.mesh.formats.obj.read`.
+
+    Returns
+    -------
+    pandis.pipeline.mesh.formats.base.Reading
+
+    Raises
+    ------
+    pandis.pipeline.mesh.formats.base.FormatError
+    """
+    del folder
+    data = path.read_bytes()
+    order, elements, start, notes = _header(data)
+    _check_kinds(elements)
+    rows = _Text(data, start) if order == "" else _Binary(data, start, order)
+    vertices, polygons, where = None, [], "vertex"
+    for element in elements:
+        columns = rows.take(element)
+        if element.name == "vertex":
+            lacking = [axis for axis in "xyz" if axis not in columns]
+            if lacking:
+                raise FormatError(f"its vertices have no {lacking[0]}; {AGAIN}")
+            vertices = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
+        elif element.name in ("face", "tristrips"):
+            name = next((name for name in _CORNERS if name in columns), None)
+            if name is None:
+                raise FormatError(f"its {element.name} has no list vertex_indices; {AGAIN}")
+            lists, where = columns[name], element.name
+            if element.name == "face":
+                _check_sizes(lists)
+                polygons += lists
+            else:
+                polygons += _strips(lists)
+    rows.finish(notes)
+    if vertices is None:
+        raise FormatError(f"it has no vertices; {AGAIN}")
+    faces, _ = cut(vertices, polygons, lambda i: f"{where} {i + 1:,}")
+    return Reading(vertices, faces, None, notes)
+
+
+def _header(data):
+    end = data.find(b"end_header")
+    if not data.startswith(b"ply") or end < 0:
+        raise FormatError(f"it has no whole header of PLY; {AGAIN}")
+    stop = data.find(b"\n", end)
+    order, elements, notes = None, [], []
+    for line, content in enumerate(lines_of(data[:end].decode("latin-1")), 1):
+        found = content.split()
+        if not found or line == 1 or found[0] in ("comment", "obj_info"):
+            continue
+        where = f"line {line}"
+        if found[0] == "format" and len(found) > 1:
+            if found[1] not in _ORDERS:
+                raise FormatError(f"{where}: format '{found[1][:40]}' is not known; {AGAIN}")
+            order = _ORDERS[found[1]]
+        elif found[0] == "element" and len(found) == 3:
+            count = whole(found[2], where)
+            if count < 0:
+                raise FormatError(f"{where}: {count} of {found[1]}; {AGAIN}")
+            elements.append(Element(found[1], count, []))
+        elif found[0] == "property" and elements:
+            known = elements[-1].properties
+            known.append(_property(found, f"line {line}"))
+            if len({name for name, *_ in known}) < len(known):
+                raise FormatError(f"line {line}: a second property {found[-1][:40]}; {AGAIN}")
+        else:
+            notes.append(f"line {line} of its header is none that PLY knows: '{content[:40]}'")
+    if order is None:
+        raise FormatError(f"its header names no format; {AGAIN}")
+    return order, elements, stop + 1 if stop >= 0 else len(data), notes
+
+
+def _property(found, where):
+    """Return the name of a property, its type, and the type of its list's length."""
+    wanted = 2 if found[1:2] == ["list"] else 1
+    kinds, name = found[wanted : 2 * wanted], found[-1]
+    if len(found) != 2 * wanted + 1 or any(kind not in _TYPES for kind in kinds):
+        raise FormatError(f"{where}: '{' '.join(found)[:60]}' is no property of PLY; {AGAIN}")
+    if wanted == 2 and _TYPES[kinds[0]][0] == "f":
+        raise FormatError(f"{where}: the length of a list is no whole number; {AGAIN}")
+    return name, _TYPES[kinds[-1]], _TYPES[kinds[0]] if wanted == 2 else None
+
+
+def _check_kinds(elements):
+    """Refuse positions that are lists, and corners that are none, or no whole numbers."""
+    for element in elements:
+        if not element.properties:
+            raise FormatError(f"its {element.name} has no property; {AGAIN}")
+        for name, kind, size in element.properties:
+            place = element.name == "vertex" and name in ("x", "y", "z")
+            corners = element.name in ("face", "tristrips") and name in _CORNERS
+            if (place and size) or (corners and (not size or kind[0] == "f")):
+                raise FormatError(f"its {element.name} has {name} of another type; {AGAIN}")
+
+
+def _check_sizes(lists):
+    for place, corners in enumerate(lists, 1):
+        if len(corners) < 3:
+            raise FormatError(
+                f"face {place:,} has {len(corners)} corners; the file is cut, or its counts are "
+                f"wrong: {AGAIN}"
+            )
+
+
+def _strips(lists):
+    """Return the triangles of strips: -1 ends one."""
+    found = []
+    for strip in lists:
+        run = []
+        for index in [*strip, -1]:
+            if index == -1:
+                for k in range(len(run) - 2):
+                    a, b, c = run[k : k + 3]
+                    found.append([a, c, b] if k % 2 else [a, b, c])
+                run = []
+            else:
+                run.append(index)
+    return found
+
+
+class _Text:
+    """Takes rows from text: one line for each."""
+
+    def __init__(self, data, start):
+        if b"\0" in data[start:]:
+            raise FormatError(f"its header says text, and zero bytes follow; {AGAIN}")
+        first = data[:start].count(b"\n") + 1
+        lines = lines_of(data[start:].decode("latin-1"))
+        self.lines = [(first + i, found) for i, line in enumerate(lines) if (found := words(line))]
+        self.place = 0
+
+    def take(self, element):
+        """Return the columns of an element: arrays, and lists of lists of int."""
+        rows = self.lines[self.place : self.place + element.count]
+        if len(rows) < element.count:
+            raise FormatError(
+                f"its header declares {element.count:,} of {element.name}, and {len(rows):,} lines "
+                f"are there; it is cut or damaged: {AGAIN}"
+            )
+        self.place += element.count
+        if all(size is None for _, _, size in element.properties):
+            return self._plain(element, rows)
+        columns = {name: [] for name, _, _ in element.properties}
+        for line, found in rows:
+            place = 0
+            for name, kind, size in element.properties:
+                count = 1
+                if size:
+                    count = whole(_word(found, place, line), f"line {line}")
+                    place += 1
+                given = found[place : place + count]
+                if count < 0 or len(given) < count:
+                    raise FormatError(
+                        f"line {line}: {len(found)} numbers, more are declared; {AGAIN}"
+                    )
+                place += count
+                read_word = number if kind[0] == "f" else whole
+                row = [read_word(word, f"line {line}") for word in given]
+                columns[name].append(row if size else row[0])
+            if place != len(found):
+                raise FormatError(
+                    f"line {line}: {len(found)} numbers, {place} are declared; its counts are "
+                    f"wrong: {AGAIN}"
+                )
+        return columns
+
+    def _plain(self, element, rows):
+        names = [name for name, _, _ in element.properties]
+        for line, found in rows:
+            if len(found) != len(names):
+                raise FormatError(
+                    f"line {line}: {len(found)} numbers, {len(names)} are declared for a "
+                    f"{element.name}; its counts are wrong, or it is cut: {AGAIN}"
+                )
+        values = numbers([found for _, found in rows], lambda i: f"line {rows[i][0]}")
+        return dict(zip(names, values.reshape(-1, len(names)).T, strict=True))
+
+    def finish(self, notes):
+        """See that nothing is left."""
+        left = len(self.lines) - self.place
+        if left:
+            raise FormatError(
+                f"line {self.lines[self.place][0]}: {left:,} lines more than its header declares; "
+                f"{AGAIN}"
+            )
+
+
+def _word(found, place, line):
+    if place >= len(found):
+        raise FormatError(f"line {line}: {len(found)} numbers, more are declared; {AGAIN}")
+    return found[place]
+
+
+class _Binary:
+    """Takes rows from bytes."""
+
+    def __init__(self, data, start, order):
+        self.data, self.place, self.order = data, start, order
+
+    def take(self, element):
+        """Return the columns of an element: arrays, and lists of lists of int."""
+        lists = [name for name, _, size in element.properties if size]
+        if not element.count or not element.properties:
+            return {name: [] if name in lists else np.empty(0) for name, *_ in element.properties}
+        columns = self._uniform(element)
+        if columns is None:
+            columns = self._one_by_one(element)
+        return columns
+
+    def _uniform(self, element):
+        """Return columns where all lists are as long as the first ones, else None."""
+        sizes, place = {}, self.place
+        for name, kind, size in element.properties:
+            if size:
+                count = self._number(size, place, element, 0)
+                place += np.dtype(size).itemsize
+                sizes[name] = count
+                place += max(count, 0) * np.dtype(kind).itemsize
+            else:
+                place += np.dtype(kind).itemsize
+        if any(not 0 <= count <= len(self.data) for count in sizes.values()):
+            return None
+        fields = []
+        for name, kind, size in element.properties:
+            if size:
+                fields.append((f"#{name}", self.order + size))
+                fields.append((name, self.order + kind, (sizes[name],)))
+            else:
+                fields.append((name, self.order + kind))
+        record = np.dtype(fields)
+        if self.place + record.itemsize * element.count > len(self.data):
+            if not sizes:
+                there = (len(self.data) - self.place) // record.itemsize
+                raise FormatError(
+                    f"its header declares {element.count:,} of {element.name}, and {there:,} are "
+                    f"there; it is cut: {AGAIN}"
+                )
+            return None
+        rows = np.frombuffer(self.data, record, element.count, self.place)
+        if any((rows[f"#{name}"] != count).any() for name, count in sizes.items()):
+            return None
+        self.place += record.itemsize * element.count
+        return {
+            name: rows[name].astype(np.int64).tolist() if size and kind[0] != "f" else rows[name]
+            for name, kind, size in element.properties
+        }
+
+    def _one_by_one(self, element):
+        columns = {name: [] for name, _, _ in element.properties}
+        for index in range(element.count):
+            for name, kind, size in element.properties:
+                count = 1
+                if size:
+                    count = self._number(size, self.place, element, index)
+                    self.place += np.dtype(size).itemsize
+                end = self.place + count * np.dtype(kind).itemsize
+                if count < 0 or end > len(self.data):
+                    raise self._cut(element, index)
+                values = np.frombuffer(self.data, self.order + kind, count, self.place)
+                self.place = end
+                columns[name].append(values.tolist() if size else values[0])
+        return columns
+
+    def _number(self, kind, place, element, index):
+        end = place + np.dtype(kind).itemsize
+        if end > len(self.data):
+            raise self._cut(element, index)
+        return int(np.frombuffer(self.data, self.order + kind, 1, place)[0])
+
+    def _cut(self, element, index):
+        return FormatError(
+            f"its header declares {element.count:,} of {element.name}, and it ends at number "
+            f"{index + 1:,}; it is cut, or its counts are wrong: {AGAIN}"
+        )
+
+    def finish(self, notes):
+        """See that nothing is left."""
+        left = len(self.data) - self.place
+        if left and self.data[self.place :].strip(b"\0\r\n "):
+            raise FormatError(
+                f"{left:,} bytes more than its header declares; its counts are wrong: {AGAIN}"
+            )
+        if left:
+            notes.append(f"{left:,} empty bytes stand behind what its header declares")

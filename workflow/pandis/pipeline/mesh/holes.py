@@ -1,0 +1,186 @@
+"""Filling holes over the vertices that are there: no vertex is added, none moves.
+
+Every rim is triangulated by dynamic programming over all triangulations of its
+polygon (Barequet & Sharir 1995; weights of Liepa 2003, "Filling holes in
+meshes"): once for the least largest fold, once for the least area. Of the two
+the one that crosses the mesh less is kept. PyMeshLab's ear cutting, which was
+tried first, leaves or crosses one hole of the Stanford Bunny.
+"""
+
+import numpy as np
+
+from pandis.pipeline.mesh.diagnosis import crossing_faces
+from pandis.pipeline.mesh.topology import EdgeTable
+
+_WEIGHTS = ("fold", "area")
+#: What a triangle without area costs, in units in which the polygon has size 1.
+_FLAT = 1e3
+
+
+def fill_holes(vertices, faces):
+    """Close every hole.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3)
+    faces : ndarray, shape (F, 3)
+        Manifold except its rims, consistently oriented.
+
+    Returns
+    -------
+    vertices, faces : ndarray
+        The given faces first.
+    """
+    edges = EdgeTable(faces)
+    known = {tuple(edge) for edge in edges.edges.tolist()}
+    rims = _rims(faces, edges)
+    choice = np.zeros(len(rims), np.int64)
+    caps = {}
+    best = None
+    for _ in range(1 + len(_WEIGHTS)):
+        for k, rim in enumerate(rims):
+            if (k, choice[k]) not in caps:
+                weight = _WEIGHTS[choice[k]]
+                caps[k, choice[k]] = triangulate(vertices, faces, rim, known, weight)
+        parts = [caps[k, choice[k]] for k in range(len(rims))]
+        filled = np.concatenate([faces, *parts])
+        owner = np.repeat(np.arange(len(rims)), [len(p) for p in parts])
+        pairs = crossing_faces(vertices, filled)
+        if best is None or len(pairs) < best[0]:
+            best = (len(pairs), filled)
+        at_fault = np.unique(owner[(pairs[pairs >= len(faces)]) - len(faces)])
+        retry = at_fault[choice[at_fault] + 1 < len(_WEIGHTS)]
+        if not len(retry):
+            break
+        choice[retry] += 1
+    return vertices, best[1]
+
+
+def _rims(faces, edges):
+    """Return the rims as lists of half-edges, each in the order that its cap runs around."""
+    half = np.flatnonzero(edges.boundary[edges.edge_of])
+    start, end = edges.directed[half].T
+    # a cap runs against its neighbours: from end to start
+    follow = dict(zip(end.tolist(), half.tolist(), strict=True))
+    if len(follow) != len(half):
+        raise ValueError("a vertex lies on two rims: split non-manifold vertices first")
+    begin = dict(zip(half.tolist(), start.tolist(), strict=True))
+    rims = []
+    while follow:
+        first = next(iter(follow))
+        rim, vertex = [], first
+        while vertex in follow:
+            h = follow.pop(vertex)
+            rim.append(h)
+            vertex = begin[h]
+        if vertex != first:
+            raise ValueError("a rim does not close: make the orientation consistent first")
+        rims.append(rim)
+    return rims
+
+
+def triangulate(vertices, faces, rim, known, weight):
+    """Triangulate one rim.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray
+    rim : list of int
+        Half-edges, see `_rims`.
+    known : set of (int, int)
+        Edges of the mesh: a cap must not use them twice.
+    weight : {"fold", "area"}
+
+    Returns
+    -------
+    ndarray, shape (len(rim) - 2, 3)
+    """
+    rim = np.asarray(rim)
+    n = len(rim)
+    corner = faces[rim // 3, (rim % 3 + 1) % 3]  # the cap's edge k runs from corner k to k + 1
+    if n < 3:
+        return np.empty((0, 3), np.int64)
+    rim_normal = _normals(*(vertices[faces[rim // 3, k]] for k in range(3)))[0]
+
+    def forbidden(i, k):
+        return tuple(sorted((int(corner[i]), int(corner[k])))) in known
+
+    chosen = least_cost_triangles(vertices[corner], weight, rim_normal, forbidden)
+    if not len(chosen):
+        # every triangulation uses an edge twice: let the diagnosis say so
+        return np.stack([np.full(n - 2, corner[0]), corner[1:-1], corner[2:]], axis=1)
+    return corner[chosen]
+
+
+def least_cost_triangles(points, weight="area", rim_normal=None, forbidden=None):
+    """Triangulate a closed polygon in space at the least cost of all its triangulations.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+    weight : {"fold", "area"}
+        The least largest fold, ties by area; or the least area, ties by fold.
+        Then by the sum of squared edges, which prefers round triangles.
+    rim_normal : ndarray, shape (n, 3), optional
+        Unit normal of the face beyond edge k, from corner k to k + 1; none: no fold there.
+    forbidden : callable, optional
+        From two indices to whether no triangle may have the edge between them.
+
+    Returns
+    -------
+    ndarray, shape (n - 2, 3)
+        Indices into ``points``; empty if all triangulations are forbidden.
+    """
+    n = len(points)
+    points = points - points.mean(axis=0)
+    points = points / max(np.abs(points).max(), 1e-300)
+    if rim_normal is None:
+        rim_normal = np.full((n, 3), np.nan)
+    cost = np.full((n, n, 3), np.inf)  # largest fold, area, sum of squared edges
+    normal = np.zeros((n, n, 3))
+    middle = np.zeros((n, n), np.int64)
+    step = np.arange(n - 1)
+    cost[step, step + 1] = 0
+    normal[step, step + 1] = rim_normal[:-1]
+    order = (2, 1, 0) if weight == "fold" else (2, 0, 1)  # the last counts first
+    for span in range(2, n):
+        for i in range(n - span):
+            k = i + span
+            m = np.arange(i + 1, k)
+            if forbidden and span < n - 1 and forbidden(i, k):
+                continue
+            face_normal, area = _normals(points[[i]], points[m], points[[k]])
+            fold = np.maximum(_fold(face_normal, normal[i, m]), _fold(face_normal, normal[m, k]))
+            if span == n - 1:
+                fold = np.maximum(fold, _fold(face_normal, rim_normal[-1]))
+            fold = np.maximum(fold, np.maximum(cost[i, m, 0], cost[m, k, 0]))
+            area = np.where(area > 1e-12, area, _FLAT) + cost[i, m, 1] + cost[m, k, 1]
+            fold = np.where(np.isfinite(area), fold, np.inf)
+            spread = ((points[k] - points[i]) ** 2).sum() + cost[i, m, 2] + cost[m, k, 2]
+            # sums in another order differ in the last bits: such costs are equal
+            keys = [np.round(key, 10) for key in (fold, area, spread)]
+            best = np.lexsort([keys[key] for key in order])[0]
+            cost[i, k] = fold[best], area[best], spread[best]
+            normal[i, k], middle[i, k] = face_normal[best], m[best]
+    if not np.isfinite(cost[0, n - 1, 1]):
+        return np.empty((0, 3), np.int64)
+    triangles, waiting = [], [(0, n - 1)]
+    while waiting:
+        i, k = waiting.pop()
+        if k - i > 1:
+            m = int(middle[i, k])
+            triangles.append((i, m, k))
+            waiting += [(i, m), (m, k)]
+    return np.asarray(triangles, np.int64)
+
+
+def _normals(a, b, c):
+    """Return unit normals (zero for flat triangles) and areas."""
+    cross = np.cross(b - a, c - a)
+    double = np.linalg.norm(cross, axis=-1)
+    return cross / np.maximum(double, 1e-300)[..., None], double / 2
+
+
+def _fold(one, other):
+    """Return the angle between unit normals as 1 − cosine; 0 where there is no face."""
+    return np.nan_to_num(1 - (one * other).sum(axis=-1))

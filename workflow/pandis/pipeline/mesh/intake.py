@@ -1,0 +1,131 @@
+"""Reading a mesh from wherever the user has it."""
+
+import gzip
+import tempfile
+import zlib
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.mesh import tools
+from pandis.pipeline.mesh.formats import FormatError
+from pandis.pipeline.run.ask.sourcing import FORMATS, format_of, source_path
+from pandis.pipeline.run.job.artifact import file_digest
+
+#: A file that is packed may be so large.
+_LARGEST = 16 << 30
+
+
+def find_file(source):
+    """Return the path of a source that is a file: a path, or ``pymeshlab:NAME``.
+
+    Raises
+    ------
+    PandisError
+        There is no such file, or it is empty.
+    """
+    path = source_path(source)
+    if path.stat().st_size == 0:
+        raise PandisError(f"{source}: the file is empty; export the mesh again")
+    return path
+
+
+def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
+    """Read a mesh file.
+
+    Parameters
+    ----------
+    source : str
+        What the user calls it; used in messages.
+    path : Path
+    sha256 : str, optional
+        What the file's digest must be.
+    seconds, memory_gb : float
+        Limits of the reader.
+
+    Returns
+    -------
+    reading : pandis.pipeline.mesh.formats.Reading
+        Mesh units.
+    record : dict
+        ``format``, ``sha256`` and ``notes``.
+
+    Raises
+    ------
+    PandisError
+        Wrong digest, unknown format, or what is wrong with the file, with its place.
+    """
+    digest = file_digest(path)
+    if sha256 and digest != sha256.lower():
+        raise PandisError(
+            f"{source}: the file's sha256 is {digest}, the configuration says {sha256.lower()}; "
+            "the file changed or the download broke: fetch it again, or correct sha256"
+        )
+    form = format_of(path)
+    if form not in FORMATS:
+        raise PandisError(
+            f"{source}: unknown format '.{form}'; known are "
+            + ", ".join(f".{known}" for known in FORMATS)
+            + ", each also as .gz; convert the mesh to one of them"
+        )
+    limits = {"seconds": seconds, "memory_gb": memory_gb}
+    try:
+        with unpacked(source, path) as plain:
+            reading = tools.read(plain.resolve(), form, path.resolve().parent, **limits)
+        check_arrays(reading.vertices, reading.faces)
+    except FormatError as error:
+        raise PandisError(f"{source}: {error}") from None
+    except tools.LimitError as error:
+        key = "reader_seconds" if "longer" in str(error) else "reader_memory_gb"
+        raise PandisError(f"{source}: reading it {error}; raise mesh.{key}") from None
+    except tools.ToolError as error:
+        raise PandisError(
+            f"{source}: its reader failed: {error}; this is a defect of pandis: please report it "
+            "with the file"
+        ) from None
+    return reading, {"format": form, "sha256": digest, "notes": list(reading.notes)}
+
+
+@contextmanager
+def unpacked(source, path):
+    """Give a file as it is, or, if it is a gzip file, what is in it, while the body runs.
+
+    Raises
+    ------
+    PandisError
+        It is not a whole gzip file.
+    """
+    if path.suffix.lower() != ".gz":
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder) / path.stem
+        try:
+            with gzip.open(path) as stream, plain.open("wb") as target:
+                while block := stream.read(1 << 24):
+                    if target.tell() > _LARGEST:
+                        raise PandisError(
+                            f"{source}: more than {_LARGEST >> 30} GB are packed in it"
+                        )
+                    target.write(block)
+        except (OSError, EOFError, zlib.error) as error:
+            raise PandisError(f"{source}: not a whole gzip file ({error})") from error
+        yield plain
+
+
+def check_arrays(vertices, faces):
+    """Raise FormatError unless the arrays are a mesh: faces, finite, of some extent."""
+    if not len(faces):
+        raise FormatError("it has no faces; export it as a triangle mesh")
+    used = vertices[np.unique(faces)]
+    bad = int((~np.isfinite(used)).any(axis=1).sum())
+    if bad:
+        raise FormatError(
+            f"{bad} of {len(used)} vertices are NaN or infinite; correct them and export it again"
+        )
+    with np.errstate(over="ignore"):
+        extent = np.ptp(used, axis=0)
+    if not np.isfinite(extent).all() or not 1e-150 < extent.max() < 1e150:
+        raise FormatError(f"its extent is {extent.max():g}: too small or too large")

@@ -1,0 +1,43 @@
+"""Polygons, cut into triangles that cover them.
+
+Mesh readers cut a polygon into a fan around its first corner; where it is not
+convex, such a fan folds over itself and leaves the polygon.
+"""
+
+import numpy as np
+
+from pandis.pipeline.mesh.holes import least_cost_triangles
+
+
+def triangulate_polygons(vertices, polygons):
+    """Cut polygons into triangles: the triangulation of least area covers the polygon once.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3)
+    polygons : list of list of int
+        Of vertices that are there.
+
+    Returns
+    -------
+    ndarray, shape (F, 3), int64
+        In the order of the polygons.
+    """
+    triangles = []
+    for polygon in polygons:
+        if len(polygon) == 3:
+            triangles.append(polygon)
+        elif len(polygon) > 3:
+            triangles += _triangulate(vertices, polygon)
+    return np.asarray(triangles, np.int64).reshape(-1, 3)
+
+
+def _triangulate(vertices, polygon):
+    points = vertices[polygon]
+    n = len(polygon)
+    fan = [[polygon[0], polygon[i], polygon[i + 1]] for i in range(1, n - 1)]
+    cross = np.cross(points[1:-1] - points[0], points[2:] - points[0])
+    around = cross @ cross.sum(axis=0)
+    if (around > 0).all() or not np.isfinite(points).all():
+        return fan  # convex as seen from the first corner, as readers have it
+    return [[polygon[i] for i in triangle] for triangle in least_cost_triangles(points)]

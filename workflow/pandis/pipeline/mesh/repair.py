@@ -1,0 +1,337 @@
+"""From what was read to a closed, manifold, outward mesh, or a refusal with the diagnosis.
+
+The ladder, climbed no higher than needed; after each rung the mesh is diagnosed
+again, and a rung's result counts only if it has fewer faults and, from ``fill``
+on, lies within the deviation budget:
+
+======== ====================================================================
+clean    weld, drop degenerate and duplicate faces, turn outward, split what
+         only touches; lossless
+union    exact union of shells that cross or overlap
+fill     holes with a small rim, over the vertices that are there
+meshfix  MeshFix on every component
+remesh   marching cubes where the winding number is one half
+wrap     alpha wrap
+======== ====================================================================
+"""
+
+import numpy as np
+
+from pandis.base.arrays import Faces, Vertices
+from pandis.base.errors import PandisError
+from pandis.pipeline.mesh.deviation import Surface, provenance
+from pandis.pipeline.mesh.diagnosis import diagnose
+from pandis.pipeline.mesh.ladder import Ladder
+from pandis.pipeline.mesh.nesting import signed_volumes
+from pandis.pipeline.mesh.openings import THICKEN, advice, large_holes, loose_pieces
+from pandis.pipeline.mesh.topology import EdgeTable, compact, components, one_sided
+
+RUNGS = ("clean", "union", "fill", "meshfix", "remesh", "wrap")
+#: Octree levels tried by `remesh`: cells of 1/128, 1/256 of 1.1 times the longest side.
+REMESH_LEVELS = (7, 8)
+#: Vertices lie in one plane if nothing leaves it by more than this, of their extent.
+FLAT = 1e-9
+#: More of the faces than this in pairs of two sides: sheets without thickness.
+SHEETS = 0.2
+#: Alpha and offset of `wrap`, in shares of the diagonal.
+WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
+
+
+def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
+    """Climb the ladder, no higher than needed.
+
+    A mesh that is valid as read is returned bit by bit as it is.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), float64, mesh units
+    faces : ndarray, shape (F, 3), int64
+    options : pandis.pipeline.run.ask.options.MeshOptions
+    seed : int
+    log : callable
+        Takes a line of text.
+
+    Returns
+    -------
+    arrays : dict
+        ``vertices`` (V, 3), ``faces`` (F, 3) int32, and per face ``origin`` and
+        ``deviation``: see `pandis.pipeline.mesh.deviation.provenance`.
+    record : dict
+        ``before`` and ``after`` (diagnoses), ``rungs`` (every attempt, with tool,
+        parameters and outcome), ``deviation``.
+
+    Raises
+    ------
+    PandisError
+        The mesh is open or stays invalid: with the diagnosis, and the option
+        that would change the decision. Or a rung ran into its limits.
+    """
+    before = diagnose(vertices, faces)
+    log(f"{before.vertices:,} vertices, {before.faces:,} faces; faults: {before.faults()}")
+    ladder = Ladder(vertices, faces, options, seed, log, now=before)
+    if before.valid and before.unreferenced_vertices:
+        ladder.vertices, ladder.faces = compact(vertices, faces)
+        ladder.now = diagnose(ladder.vertices, ladder.faces)
+    if not before.valid:
+        _climb(ladder)
+    record = {
+        "before": before.attributes(),
+        "faults_before": before.faults(),
+        "after": ladder.now.attributes(),
+        "rungs": ladder.rungs,
+        "deviation": ladder.deviation,
+    }
+    origin = np.zeros(len(ladder.faces), np.uint8), np.zeros(len(ladder.faces), np.float32)
+    if ladder.source:
+        result = Surface(ladder.vertices, ladder.faces)
+        origin = provenance(ladder.source, result, ladder.reference)
+    arrays = {
+        "vertices": ladder.vertices,
+        "faces": ladder.faces.astype(np.int32),
+        "origin": origin[0],
+        "deviation": origin[1],
+    }
+    return arrays, record
+
+
+def _climb(ladder):
+    ladder.source = Surface(ladder.vertices, ladder.faces)
+    flat = _is_flat(ladder.vertices[np.unique(ladder.faces)])
+    paired = ladder.now.duplicate_faces > SHEETS * ladder.now.faces
+    _clean(ladder)
+    ladder.reference = Surface(ladder.vertices, ladder.faces)
+    if _without_inside(ladder, flat):
+        _thicken(ladder)
+        return
+    small = ladder.options.small_hole, ladder.options.max_hole_edges
+    if ladder.now.boundary_edges and ladder.options.open != "thicken":
+        _part_with_loose(ladder, small)
+    if ladder.now.boundary_edges and ladder.options.open != "cap":
+        holes = large_holes(ladder.vertices, ladder.faces, *small)
+        if holes and ladder.options.open == "thicken":
+            _thicken(ladder)
+            return
+        if holes:
+            raise PandisError(_open_message(ladder, holes, paired))
+    _settle(ladder)
+    if not ladder.now.valid and ladder.allows("fill"):
+        _fill(ladder)
+    if not ladder.now.valid and ladder.allows("meshfix"):
+        ladder.attempt("meshfix", "meshfix", ladder.better)
+        _settle(ladder)
+    for level in REMESH_LEVELS:
+        if not ladder.now.valid and ladder.allows("remesh"):
+            ladder.attempt("remesh", "remesh", ladder.valid_only, level=level)
+    if not ladder.now.valid and ladder.allows("wrap"):
+        ladder.attempt("wrap", "wrap", ladder.valid_only, alpha=WRAP_ALPHA, offset=WRAP_OFFSET)
+    if not ladder.now.valid:
+        raise PandisError(_refusal(ladder))
+    if ladder.deviation is None:
+        reason = ladder.within_budget(ladder.vertices, ladder.faces, None)
+        ladder.deviation = ladder._measured
+        if reason is not None:
+            raise PandisError(_refusal(ladder, reason))
+
+
+def _is_flat(vertices):
+    """Tell whether vertices (n, 3) lie in one plane."""
+    if len(vertices) < 4:
+        return True
+    sizes = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return bool(sizes[2] <= FLAT * sizes[0])
+
+
+def _without_inside(ladder, flat):
+    """Tell whether a mesh that has no inside is to be made a wall; refuse it if not.
+
+    Raises
+    ------
+    PandisError
+        It has no inside, and `mesh.open` does not say ``thicken``.
+    """
+    turned = int(one_sided(ladder.faces).sum())
+    if not (flat or turned):
+        return False
+    if ladder.options.open == "thicken":
+        return True
+    what = "the mesh lies in one plane: it has no volume, and so no inside"
+    if turned:
+        what = (
+            f"{turned:,} of {len(ladder.faces):,} faces are a closed surface with one side only, "
+            "as a Klein bottle: it has no inside"
+        )
+    raise PandisError(f"{what}. {THICKEN}")
+
+
+def _part_with_loose(ladder, small):
+    """Leave loose pieces out if holes are to be capped, and name them.
+
+    Raises
+    ------
+    PandisError
+        There are some, and `mesh.open` says ``refuse``.
+    """
+    debris, inside = loose_pieces(ladder.vertices, ladder.faces, *small)
+    loose, told = debris | inside, []
+    for which, called in ((debris, "loose pieces that enclose nothing"),
+                          (inside, "open pieces inside of what is closed")):  # fmt: skip
+        if which.any():
+            count = len(np.unique(components(ladder.faces)[0][which]))
+            told.append(f"{count} {called} ({which.sum():,} of {len(loose):,} faces)")
+    if not told:
+        return
+    what = " and ".join(told)
+    if ladder.options.open == "cap":
+        ladder.leave_out(loose, what)
+        return
+    raise PandisError(
+        f"the mesh is open: {ladder.now.faults()}; there are {what}. To leave these out and to "
+        "close what is open of the rest, give this mesh the option `mesh: {open: cap}`"
+    )
+
+
+def _orient(ladder):
+    """Turn faces outward, and say how much matter becomes a cavity by that."""
+    before = ladder.faces
+    kept = ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
+    if not kept or len(before) != len(ladder.faces):
+        return
+    label, count = components(ladder.faces)
+    was, now = (signed_volumes(ladder.vertices, f, label, count) for f in (before, ladder.faces))
+    hollow = (was > 0) & (now < 0) & EdgeTable(ladder.faces).closed
+    if hollow.any():
+        ladder.log(
+            f"matter inside matter becomes a cavity, as mesh.nested says: {hollow.sum()} "
+            f"components, {was[hollow].sum():.4g} cubic mesh units of {was[was > 0].sum():.4g}; "
+            "`mesh: {nested: solid}` keeps it"
+        )
+
+
+def _clean(ladder):
+    """Weld and orient: what needs no judgement."""
+    if not ladder.allows("clean"):
+        return
+    ladder.attempt("clean", "clean", lambda *_: None)
+    if not ladder.now.closed and ladder.options.weld:
+        tolerance = ladder.options.weld * ladder.now.diagonal
+        ladder.attempt("clean", "clean", ladder.not_worse, tolerance=tolerance)
+    if not ladder.now.valid:
+        _orient(ladder)
+
+
+def _settle(ladder):
+    """Union what overlaps and split what touches, as long as that helps.
+
+    If faces that were split still cross in the end, once more with another way to part them.
+    """
+    before = ladder.state()
+    _settle_by(ladder)
+    crossing = not ladder.now.valid and ladder.now.self_intersections
+    if crossing and ladder.has_kept("split", before):
+        first = ladder.state()
+        ladder.go_back(before)
+        _settle_by(ladder, straight=True)
+        if not ladder.now.valid and ladder.now.rank >= first.now.rank:
+            ladder.go_back(first)
+
+
+def _settle_by(ladder, **parting):
+    for _ in range(3):
+        rank = ladder.now.rank
+        if ladder.now.valid:
+            return
+        if ladder.allows("clean"):
+            ladder.attempt("clean", "clean", ladder.not_worse)
+            _orient(ladder)
+        now = ladder.now
+        walls = now.nonmanifold_edges and now.unbalanced_edges
+        if walls and not now.boundary_edges and not now.self_intersections:
+            _leave_walls_out(ladder)
+            now = ladder.now
+        crossing = now.self_intersections or now.odd_windings or now.duplicate_faces
+        if crossing and ladder.allows("union") and EdgeTable(ladder.faces).balanced:
+            ladder.attempt("union", "union", _balanced_only)
+        torn = ladder.now.nonmanifold_edges or ladder.now.nonmanifold_vertices
+        if torn and ladder.allows("clean"):
+            ladder.attempt("clean", "split", _manifold_only, **parting)
+        if ladder.now.rank >= rank:
+            return
+
+
+def _leave_walls_out(ladder):
+    """Leave out walls between the cells of one body, and measure no deviation from them."""
+    before = ladder.vertices[ladder.faces]
+
+    def accept(vertices, faces, diagnosis):
+        # what is left are faces that were there: nothing has moved
+        places = {tuple(sorted(map(tuple, corners))) for corners in before.tolist()}
+        left = (tuple(sorted(map(tuple, corners))) for corners in vertices[faces].tolist())
+        if not all(corners in places for corners in left):
+            return "faces have moved"
+        return _balanced_only(vertices, faces, diagnosis)
+
+    if ladder.allows("union") and ladder.attempt("union", "skin", accept):
+        ladder.source = ladder.reference = Surface(ladder.vertices, ladder.faces)
+        ladder.log(f"left out: {len(before) - len(ladder.faces):,} faces between cells of one body")
+
+
+def _balanced_only(vertices, faces, diagnosis):
+    del vertices, diagnosis
+    return None if EdgeTable(faces).balanced else "the union came out open"
+
+
+def _manifold_only(vertices, faces, diagnosis):
+    del vertices, faces
+    torn = diagnosis.nonmanifold_edges + diagnosis.nonmanifold_vertices
+    return "still not manifold" if torn else None
+
+
+def _fill(ladder):
+    torn = ladder.now.nonmanifold_edges or ladder.now.nonmanifold_vertices
+    if ladder.now.boundary_edges and not torn:
+        ladder.attempt("fill", "fill", ladder.better)
+        _settle(ladder)
+
+
+def _thicken(ladder):
+    """Wrap the surface from both sides: the offset makes the wall."""
+    half = ladder.options.thickness / 2
+
+    def accept(vertices, faces, diagnosis):
+        if not diagnosis.valid:
+            return "not valid"
+        return ladder.within_budget(vertices, faces, diagnosis, allowance=half)
+
+    alpha = min(WRAP_ALPHA, ladder.options.thickness)
+    if not ladder.allows("wrap") or not ladder.attempt(
+        "wrap", "wrap", accept, alpha=alpha, offset=half
+    ):
+        raise PandisError(_refusal(ladder))
+
+
+def _open_message(ladder, holes, paired):
+    advised = advice(ladder.vertices, ladder.faces, ladder.seed)
+    if paired:
+        advised = f"Its faces come in pairs, back to back: sheets without thickness. {THICKEN}"
+    return (
+        f"the mesh is open: {ladder.now.faults()}. Too large to be filled without asking: "
+        f"{len(holes)} (the widest rim is {holes[0]['rim']:.3g} times the diagonal of "
+        f"its part, mesh.small_hole is {ladder.options.small_hole:g}): this may be a surface "
+        f"without an inside. {advised}"
+    )
+
+
+def _refusal(ladder, reason=None):
+    tried = "; ".join(
+        f"{r['operation']}: {r['reason']}" for r in ladder.rungs if r["reason"] is not None
+    )
+    missing = [rung for rung in RUNGS if not ladder.allows(rung)]
+    todo = "mend it in a mesh editor"
+    if missing:
+        todo = f"allow the rungs left out (mesh.rungs: add {', '.join(missing)})"
+    elif ladder.options.open == "cap":
+        todo = "make it a wall of mesh.thickness: give this mesh the option `mesh: {open: thicken}`"
+    state = f"the mesh stays invalid: {ladder.now.faults()}"
+    if reason:
+        state = f"the repaired mesh is not the one that was given: {reason}"
+    return f"{state}. Tried: {tried or 'nothing'}. To go on, {todo}"

@@ -1,0 +1,337 @@
+"""What runs in a process of its own: readers, rungs of the repair, tools under other licences.
+
+A file may be made so that reading it takes hours, some tools crash or hang, and PyMeshLab, the
+exact union and MeshFix are GPL or AGPL: so each call is ``python -m pandis.pipeline.mesh.tools``
+under limits of time and memory. Arrays travel as ``.npz`` in float64, never as a mesh format.
+"""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from pandis.pipeline.mesh.formats import FormatError, Reading
+from pandis.pipeline.mesh.formats import read as read_format
+
+
+class ToolError(Exception):
+    """A tool failed; the message says how, in a few words."""
+
+
+class LimitError(ToolError):
+    """A tool needed more time or memory than it was given."""
+
+
+def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **parameters):
+    """Run an operation of this module in a child process.
+
+    Parameters
+    ----------
+    operation : str
+        A key of OPERATIONS.
+    vertices, faces : ndarray, optional
+        The mesh it works on.
+    seconds, memory_gb : float
+        Limits; beyond them the child is ended.
+    **parameters
+        Numbers and strings for the operation.
+
+    Returns
+    -------
+    vertices : ndarray, shape (V, 3), float64
+    faces : ndarray, shape (F, 3), int64
+
+    Raises
+    ------
+    LimitError
+        It ran out of time or memory.
+    ToolError
+        It crashed or raised.
+    """
+    return _run(operation, (vertices, faces), seconds, memory_gb, parameters)[:2]
+
+
+def read(path, form, folder, *, seconds, memory_gb):
+    """Read a mesh file in a child process.
+
+    Parameters
+    ----------
+    path, form, folder
+        As of `pandis.pipeline.mesh.formats.read`.
+    seconds, memory_gb
+        As of `call`.
+
+    Returns
+    -------
+    pandis.pipeline.mesh.formats.Reading
+
+    Raises
+    ------
+    pandis.pipeline.mesh.formats.FormatError
+        What is wrong with the file.
+    LimitError, ToolError
+        As of `call`.
+    """
+    parameters = {"path": str(path), "form": form, "folder": str(folder)}
+    try:
+        return _run("read_file", (None, None), seconds, memory_gb, parameters)
+    except ToolError as error:
+        prefix, _, said = str(error).partition(": ")
+        if prefix == FormatError.__name__:
+            raise FormatError(said) from None
+        raise
+
+
+def _run(operation, mesh, seconds, memory_gb, parameters):
+    vertices, faces = mesh
+    limit = int(memory_gb * 2**30)
+
+    def restrict():
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    with tempfile.TemporaryDirectory() as folder:
+        given, output = Path(folder) / "given.npz", Path(folder) / "result.npz"
+        if vertices is not None:
+            np.savez(given, vertices=vertices, faces=faces)
+        command = [
+            sys.executable,
+            "-m",
+            __spec__.name,
+            operation,
+            json.dumps(parameters),
+            str(given),
+            str(output),
+        ]
+        root = str(Path(__file__).resolve().parents[3])
+        one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        environment = os.environ | {"PYTHONPATH": root, **one}
+        try:
+            done = subprocess.run(
+                command,
+                env=environment,
+                timeout=seconds,
+                preexec_fn=restrict,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise LimitError(f"took longer than {seconds:g} s") from error
+        if done.returncode or not output.is_file():
+            if any(word in done.stderr for word in ("MemoryError", "bad_alloc", "std::length")):
+                raise LimitError(f"needs more than {memory_gb:g} GB of memory")
+            if done.returncode < 0:
+                raise ToolError(f"crashed (signal {-done.returncode})")
+            raise ToolError((done.stderr.strip().splitlines() or ["no message"])[-1])
+        with np.load(output) as data:
+            unit = str(data.get("unit", "unknown"))
+            notes = data["notes"].tolist() if "notes" in data else []
+            return Reading(data["vertices"], data["faces"], data.get("materials"), notes, unit)
+
+
+def read_file(path, form, folder):
+    """Read a file: see `pandis.pipeline.mesh.formats.read`."""
+    return read_format(Path(path), form, Path(folder))
+
+
+# --- rungs -----------------------------------------------------------------------------
+
+
+def clean(vertices, faces, tolerance=0.0):
+    """Weld, drop degenerate and duplicate faces: see `pandis.pipeline.mesh.cleanup.clean`."""
+    from pandis.pipeline.mesh import cleanup
+
+    return cleanup.clean(vertices, faces, tolerance)
+
+
+def orient(vertices, faces, nested="cavity"):
+    """Turn faces outward: see `pandis.pipeline.mesh.cleanup.orient`."""
+    from pandis.pipeline.mesh import cleanup
+
+    return cleanup.orient(vertices, faces, nested)
+
+
+def split(vertices, faces, straight=False):
+    """Make edges and vertices manifold: see `pandis.pipeline.mesh.cleanup.split`."""
+    from pandis.pipeline.mesh import cleanup
+
+    return cleanup.split(vertices, faces, straight)
+
+
+def union(vertices, faces):
+    """Keep the surface of what the mesh encloses, by exact arithmetic (libigl and CGAL)."""
+    from igl.copyleft import cgal
+
+    from pandis.pipeline.mesh import cleanup
+    from pandis.pipeline.mesh.topology import EdgeTable, rotate_to_smallest
+
+    def crossings(v, f):
+        """Ask both: each overlooks some pairs of faces that are next to flat."""
+        exact = cgal.remesh_self_intersections(v, f, detect_only=True)[2]
+        return np.concatenate([cleanup.crossing_faces(v, f), exact.reshape(-1, 2)])
+
+    none = np.empty((0, 3)), np.empty((0, 3), np.int64)
+    vertices, faces, birth = cgal.mesh_boolean(vertices, faces, *none, "union")
+    if not len(faces):
+        return vertices, faces
+    # the order in which the pieces of a cut face come differs from run to run
+    faces = rotate_to_smallest(faces)
+    faces = faces[np.lexsort((*faces.T[::-1], birth))]
+    if not len(crossings(vertices, faces)):
+        return vertices, faces
+    # rounding to float64 has made faces cross: join what it has brought together, part the rest
+    diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
+    welded = cleanup.clean(vertices, faces, 1e-9 * diagonal)
+    if len(welded[1]) and EdgeTable(welded[1]).balanced:
+        vertices, faces = welded
+    vertices, faces = cleanup.loosen(vertices, faces, crossings)
+    if left := len(crossings(vertices, faces)):
+        raise RuntimeError(f"{left} pairs of faces still cross after rounding")
+    return vertices, faces
+
+
+def skin(vertices, faces):
+    """Leave out the walls between the cells of one body: what bounds no matter (libigl and CGAL).
+
+    Of each connected piece with edges of more than two faces, those faces stay that have the
+    outside on one side, and face it.
+    """
+    from igl.copyleft import cgal
+
+    from pandis.pipeline.mesh.topology import EdgeTable, compact, components
+
+    label, count = components(faces)
+    edges = EdgeTable(faces)
+    torn = np.unique(label[np.flatnonzero(edges.nonmanifold[edges.edge_of]) // 3])
+    stays, flipped = np.ones(len(faces), bool), np.zeros(len(faces), bool)
+    for part in torn[torn < count]:
+        members = np.flatnonzero(label == part)
+        _, cells = cgal.extract_cells(*compact(vertices, faces[members]))
+        outside = np.asarray(cells) == 0
+        stays[members] = outside.sum(axis=1) == 1
+        flipped[members] = outside[:, 1]
+    faces = faces.copy()
+    faces[flipped] = faces[flipped][:, ::-1]
+    return compact(vertices, faces[stays])
+
+
+def fill(vertices, faces):
+    """Close every hole: see `pandis.pipeline.mesh.holes.fill_holes`."""
+    from pandis.pipeline.mesh import holes
+
+    return holes.fill_holes(vertices, faces)
+
+
+def meshfix(vertices, faces):
+    """Repair each component with MeshFix (Attene 2010), which knows single bodies only."""
+    import pymeshfix
+    from scipy.spatial import cKDTree
+
+    from pandis.pipeline.mesh.topology import compact, components
+
+    label, count = components(faces)
+    parts, offset = [], 0
+    for k in range(count):
+        part = compact(vertices, faces[label == k])
+        fixed = pymeshfix.clean_from_arrays(
+            part[0], part[1].astype(np.int32), False, False, remove_smallest_components=False
+        )
+        if len(fixed[1]):
+            parts.append((fixed[0], np.asarray(fixed[1], np.int64) + offset))
+            offset += len(fixed[0])
+    if not parts:
+        return np.empty((0, 3)), np.empty((0, 3), np.int64)
+    fixed = np.concatenate([p[0] for p in parts])
+    # MeshFix rounds: vertices that it has not moved get their bits back
+    diagonal = np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
+    gap, nearest = cKDTree(vertices).query(fixed)
+    still = gap <= 1e-6 * diagonal
+    fixed[still] = vertices[nearest[still]]
+    return fixed, np.concatenate([p[1] for p in parts])
+
+
+def remesh(vertices, faces, level):
+    """Remesh by winding number: see `pandis.pipeline.mesh.remesh.winding_remesh`."""
+    from pandis.pipeline.mesh.remesh import winding_remesh
+
+    return winding_remesh(vertices, faces, level)
+
+
+def wrap(vertices, faces, alpha, offset):
+    """Wrap with CGAL's alpha wrap through PyMeshLab; lengths in shares of the diagonal."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshes.generate_alpha_wrap(
+        alpha=pymeshlab.PercentageValue(100 * alpha), offset=pymeshlab.PercentageValue(100 * offset)
+    )
+    mesh = meshes.current_mesh()
+    return mesh.vertex_matrix(), mesh.face_matrix()
+
+
+def simplify(vertices, faces, count):
+    """Leave so many faces, by quadrics (Garland & Heckbert 1997), through PyMeshLab."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshes.meshing_decimation_quadric_edge_collapse(
+        targetfacenum=count, preservetopology=True, preservenormal=True, optimalplacement=True
+    )
+    mesh = meshes.current_mesh()
+    return mesh.vertex_matrix(), mesh.face_matrix()
+
+
+OPERATIONS = {
+    f.__name__: f
+    for f in (
+        read_file,
+        clean,
+        orient,
+        split,
+        union,
+        skin,
+        fill,
+        meshfix,
+        remesh,
+        wrap,
+        simplify,
+    )
+}
+
+
+def main(arguments):
+    """Run one operation and store its mesh."""
+    operation, parameters, given, output = arguments
+    mesh = ()
+    if Path(given).is_file():
+        with np.load(given) as data:
+            mesh = data["vertices"], data["faces"]
+    try:
+        vertices, faces, *more = OPERATIONS[operation](*mesh, **json.loads(parameters))
+    except MemoryError:
+        raise
+    except Exception as error:
+        # one line on stderr is what the parent quotes
+        sys.exit(" ".join(f"{type(error).__name__}: {error}".split())[:600])
+    arrays = {
+        "vertices": np.asarray(vertices, np.float64).reshape(-1, 3),
+        "faces": np.asarray(faces, np.int64).reshape(-1, 3),
+    }
+    if more:
+        materials, notes, unit = more
+        arrays |= {"notes": np.array(notes, str), "unit": np.array(unit)}
+        arrays |= {} if materials is None else {"materials": materials}
+    np.savez(output, **arrays)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,56 @@
+"""How long the jobs took that built a field: from Snakemake's benchmark files."""
+
+import json
+from pathlib import Path
+
+from pandis.pipeline.run.ask.catalogue import PROXY, parse_field
+
+#: By the first word of an artifact's name: how the file of its job begins.
+_JOBS = {
+    "grid": "bake",
+    "compact": "bake-compact",
+    "model": "train",
+    "method": "",
+    "choice": "choose",
+}
+
+
+def build_seconds(mesh, fields, folder):
+    """Return the seconds of the last job that built each field.
+
+    A job that went on from a checkpoint counts from there. Times lie beside the artifacts, not in
+    them, so that a field without one is simply not told.
+
+    Parameters
+    ----------
+    mesh : str
+    fields : list of str
+    folder : path-like
+        Of the benchmark files: ``results/benchmarks``.
+
+    Returns
+    -------
+    dict of str to float
+        0 where nothing is built beyond the mesh.
+    """
+    seconds = {}
+    for field in fields:
+        path = build_file(mesh, field, folder)
+        if path is None:
+            seconds[field] = 0.0
+            continue
+        try:
+            seconds[field] = float(json.loads(path.read_text().splitlines()[-1])["s"])
+        except (OSError, ValueError, KeyError, IndexError):
+            continue
+    return seconds
+
+
+def build_file(mesh, field, folder):
+    """Return the benchmark file of the job that built a field, None where nothing is built."""
+    recipes = [field, field.removeprefix(f"{PROXY}-")]
+    first, _, rest = parse_field(field, recipes).artifact.partition("-")
+    if first == "mesh":
+        return None
+    name = "-".join(part for part in (_JOBS[first], rest) if part)
+    return Path(folder) / mesh / f"{name}.jsonl"

@@ -1,0 +1,134 @@
+"""Which file of a mesh to use: its error, size, time and safe stiffness, in words."""
+
+from pandis.pipeline.judge.errors.front import may_be_used
+from pandis.pipeline.judge.servo.attached import SHARE
+
+
+def picks(rows, hardware, folder):
+    """Return the exact field and the best of the others, of those that may be used.
+
+    Parameters
+    ----------
+    rows, hardware
+        As for `usable`.
+    folder : Path
+        Of the mesh's results.
+
+    Returns
+    -------
+    list of dict
+        ``field``, ``file``, and texts: ``error``, ``size``, ``time``, ``most`` (the safe
+        stiffness), ``safe`` (a sentence about it); ``why`` one may take it (the beginning of a
+        sentence); ``through``: what to say where hard presses go through with penalty forces, so
+        that a proxy is to be used, else empty.
+    """
+    able, tried = usable(rows, hardware), hardware.fields
+    exact = [row for row in able if row["contact_mean"] == 0]
+    exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or `auto`, come to it
+    others = [row for row in able if row["contact_mean"] > 0]
+    best = [min(others, key=lambda row: row["contact_mean"])] if others else []
+    picked = [_pick(row, tried[row["field"]], folder) | {"why": "Use"} for row in exact + best]
+    if exact and best:
+        picked[1]["why"] = _why(*best, *exact)
+    return picked
+
+
+def usable(rows, hardware):
+    """Return the rows of the fields that may be used.
+
+    A field is judged twice: by what was evaluated of it (`may_be_used`), and by what its exported
+    file does in a servo loop: it answers in time, pushes back on the whole surface, and there is a
+    stiffness at which it is safe on every simulated device.
+
+    Parameters
+    ----------
+    rows : list of dict
+        Of a summary: one mesh's fields.
+    hardware : pandis.pipeline.run.records.hardware.HardwareRecord
+    """
+    tried = hardware.fields
+    return [
+        row
+        for row in rows
+        if row["field"] in tried and may_be_used(row) and _file_is_sound(tried[row["field"]])
+    ]
+
+
+def _why(row, exact):
+    """Say what a field has over the exact one."""
+    if row["bytes"] < exact["bytes"]:
+        return "Or, if that is too large,"
+    faster = row["native_p50_us"] < exact["native_p50_us"]
+    return "Or, if that is too slow," if faster else "Of the others the best is"
+
+
+def _file_is_sound(verdict):
+    """Tell whether the validation of an exported file has found nothing that forbids its use."""
+    devices = verdict.devices.values()
+    pressed = all(device.holds and not device.pressed_missing for device in devices)
+    kept = not any(touched.passes for touched in _touched(verdict))
+    if _lets_through(verdict)[0]:  # then it is recommended through a proxy
+        kept = kept and verdict.proxy.in_time
+    whole = verdict.agrees and verdict.in_time and verdict.walls.holds and pressed and kept
+    return bool(whole and _safe(verdict) != 0)
+
+
+def _touched(verdict):
+    """Return what devices made of a field through a proxy; nothing where it has none."""
+    return list(verdict.proxy.devices.values()) if verdict.proxy else []
+
+
+def _lets_through(verdict):
+    """Return how many hard presses there were, and in how many penalty forces let a hand through.
+
+    On the device where it were most.
+    """
+    counts = [(t.penalty_passes, t.presses) for t in _touched(verdict)]
+    return max(counts, default=(0, 0))
+
+
+def _safe(verdict):
+    """Return the stiffness that is safe in the lightest hand on every device; None without one.
+
+    Of what is recommended: a proxy where penalty forces let hard presses through.
+    """
+    felt = _touched(verdict) if _lets_through(verdict)[0] else verdict.devices.values()
+    hands = [device.hands for device in felt]
+    return min((most[min(most, key=float)] for most in hands), default=None)
+
+
+def _pick(row, verdict, folder):
+    error, most = "no error", _safe(verdict)
+    if row["contact_mean"] > 0:
+        percent = f"{row['contact_percent']:.2g} % of the force"
+        error = f"{row['contact_millinewtons']:.3g} mN ({percent})"
+    safe, told = "No device was simulated.", "not known"
+    if most is not None:
+        told = f"{most:,.0f} N/m"
+        safe = (
+            f"It is safe up to {told} in a light hand, by simulation; a device that is armed gets "
+            f"at most {SHARE} of what is safe on it."
+        )
+    passes, presses = _lets_through(verdict)
+    through = ""
+    if passes:
+        through = (
+            f"Use it through a proxy: with penalty forces {passes} of {presses} hard presses went "
+            "through a wall, with a proxy none."
+        )
+    return {
+        "field": row["field"],
+        "through": through,
+        "file": f"{folder}/export/{row['field']}.pandis",
+        "error": error,
+        "size": _size(row["bytes"]),
+        "time": f"{row['native_p50_us']:.2g} µs",
+        "most": told,
+        "safe": safe,
+    }
+
+
+def _size(count):
+    if count < 1000:
+        return "under 1 KB"
+    return f"{count / 1e6:,.1f} MB" if count >= 1e6 else f"{count / 1e3:,.0f} KB"

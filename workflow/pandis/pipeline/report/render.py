@@ -1,0 +1,104 @@
+"""A picture of a mesh without a graphics library: dense surface points and a depth buffer."""
+
+import numpy as np
+
+from pandis.pipeline.geometry.sampling import Surface
+
+#: A view from the front, a little from the left and from above.
+VIEW = (0.45, 0.35, 1.0)
+
+
+def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None, colours=None):
+    """Draw a shaded mesh.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3), unit frame
+    faces : ndarray, shape (F, 3)
+    size : int
+        Pixels per side.
+    view, up : sequence of float
+        Direction from the mesh to the eye; which way is up.
+    points : ndarray, shape (n, 3), optional
+        A path to draw over the surface, where it is not hidden.
+    colours : ndarray, shape (F, 3), optional
+        Red, green and blue of each face, 0 to 255, before shading.
+
+    Returns
+    -------
+    ndarray, shape (size, size, 4), uint8
+        RGBA; transparent where there is no mesh.
+    """
+    axes = camera(view, up)
+    whole = Surface(vertices, faces)
+    # what faces away is hidden: the solid is closed
+    front = np.flatnonzero(whole.normals @ axes[2] > 0)
+    surface = Surface(vertices, np.asarray(faces)[front])
+    count = round(10 * size * size * surface.areas.sum() / whole.areas.sum())
+    position, normal, face, _ = surface.draw(count, np.random.default_rng(0))
+    face = front[face]
+    row, column, depth = project(position, axes, size)
+    # far to near: of all points in a pixel the nearest is written last
+    order = np.argsort(depth, kind="stable")
+    row, column = row[order], column[order]
+    image = np.zeros((size, size, 4), np.uint8)
+    buffer = np.full((size, size), -np.inf)
+    n = (normal @ axes.T)[order]
+    light = np.clip(n @ _unit([-0.35, 0.55, 0.75]), 0, 1) * 0.75 + 0.25 * (0.5 + 0.5 * n[:, 1])
+    base = np.array([176, 190, 214]) if colours is None else colours[face[order]]
+    colour = np.clip(light[:, None] * base + 26, 0, 255)
+    image[row, column, :3] = colour.astype(np.uint8) & 0xFC  # fewer tones, shorter files
+    image[row, column, 3] = 255
+    buffer[row, column] = depth[order]
+    _close_pinholes(image, buffer)
+    if points is not None:
+        _draw_path(image, buffer, points, axes, size)
+    return image
+
+
+def _close_pinholes(image, buffer):
+    """Give pixels on which no point fell, in the midst of others, the colour of one beside them."""
+    covered = image[..., 3] > 0
+    steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
+    around = sum(np.roll(covered, step, (0, 1)).astype(int) for step in steps)
+    row, column = np.nonzero(~covered & (around >= 3))
+    for down, right in steps:
+        beside = (row + down) % len(image), (column + right) % len(image)
+        take = covered[beside]
+        for layer in (image, buffer):
+            layer[row[take], column[take]] = layer[beside][take]
+
+
+def camera(view, up):
+    """Return the camera's axes as rows: right, up, toward the eye."""
+    toward = _unit(view)
+    right = _unit(np.cross(up, toward))
+    return np.stack([right, np.cross(toward, right), toward])
+
+
+def project(points, axes, size):
+    """Return row, column and depth (toward the eye) of points, seen from far away."""
+    x, y, depth = (points @ axes.T).T
+    half = size / 2
+    column = np.clip(half + x * half * 0.78, 0, size - 1).astype(np.int64)
+    row = np.clip(half - y * half * 0.78, 0, size - 1).astype(np.int64)
+    return row, column, depth
+
+
+def _draw_path(image, buffer, points, axes, size):
+    steps, way = np.linspace(0, 1, 8, endpoint=False), np.diff(points, axis=0)
+    length = np.linalg.norm(way, axis=1)
+    whole = length <= 8 * np.median(length)  # a longer step is one to where it begins anew
+    dense = (points[:-1][whole, None] + steps[:, None] * way[whole, None]).reshape(-1, 3)
+    row, column, depth = project(dense, axes, size)
+    # the path runs below the surface: allow for the depth of penetration
+    seen = depth > buffer[row, column] - 0.06
+    for dr in (-1, 0, 1):
+        for dc in (-1, 0, 1):
+            r = np.clip(row[seen] + dr, 0, size - 1)
+            c = np.clip(column[seen] + dc, 0, size - 1)
+            image[r, c] = (200, 40, 40, 255)
+
+
+def _unit(vector):
+    return np.asarray(vector, float) / np.linalg.norm(vector)

@@ -1,0 +1,50 @@
+"""The part of the page on which a mesh is touched: small files of its fields."""
+
+import json
+from pathlib import Path
+
+from pandis.bridges.web import LONGEST, STIFFEST, loop, touched
+from pandis.runtime.field import NativeField
+from pandis.runtime.info import no_proxy
+
+#: Bytes of the files of one mesh, and of the parts of the whole page: it shall open quickly.
+_EACH, _ALL = 1_000_000, 6_000_000
+
+
+def touchable(paths):
+    """Return the files that go onto the page: of those with a proxy the smallest, 1 MB of them."""
+    kept, left = [], _EACH
+    for path in sorted(map(Path, paths), key=lambda path: (path.stat().st_size, path.name)):
+        size = path.stat().st_size
+        if size <= left and not no_proxy(NativeField(path)):
+            kept.append(path)
+            left -= size
+    return kept
+
+
+def touch(paths, size, stiffness, view):
+    """Return the part of one mesh as HTML, or None if nothing of it can be touched.
+
+    Parameters
+    ----------
+    paths : list of path-like
+        From `touchable`.
+    size, stiffness : float
+        Of the device, m and N/m.
+    view : str
+        The name of the figure that holds the solid.
+    """
+    if not paths or size > LONGEST:
+        return None
+    fields = [NativeField(path) for path in paths]
+    return touched(fields, size, min(stiffness, STIFFEST), {"view": view})
+
+
+def shared(sections):
+    """Return the parts of a page's meshes by name, as many as it takes, and what they share."""
+    parts, left = {}, _ALL
+    for section in sections:
+        if section.touch and len(section.touch) <= left:
+            parts[section.name] = section.touch
+            left -= len(section.touch)
+    return parts, json.dumps(loop()).replace("<", "\\u003c") if parts else ""

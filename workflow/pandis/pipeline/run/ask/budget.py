@@ -1,0 +1,108 @@
+"""What a field should achieve: amounts of force as a user writes them, and as they are compared.
+
+This module stands on the ground floor: planning reads budgets, too.
+"""
+
+import math
+import re
+from typing import NamedTuple
+
+#: An amount of force as text: in mN or N at the configured device, or as a share of the mean force.
+AMOUNT = r"\d+(\.\d*)?([eE][+-]?\d+)? *(mN|N|%)"
+#: The tail may be so many times the mean, where a budget does not name it.
+TAIL = 10.0
+
+
+def amount(value):
+    """Return a number and its unit: ``mN``, ``N``, ``%``, or an empty text for the unit frame.
+
+    Raises
+    ------
+    ValueError
+        It is no amount of force above zero.
+    """
+    text, unit = str(value).strip(), ""
+    if isinstance(value, str) and re.fullmatch(AMOUNT, text):
+        unit = re.search("(mN|N|%)$", text)[1]
+        text = text.removesuffix(unit).strip()
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if isinstance(value, bool) or not 0 < number < float("inf"):
+        raise ValueError(
+            "an amount of force is a number above zero (unit frame, k = 1), such as 0.001, or a "
+            "text such as '20 mN', '0.02 N' or '5 %' (of the mean force)"
+        )
+    return number, unit
+
+
+class Limits(NamedTuple):
+    """What a field may err by, on the contact set down to a depth of 0.04.
+
+    Attributes
+    ----------
+    mean, tail : float
+        Of ‖F − F_exact‖: the mean and the 99th percentile; unit frame, k = 1.
+    missed : float
+        Share of the area on which the force may be missing.
+    """
+
+    mean: float
+    tail: float
+    missed: float
+
+    @classmethod
+    def of(cls, target, newtons, mean_force):
+        """Return the limits of what asks for ``force_error``, ``tail`` and ``missed``.
+
+        Parameters
+        ----------
+        target : pandis.pipeline.run.ask.options.BudgetOptions, GridTarget or
+        pandis.pipeline.run.ask.recipes.ExactRecipe newtons : float
+            Newtons per force of the unit frame at k = 1.
+        mean_force : float
+            The exact force's mean on the contact set, unit frame.
+        """
+        mean, tail = _in_unit_frame(target.force_error, newtons, mean_force), target.tail
+        tail = TAIL * mean if tail is None else _in_unit_frame(tail, newtons, mean_force)
+        return cls(mean, tail, target.missed)
+
+    def excess(self, figures):
+        """Return by how many times figures exceed the limits: the worst of the three.
+
+        Parameters
+        ----------
+        figures : dict
+            ``mean``, ``p99`` and ``missing``: see
+            `pandis.pipeline.geometry.measure.contact_errors`.
+        """
+        pairs = zip((figures["mean"], figures["p99"], figures["missing"]), self, strict=True)
+        ratios = [value / limit for value, limit in pairs]
+        return float("inf") if any(map(math.isnan, ratios)) else max(ratios)
+
+
+def _in_unit_frame(value, newtons, mean_force):
+    number, unit = amount(value)
+    return number * {"mN": 1e-3 / newtons, "N": 1 / newtons, "%": mean_force / 100, "": 1.0}[unit]
+
+
+def told(force, newtons, mean_force):
+    """Say an amount of force in all three ways: millinewtons, percent, unit frame."""
+    percent = 100 * force / mean_force if mean_force else float("nan")
+    said = f"{percent:.2g} % of the mean force, {force:.3g} of the unit frame"
+    return f"{1e3 * newtons * force:.3g} mN ({said})"
+
+
+def told_figures(figures, newtons, mean_force):
+    """Say what was measured of a field: mean, tail, surface that lacks the force or is too thin."""
+    lacks = (
+        f"lacks the force on {100 * figures['missing']:.3g} % of the surface "
+        f"({100 * figures['left_out']:.3g} % of it is too thin to be judged)"
+    )
+    if figures["left_out"] >= 1:
+        lacks = "cannot be judged, for all of the surface is too thin"
+    return (
+        f"has a force error of {told(figures['mean'], newtons, mean_force)} on average and of "
+        f"{1e3 * newtons * figures['p99']:.3g} mN at p99, and {lacks}"
+    )

@@ -1,0 +1,254 @@
+"""What a configuration file may hold, checked before anything runs.
+
+The models here, in `pandis.pipeline.run.ask.options` and in `pandis.pipeline.run.ask.recipes` are
+the single source of the
+options' names, their defaults and their meaning: ``workflow/schemas/config.schema.json`` and the
+tables of ``config/README.md`` are generated from them (``make docs``).
+
+These modules run at every planning of the workflow and import neither torch nor trimesh.
+"""
+
+from contextlib import suppress
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field, WithJsonSchema, field_validator, model_validator
+
+from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, MESH_NAME, in_order
+from pandis.pipeline.run.ask.contacts import ContactOptions, SurfaceOptions
+from pandis.pipeline.run.ask.options import (
+    BakeOptions,
+    BudgetOptions,
+    DeviceOptions,
+    EvaluationOptions,
+    ExportOptions,
+    HardwareOptions,
+    MeshOptions,
+    SampleOptions,
+    StressOptions,
+    TimingOptions,
+    TrajectoryOptions,
+)
+from pandis.pipeline.run.ask.outputs import distance_fields
+from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe, PaperRecipe
+from pandis.pipeline.run.ask.values import Angle, Options, Place, Positive
+
+_NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
+FieldNames = Annotated[
+    list[str], Field(min_length=1), WithJsonSchema({"anyOf": [{"type": "string"}, _NAMES]})
+]
+
+
+class StageOptions(Options):
+    """All options of all stages. A mesh may override any of them."""
+
+    seed: int = Field(0, ge=0, description="root of all random numbers")
+    device: DeviceOptions = Field(default_factory=DeviceOptions, description="physical scale")
+    fields: FieldNames = Field(
+        [
+            "exact",
+            "compact-auto",
+            "nearest-32",
+            "nearest-64",
+            "trilinear-32",
+            "trilinear-64",
+            "trilinear-normal-64",
+            "tricubic-64",
+            "spline-auto",
+            "pandis",
+            "pandis-exact",
+        ],
+        description="what to build and compare: `exact`, `compact-B` (the mesh with its vertices "
+        "on a lattice of B bits, 10 to 20, or `compact-auto`: see `bake.auto`), "
+        + ", ".join(f"`{kind}-N`" for kind in GRID_FIELDS)
+        + " (N nodes per axis, or `auto`: see `bake.auto`), or any recipe under `train`; "
+        "`fields: auto` stands alone and builds the one that `budget` asks for, and no other",
+    )
+    budget: BudgetOptions = Field(
+        default_factory=BudgetOptions, description="what `fields: auto` should achieve"
+    )
+    mesh: MeshOptions = Field(default_factory=MeshOptions, description="loading and repair")
+    samples: SampleOptions = Field(default_factory=SampleOptions, description="training points")
+    train: dict[str, Annotated[PaperRecipe | ExactRecipe, Field(discriminator="loss")]] = Field(
+        default_factory=dict,
+        description="recipes by name; `loss` is `paper` or `exact` (the default, except the "
+        "recipes named `pandis` and `pandis-grad`)",
+    )
+    bake: BakeOptions = Field(default_factory=BakeOptions, description="grids")
+    export: ExportOptions = Field(
+        default_factory=ExportOptions, description="files for user programs"
+    )
+    trajectory: TrajectoryOptions = Field(
+        default_factory=TrajectoryOptions, description="the probe's path"
+    )
+    evaluation: EvaluationOptions = Field(
+        default_factory=EvaluationOptions, description="force errors"
+    )
+    stress: StressOptions = Field(default_factory=StressOptions, description="the stress suite")
+    timing: TimingOptions = Field(default_factory=TimingOptions, description="query times")
+    hardware: HardwareOptions = Field(
+        default_factory=HardwareOptions, description="the 1 kHz validation"
+    )
+
+    contact: ContactOptions = Field(
+        default_factory=ContactOptions, description="how a device feels the object"
+    )
+
+    @model_validator(mode="after")
+    def _one_spiral(self):
+        if self.trajectory.kind == "spiral" and self.evaluation.paths > 1:
+            raise ValueError("a spiral is always the same path: set evaluation.paths to 1")
+        return self
+
+    @model_validator(mode="after")
+    def _in_order(self):
+        with suppress(ValueError):  # a field's name has a fault, which is told by itself
+            self.fields = in_order(self.fields, self.train)
+        return self
+
+    @field_validator("fields", mode="before")
+    @classmethod
+    def _one_word(cls, value):
+        return [value] if isinstance(value, str) else value
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_the_loss(cls, values):
+        """Recipes choose their model by `loss`; fill it in from the recipe's name."""
+        if not isinstance(values, dict) or not isinstance(values.get("train") or {}, dict):
+            return values
+        recipes = dict.fromkeys(RECIPES) | (values.get("train") or {})
+        named = {
+            name: RECIPES.get(name, {"loss": "exact"}) | (recipe or {})
+            if isinstance(recipe, dict | None)
+            else recipe
+            for name, recipe in recipes.items()
+        }
+        return values | {"train": named}
+
+
+class MeshEntry(StageOptions):
+    """One mesh: where it comes from, and its overrides."""
+
+    source: str = Field(
+        description="a path (relative to the working directory), a URL (with `sha256`), "
+        "`pymeshlab:NAME` or `analytic:NAME`"
+    )
+    sha256: Annotated[str, Field(pattern="^[0-9a-fA-F]{64}$")] | None = Field(
+        None, description="digest of the source file; checked where given"
+    )
+
+    @model_validator(mode="after")
+    def _url_needs_digest(self):
+        if self.source.startswith(("http://", "https://")) and self.sha256 is None:
+            raise ValueError("source: a URL needs the sha256 of the file beside it")
+        return self
+
+    @model_validator(mode="after")
+    def _formats_need_distances(self):
+        asked = [kind for kind in self.export.also if kind != "newton"]
+        try:
+            fields = distance_fields(self) if asked else [None]
+        except ValueError:
+            return self  # a field's name has a fault, which is told by itself
+        if not fields:
+            raise ValueError(
+                f"export.also: {', '.join(asked)}: all fields are grids of forces, which know no "
+                "distance outside: add another one to fields"
+            )
+        return self
+
+
+class SceneObject(Options):
+    """An object of a scene."""
+
+    mesh: str = Field(description="one of `meshes`")
+    field: str = Field(
+        description="which of its fields; it need not stand under `fields`, but must have a file "
+        "for `pandis.h`"
+    )
+    position: tuple[Place, Place, Place] = Field(
+        (0.0, 0.0, 0.0), description="where its box's centre lies (m)"
+    )
+    rotation: tuple[Angle, Angle, Angle] = Field(
+        (0.0, 0.0, 0.0),
+        description="how it is turned: the axis, as long as the angle in degrees",
+    )
+    size: Annotated[float, Field(ge=1e-3, le=10)] | None = Field(
+        None, description="metres of its longest side; null: `device.size` of its mesh"
+    )
+    stiffness: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+        None, description="N/m; null: `device.stiffness` of its mesh"
+    )
+
+
+class SceneOptions(Options):
+    """Several objects under one probe. With scenes, `all` builds what they need, and no more."""
+
+    objects: Annotated[dict[str, SceneObject], Field(min_length=1)] = Field(
+        description="name: {mesh: …, field: …, and where it lies}"
+    )
+    ticks: Annotated[int, Field(ge=1, le=10_000_000)] = Field(
+        20_000, description="ticks of the walk through the scene that tries it"
+    )
+    speed: Positive = Field(0.5, le=10, description="of the probe on it, m/s")
+    radius: float = Field(
+        0.0, ge=0, le=0.1, description="of the probe, m, where it goes through proxies"
+    )
+    contact: SurfaceOptions | None = Field(
+        None,
+        description="how its objects are felt: as under `contact`, without a probe; null: as their "
+        "meshes are",
+    )
+
+
+FOLDER = r"[A-Za-z0-9_][A-Za-z0-9._-]*(/[A-Za-z0-9_][A-Za-z0-9._-]*)*"
+ResultsFolder = Annotated[str, Field(pattern=f"^{FOLDER}$")]
+MeshName = Annotated[str, Field(pattern=f"^{MESH_NAME}$")]
+
+
+class Config(StageOptions):
+    """The whole configuration file."""
+
+    results: ResultsFolder = Field(
+        "results",
+        description="folder of everything that a run makes, relative to the working directory: "
+        "give every configuration its own, and none rebuilds the other's meshes",
+    )
+
+    until: Literal["exports"] | None = Field(
+        None,
+        description="`exports`: make nothing beyond the exported files, and one table of all "
+        "meshes instead of the report: for a collection of many. null: everything",
+    )
+    meshes: Annotated[dict[MeshName, MeshEntry], Field(min_length=1)] = Field(
+        description="name: {source: …, and any option above that differs for this mesh}"
+    )
+    scenes: dict[MeshName, SceneOptions] = Field(
+        default_factory=dict, description="name: {objects: …}; see `scenes`"
+    )
+
+
+def plain(value):
+    """Return ``value`` as sorted plain dicts, lists and scalars, fit for a rule's params."""
+    if isinstance(value, BaseModel):
+        value = value.model_dump()
+    if isinstance(value, dict):
+        return {key: plain(value[key]) for key in sorted(value)}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return value
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of the configuration file, for editors."""
+    schema = Config.model_json_schema()
+    # in the file, `loss` may be left out, so the recipe's kind cannot be told by its tag
+    for definition in schema["$defs"].values():
+        train = definition.get("properties", {}).get("train")
+        if train:
+            train["additionalProperties"].pop("discriminator", None)
+            train["additionalProperties"]["anyOf"] = train["additionalProperties"].pop("oneOf")
+    top = schema["properties"]["train"]["additionalProperties"]
+    top.pop("discriminator", None)
+    top["anyOf"] = top.pop("oneOf")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema

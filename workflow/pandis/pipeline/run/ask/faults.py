@@ -1,0 +1,143 @@
+"""Every fault of a configuration at once, each with its dotted path and what to do."""
+
+import difflib
+import re
+
+from pydantic import BaseModel, ValidationError
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.catalogue import (
+    AUTO,
+    COMPACT,
+    GRID_FIELDS,
+    MESH_NAME,
+    PLANE_FIELDS,
+    PROXY,
+    is_builtin_field,
+    parse_field,
+)
+from pandis.pipeline.run.ask.config import StageOptions
+from pandis.pipeline.run.ask.options import TARGETS
+from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
+
+
+def stage_faults(model, values):
+    """Map dotted path to message for all faults of stages' options, names of fields included."""
+    faults = faults_of(model, values)
+    for key, message in name_faults(values):
+        faults.setdefault(key, message)
+    return faults
+
+
+def raise_faults(faults):
+    """Raise a PandisError that lists faults, messages by dotted path, if there are any."""
+    if faults:
+        lines = [f"  {key or 'config'}: {message}" for key, message in faults.items()]
+        raise PandisError(
+            f"the configuration has {len(lines)} fault{'s' * (len(lines) > 1)}:\n"
+            + "\n".join(lines)
+            + "\nEvery option is described in config/README.md."
+        )
+
+
+def faults_of(model, values):
+    """Map dotted path to message for everything that ``model`` refuses in ``values``."""
+    try:
+        model.model_validate(values)
+    except ValidationError as error:
+        return dict(_describe(fault, model) for fault in error.errors(include_url=False))
+    return {}
+
+
+def name_faults(values):
+    """Yield path and message for every recipe and field whose name cannot be."""
+    recipes = values.get("train") or {}
+    names = values.get("fields", StageOptions.model_fields["fields"].default)
+    names = [names] if isinstance(names, str) else names
+    if not isinstance(recipes, dict) or not isinstance(names, list):
+        return  # the models have said so
+    for name in recipes:
+        if not re.fullmatch(MESH_NAME, str(name)) or is_builtin_field(str(name)):
+            yield (
+                f"train.{name}",
+                "a recipe's name is made of a-z, 0-9, - and _ and is not that of a built-in "
+                "field: rename it",
+            )
+    known = {"pandis": None, "pandis-exact": None} | recipes
+    if AUTO in names and len(names) > 1:
+        yield "fields", "auto stands alone: it is the one field that the budget asks for"
+        return
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            yield f"fields.{index}", f"{name} is listed twice: remove one"
+        try:
+            spec = parse_field(str(name), known)
+        except ValueError as error:
+            near = near_field(str(name), known)
+            yield f"fields.{index}", str(error) + (f"; did you mean '{near}'?" if near else "")
+            continue
+        spec = spec.through or spec
+        budget = values.get("budget") or {}
+        if spec.kind == AUTO and not (isinstance(budget, dict) and budget.get("force_error")):
+            yield (
+                f"fields.{index}",
+                "auto needs to know what to achieve: add budget.force_error, such as 0.001",
+            )
+        if spec.size == "auto" and spec.kind not in _targets(values):
+            yield (
+                f"fields.{index}",
+                f"{spec.name} needs to know what to achieve: add bake.auto.{spec.kind}, with "
+                "force_error or bytes",
+            )
+
+
+def near_field(name, recipes):
+    """Return the field whose name is most like one that is no field's, or None."""
+    kind, dash, size = name.rpartition("-")
+    if dash and (size.isdigit() or size == AUTO):
+        near = difflib.get_close_matches(kind, [*GRID_FIELDS, COMPACT], n=1, cutoff=0.7)
+        return f"{near[0]}-{size}" if near and near[0] != kind else None
+    known = ["exact", AUTO, *PLANE_FIELDS, PROXY, *recipes]
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)
+    return near[0] if near and near[0] != name else None
+
+
+def _targets(values):
+    """Return the kinds of grids that have a target."""
+    bake = values.get("bake") or {}
+    given = bake.get("auto") or {} if isinstance(bake, dict) else {}
+    return {*TARGETS, *(given if isinstance(given, dict) else ())}
+
+
+def _describe(fault, model):
+    path = [str(part) for part in fault["loc"]]
+    # the tag of the chosen recipe stands in pydantic's path, but not in the file
+    if len(path) > 2 and path[0] == "train" and path[2] in ("paper", "exact"):
+        del path[2]
+    message = fault["msg"].removeprefix("Value error, ")
+    if fault["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(path[-1], _known_keys(model, path[:-1], fault), n=1)
+        message = "unknown option" + (f"; did you mean '{near[0]}'?" if near else "")
+    elif fault["type"] == "missing":
+        message = "missing"
+    else:
+        given = fault.get("input")
+        if not isinstance(given, dict | list | BaseModel) and path:
+            message += f" (given: {given!r})"
+    # a cross-check names its key itself
+    if fault["type"] == "value_error" and (match := re.match(r"([a-z][\w.-]*): ", message)):
+        path.append(match[1])
+        message = message[match.end() :]
+    return ".".join(path), message
+
+
+def _known_keys(model, path, fault):
+    if path[:1] == ["train"] and len(path) > 1:
+        tag = next((p for p in fault["loc"] if p in ("paper", "exact")), "exact")
+        return list((PaperRecipe if tag == "paper" else ExactRecipe).model_fields)
+    for part in path:
+        field = model.model_fields.get(part)
+        if field is None or not isinstance(field.annotation, type):
+            return []
+        model = field.annotation
+    return list(model.model_fields)

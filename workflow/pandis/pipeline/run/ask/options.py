@@ -1,0 +1,336 @@
+"""Options of every stage but training: their names, defaults and meaning."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from pandis.pipeline.run.ask.catalogue import COMPACT, GRID_FIELDS
+from pandis.pipeline.run.ask.values import Count, Force, Missed, Options, Positive
+
+#: Metres that an object may have in a device's workspace.
+LARGEST_DEVICE = 10.0
+
+
+class DeviceOptions(Options):
+    """Physical scale: how large and how stiff the object is under the device."""
+
+    size: Positive = Field(0.10, description="metres of the mesh's longest side in the workspace")
+    stiffness: Positive = Field(400.0, description="stiffness k of the surface in N/m")
+
+    @field_validator("size")
+    @classmethod
+    def _fits_a_workspace(cls, value):
+        if value > LARGEST_DEVICE:
+            raise ValueError(
+                f"no device reaches that far: at most {LARGEST_DEVICE:g}, in metres (a part of 60 "
+                "mm has a size of 0.06)"
+            )
+        return value
+
+
+class MeshOptions(Options):
+    """Loading and repair. What each rung does, and to which meshes: docs/repair.md."""
+
+    unit: str = Field(
+        "unknown",
+        pattern=r"^[A-Za-zµ]{1,12}$",
+        description="what one mesh unit is (`mm`, `m`, …): recorded, nothing is scaled by it; "
+        "glTF and 3MF files say it themselves",
+    )
+    weld: float = Field(
+        1e-8,
+        ge=0,
+        le=1e-3,
+        description="vertices closer than this share of the diagonal become one; used only where "
+        "exact welding leaves the mesh open; 0: never",
+    )
+    rungs: list[Literal["clean", "union", "fill", "meshfix", "remesh", "wrap"]] = Field(
+        ["clean", "union", "fill", "meshfix", "remesh", "wrap"],
+        description="the repairs that may be tried, in this order, on a mesh that is not valid; "
+        "leave out what you do not want",
+    )
+    small_hole: float = Field(
+        0.5,
+        ge=0,
+        le=100,
+        description="a hole is small, and filled, if its rim is at most this share of its "
+        "component's diagonal",
+    )
+    max_hole_edges: int = Field(500, ge=0, description="a hole with more edges is not small")
+    open: Literal["refuse", "cap", "thicken"] = Field(
+        "refuse",
+        description="a surface with holes that are not small: `refuse` it, `cap` the holes all "
+        "the same, or `thicken` it to a wall of `thickness`",
+    )
+    thickness: Positive = Field(
+        0.01, le=0.2, description="thickness of that wall, as a share of the diagonal"
+    )
+    nested: Literal["cavity", "solid"] = Field(
+        "cavity",
+        description="what to make of a component wholly inside another: a `cavity` (inside which "
+        "the next one is solid again, and so on), or `solid`: only the outer surface remains",
+    )
+    deviation_p99: float = Field(
+        0.005,
+        ge=0,
+        description="a repair is kept only if 99 % of the surface, both ways, moves no farther "
+        "than this share of the diagonal (caps of holes and walls inside the solid not counted)",
+    )
+    deviation_max: float = Field(0.03, ge=0, description="the same for all of the surface")
+    rung_seconds: Positive = Field(240.0, description="time limit of each rung")
+    rung_memory_gb: Positive = Field(3.0, description="memory limit of each rung")
+    reader_seconds: Positive = Field(120.0, description="time limit of the reader")
+    reader_memory_gb: Positive = Field(3.0, description="memory limit of the reader")
+
+
+class SampleOptions(Options):
+    """Training and held-out points. Lengths are in the unit frame (longest side 1.8).
+
+    Recipes on exact distances draw points of their own, in the same proportions.
+    """
+
+    surface: Count = Field(50_000, description="points on the surface")
+    offsets: int = Field(
+        100_000, ge=0, description="points off the surface along the normal, over all scales"
+    )
+    scales: Annotated[list[Positive], Field(min_length=1)] = Field(
+        [0.003, 0.01, 0.03], description="standard deviations of the offsets"
+    )
+    shallow: int = Field(350_000, ge=0, description="points within 0.0115 below the surface")
+    penetration: int = Field(250_000, ge=0, description="points within `depth` below it")
+    bent: int = Field(
+        250_000,
+        ge=0,
+        description="points below the surface, up to eight times denser where it bends: the "
+        "angles between neighbouring faces, per 0.05 of length",
+    )
+    depth: Positive = Field(0.045, description="largest depth below the surface")
+    core: int = Field(
+        50_000,
+        ge=0,
+        description="points deeper than `depth` along the normal, up to 1: where the part is thin, "
+        "they may end up outside",
+    )
+    box: int = Field(50_000, ge=0, description="points uniform in the box [-1, 1]³")
+    held_out: Annotated[int, Field(ge=100)] = Field(
+        20_000, description="points never trained on: half at most 0.01 deep, half at most 0.04"
+    )
+
+
+class GridTarget(Options):
+    """What a field named `…-auto` should achieve."""
+
+    force_error: Force | None = Field(
+        None, description="mean force error on the contact set: written as in `budget`"
+    )
+    tail: Force | None = Field(
+        None, description="with `force_error`: its 99th percentile; null: ten times the mean"
+    )
+    missed: Missed = Field(
+        0.005, description="with `force_error`: share of the surface that may lack the force"
+    )
+    bytes: Count | None = Field(None, description="bytes that a program holds in memory")
+
+    @model_validator(mode="after")
+    def _one_target(self):
+        if (self.force_error is None) == (self.bytes is None):
+            raise ValueError("name one of force_error and bytes")
+        return self
+
+
+#: Targets that hold where the user names none.
+TARGETS = {"spline": {"bytes": 800_000}, COMPACT: {"bytes": 500_000}}
+
+
+class BudgetOptions(Options):
+    """What the field named `auto` should achieve: the cheapest to build that does is built.
+
+    Errors are those of the contact set: points down to 0.04 below the surface, or to nine tenths of
+    the largest ball inside that touches it there.
+    """
+
+    force_error: Force | None = Field(
+        None,
+        description="mean force error: a number (unit frame, k = 1), or a text such as `20 mN` (at "
+        "`device`) or `5 %` (of the mean force)",
+    )
+    tail: Force | None = Field(
+        None, description="its 99th percentile, written likewise; null: ten times the mean"
+    )
+    missed: Missed = Field(
+        0.005, description="share of the surface that may lack the force: 0.005 at most"
+    )
+    query_time: Positive | None = Field(
+        None,
+        description="median time of one query, in seconds, as listed in `config/query-times.csv` "
+        "(`snakemake calibrate` measures that table on your machine)",
+    )
+    bytes: Count | None = Field(None, description="bytes that a program holds in memory")
+
+
+class BakeOptions(Options):
+    """Grids. Lengths are in the unit frame (longest side 1.8)."""
+
+    inside: Positive = Field(
+        0.045, le=1, description="depth below the surface down to which grids are right"
+    )
+    outside: Positive = Field(0.02, le=1, description="height above it up to which they are")
+    chunk: Annotated[int, Field(ge=4)] = Field(32, description="nodes per axis of a stored chunk")
+    auto: dict[Literal[(*GRID_FIELDS, COMPACT)], GridTarget] = Field(
+        default_factory=dict,
+        description="what `nearest-auto`, `trilinear-auto`, `compact-auto`, … should achieve, by "
+        "kind: `force_error` (the smallest field that meets it, `tail` and `missed`) or `bytes` "
+        "(the best that fits); by default `spline-auto` gets 800,000 bytes, and `compact-auto` "
+        "500,000",
+    )
+    vti: bool = Field(
+        False, description="also write every grid field as `.vti`, for ParaView and 3D Slicer"
+    )
+
+    @model_validator(mode="after")
+    def _usual_targets(self):
+        for kind, target in TARGETS.items():
+            self.auto.setdefault(kind, GridTarget(**target))
+        return self
+
+
+class NativeOptions(Options):
+    """The files for ``pandis.h``."""
+
+    weight_bits: Literal[16, 32] = Field(
+        32,
+        description="bits per weight of a network's hidden layers in its `.pandis` file; 16 halves "
+        "the size of the file, and the export's log says by how much the answers change",
+    )
+    original_faces: bool = Field(
+        False,
+        description="the `.pandis` file of a compact mesh also says on which face of "
+        "`mesh.zarr.zip` a closest point lies (`pandis_answer.face`), in about four bytes a face; "
+        "an exact mesh always says so",
+    )
+
+
+class ExportOptions(NativeOptions):
+    """The files for user programs."""
+
+    also: list[Literal["mjcf", "newton", "page", "vdb"]] = Field(
+        default_factory=list,
+        description="files for other programs, in `results/{mesh}/export/`: `mjcf`, a model for "
+        "MuJoCo (`mujoco.xml`, with `mesh.obj`); `newton`, distances for Newton's cache "
+        "(`newton.npz`); `page`, a page on which fields are touched in a browser (`touch.html`); "
+        "`vdb`, volumes for OpenVDB (`fields.vdb`)",
+    )
+
+
+class TrajectoryOptions(Options):
+    """The path of the probe on the mesh, traced on exact distances."""
+
+    kind: Literal["surface", "spiral"] = Field(
+        "surface",
+        description="surface: along the surface, turning at random; spiral: six turns from pole "
+        "to pole of a closed-form sphere, 2 to 5 % of its radius deep whatever the depths say",
+    )
+    samples: Annotated[int, Field(ge=10)] = Field(2000, description="samples, one per tick")
+    step: Positive = Field(0.004, description="distance between samples (unit frame)")
+    shallow: Positive = Field(0.001, description="smallest depth (unit frame)")
+    deep: Positive = Field(0.02, description="largest depth (unit frame)")
+
+    @model_validator(mode="after")
+    def _order(self):
+        if self.shallow >= self.deep:
+            raise ValueError("shallow must be less than deep")
+        return self
+
+
+class EvaluationOptions(Options):
+    """The force error of every field against the exact force."""
+
+    probes: Annotated[int, Field(ge=100)] = Field(50_000, description="points of each probe set")
+    paths: Count = Field(
+        1,
+        description="trajectories that errors are measured on; of more than one the report gives "
+        "means with 95 % intervals",
+    )
+
+
+class StressOptions(Options):
+    """The stress suite: every field under a device and a hand. Nominal values of a Touch."""
+
+    mass: Positive = Field(0.045, description="moving mass at the tip, kg")
+    damping: float = Field(0.1, ge=0, description="viscous damping of the device, Ns/m")
+    friction: float = Field(0.26, ge=0, description="Coulomb friction of the device, N")
+    encoder: Positive = Field(55e-6, description="step of the position that it reports, m")
+    delay: int = Field(0, ge=0, le=20, description="ticks by which a force comes late")
+    force_limit: Positive = Field(3.3, description="largest force, N")
+    hand_stiffness: float = Field(20.0, ge=0, description="stiffness of the hand, N/m")
+    hand_damping: float = Field(3.0, ge=0, description="damping of the hand, Ns/m")
+    press: Positive = Field(0.5, description="force with which the hand presses, N")
+    loops: Annotated[int, Field(ge=2)] = Field(
+        20, description="closed loops around which the work is measured"
+    )
+    ticks: Annotated[int, Field(ge=1000)] = Field(
+        1_000_000, description="ticks of the long run: a random walk"
+    )
+
+
+class TimingOptions(Options):
+    """One-query and batch times."""
+
+    queries: Annotated[int, Field(ge=100)] = Field(2000, description="single queries per field")
+    batch: Count = Field(10_000, description="points of a batch")
+    repeats: Count = Field(5, description="batches per field; the median counts")
+    cold: Annotated[int, Field(ge=0)] = Field(
+        50, description="single queries with empty caches, per field"
+    )
+    libtorch: bool = Field(
+        False,
+        description="also time every network from a C++ program on LibTorch, the paper's way; "
+        "needs g++, and half a minute per network to compile it",
+    )
+
+
+class AttachedOptions(Options):
+    """A haptic device of 3D Systems that is attached to this machine, and held by somebody."""
+
+    library: str = Field("libHD.so", description="OpenHaptics' library, a name or a path")
+    name: str = Field("", description="the device's name in OpenHaptics; empty: the default one")
+    model: Literal["touch", "touch-x"] = Field(
+        "touch", description="model of the device; forces stay within the limits of that model"
+    )
+    arm: bool = Field(
+        False,
+        description="send forces, if the environment variable PANDIS_ARM is 1 as well: "
+        "`PANDIS_ARM=1 snakemake -j1 hardware`. Otherwise positions are read and no force is sent. "
+        "Hold the stylus",
+    )
+
+
+class HardwareOptions(Options):
+    """The 1 kHz validation on this machine."""
+
+    seconds: Positive = Field(3.0, description="length of the run, per field")
+    rate: Positive = Field(1000.0, ge=100, le=20_000, description="ticks per second")
+    deadline: Positive = Field(
+        0.8e-3,
+        description="a tick that takes longer to compute is a miss (s); values above 0.8 of the "
+        "period count as 0.8 of it",
+    )
+    misses: float = Field(
+        0.001, ge=0, lt=1, description="largest share of misses with which a field passes"
+    )
+    loaded_seconds: float = Field(
+        0.5, ge=0, le=600, description="length of a second run, beside a busy loop on every core"
+    )
+    ask_again: bool = Field(
+        True,
+        description="while the loop waits for a tick, ask the field once more where the probe was "
+        "last, so that its bytes are still in the caches; a device's own scheduler cannot",
+    )
+    devices: list[Literal["touch", "touch-x", "omega-3", "falcon"]] = Field(
+        ["touch"],
+        description="devices that are simulated, with the hand of `stress`, to find the largest "
+        "safe stiffness",
+    )
+    attached: AttachedOptions | None = Field(
+        None, description="a device to run every field on, through OpenHaptics; null: none"
+    )

@@ -1,0 +1,158 @@
+"""Reading a configuration: YAML without doubled keys, numbers, each mesh's overrides."""
+
+import re
+from pathlib import Path
+
+import yaml
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.catalogue import MESH_NAME, RESERVED_NAMES
+from pandis.pipeline.run.ask.config import FOLDER, MeshEntry, StageOptions
+from pandis.pipeline.run.ask.faults import raise_faults, stage_faults
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML in which a key that stands twice is an error, not the last one's victory."""
+
+    def construct_mapping(self, node, deep=False):
+        seen = set()
+        for key, _ in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                continue
+            name = self.construct_object(key, deep=True)
+            if name in seen:
+                raise PandisError(
+                    f"{self.name}, line {key.start_mark.line + 1}: the key '{name}' stands twice; "
+                    "rename or remove one of them"
+                )
+            seen.add(name)
+        return super().construct_mapping(node, deep)
+
+
+def check_yaml(path):
+    """Raise PandisError if the YAML file has a doubled key or does not parse.
+
+    Snakemake has read the file by then, and kept the last of two equal keys
+    without a word: two meshes of one name would become one.
+    """
+    with Path(path).open(encoding="utf-8") as stream:
+        loader = _StrictLoader(stream)
+        loader.name = str(path)
+        try:
+            loader.get_single_data()
+        except yaml.YAMLError as error:
+            raise PandisError(f"{path}: not valid YAML: {error}") from error
+        finally:
+            loader.dispose()
+
+
+_FLOAT = re.compile(r"[+-]?\d+(\.\d*)?[eE][+-]?\d+")
+
+
+def _read_numbers(value):
+    """Turn `1e-4` into a number: YAML 1.1 reads it as text."""
+    if isinstance(value, dict):
+        return {k: v if k == "source" else _read_numbers(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_read_numbers(v) for v in value]
+    if isinstance(value, str) and _FLOAT.fullmatch(value):
+        return float(value)
+    return value
+
+
+def merge(base, override):
+    """Merge two nested dicts key by key; anything else in ``override`` replaces."""
+    merged = dict(base)
+    for key, value in override.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = merge(merged[key], value) if both else value
+    return merged
+
+
+def results_folder(raw):
+    """Return the folder of a configuration's results.
+
+    Raises
+    ------
+    PandisError
+        It is no relative path of plain names.
+    """
+    folder = raw.get("results", "results")
+    if not isinstance(folder, str) or not re.fullmatch(FOLDER, folder):
+        said = "a folder below the working directory, such as results/front: letters, digits, . _ -"
+        raise_faults({"results": f"{said} (given: {folder!r})"})
+    return folder
+
+
+def last_target(raw):
+    """Return the named target that a configuration ends with; None: everything is made.
+
+    Raises
+    ------
+    PandisError
+        It is no target that one may end with, or there are scenes besides.
+    """
+    until = raw.get("until")
+    if until not in (None, "exports"):
+        raise_faults({"until": f"expected exports, or nothing (given: {until!r})"})
+    if until and raw.get("scenes"):
+        raise_faults({"until": "scenes build what they need and no more: leave it out"})
+    return until
+
+
+def load_config(raw, refused=None):
+    """Validate a configuration and merge each mesh's overrides.
+
+    Parameters
+    ----------
+    raw : dict
+        The parsed YAML.
+    refused : dict, optional
+        Gets the names of meshes whose own options have faults, and what is wrong: the others
+        are returned. Without it, or if no mesh is left, the faults are raised.
+
+    Returns
+    -------
+    dict of str to MeshEntry
+        The complete options of each mesh, in the order of the file.
+
+    Raises
+    ------
+    PandisError
+        Lists every fault at once, each with its dotted path.
+    """
+    raw = _read_numbers(raw)
+    apart = ("meshes", "scenes", "results", "until", "pathvars")
+    top = {key: value for key, value in raw.items() if key not in apart}
+    meshes = raw.get("meshes")
+    faults = stage_faults(StageOptions, top)
+    merged = {}
+    if not isinstance(meshes, dict) or not meshes:
+        faults["meshes"] = "at least one mesh is needed: `meshes: {name: {source: …}}`"
+        meshes = {}
+    shared = dict(faults)
+    for name, entry in meshes.items():
+        path = f"meshes.{name}"
+        if not re.fullmatch(MESH_NAME, str(name)):
+            faults[path] = "a mesh's name starts with a-z and goes on with a-z, 0-9, - or _"
+        elif name in RESERVED_NAMES:
+            faults[path] = "this name is taken by a folder of results/: choose another"
+        if not isinstance(entry, dict):
+            faults.setdefault(path, "expected a mapping such as {source: path/to/mesh.obj}")
+        else:
+            options = merge(top, entry)
+            mesh_faults = stage_faults(MeshEntry, options)
+            for key, message in mesh_faults.items():
+                if key not in faults:
+                    faults[f"{path}.{key}" if key else path] = message
+            if not mesh_faults and path not in faults:
+                merged[name] = MeshEntry.model_validate(options)
+    if refused is not None and merged and not shared:
+        for key, message in faults.items():
+            # a name that is none may have a dot in it
+            name = next(n for n in meshes if f"{key}.".startswith(f"meshes.{n}."))
+            told = f"{key}: {message}"
+            refused[name] = f"{refused[name]}; {told}" if name in refused else told
+        faults = {}
+    raise_faults(faults)
+    return merged

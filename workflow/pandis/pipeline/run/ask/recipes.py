@@ -1,0 +1,170 @@
+"""Options of the sine networks' recipes.
+
+A recipe is a loss with its training: `PaperRecipe` trains with the paper's seven terms,
+`ExactRecipe` on exact distances and directions.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from pandis.pipeline.run.ask.values import Count, Force, Missed, Options, Positive
+
+_MUON = (
+    "Muon's largest step size, for the matrices between sine layers (of ω0·W); null: Adam moves "
+    "them too"
+)
+_SCHEDULE = (
+    "constant step sizes, or sizes that rise during the warm-up and then fall to zero along half a "
+    "cosine"
+)
+
+
+class Recipe(Options):
+    """What both recipes of the sine network share."""
+
+    width: Annotated[int, Field(ge=1, le=1024)] = Field(256, description="units of each sine layer")
+    depth: Annotated[int, Field(ge=1, le=16)] = Field(
+        4, description="number of sine layers; 4 is the paper's 800 KB"
+    )
+    steps: Count | None = Field(
+        None, description="budget in optimiser steps, with which the result is reproducible"
+    )
+    seconds: Positive | None = Field(
+        None,
+        description="budget in seconds instead: the steps reached are recorded, "
+        "and the result does not reproduce",
+    )
+    direction: Literal["output", "gradient"] = Field(
+        "output",
+        description="where the normal comes from: three outputs of their own, as in the paper, or "
+        "the gradient of the distance, which makes the force all but conservative",
+    )
+    base: Annotated[int, Field(ge=4, le=64)] | None = Field(
+        None,
+        description="cells per axis of a tricubic spline of the distance over the whole box, to "
+        "which the network adds what it lacks; null: the network alone",
+    )
+    matrix_rate: Positive | None = Field(None, description=_MUON)
+    schedule: Literal["constant", "cosine"] = Field("constant", description=_SCHEDULE)
+    warmup: float = Field(
+        0.02,
+        ge=0,
+        lt=1,
+        description="with cosine: share of the budget during which they rise",
+    )
+    threads: Count = Field(
+        1,
+        description="CPU threads; a part of the result's identity. With one, `-j2` trains two "
+        "networks at once; more pay only where there are more cores than networks",
+    )
+    device: Literal["cpu", "cuda", "auto"] = Field(
+        "cpu", description="where to train; auto takes CUDA if found and records which"
+    )
+
+    @model_validator(mode="after")
+    def _one_budget(self):
+        if self.steps is not None and self.seconds is not None:
+            raise ValueError("a budget is in steps or in seconds, not both: remove one")
+        return self
+
+
+class PaperRecipe(Recipe):
+    """The paper's recipe: seven-term loss on surface and box points, no exact distances."""
+
+    loss: Literal["paper"] = "paper"
+    omega: Positive = Field(30.0, description="ω0, the factor inside every sine")
+    points: Literal["area", "vertices"] = Field(
+        "area",
+        description="points on the surface: spread evenly by area, with the normals of their "
+        "faces, as many as `samples.surface` says; or the vertices, with their own normals, as in "
+        "the paper",
+    )
+    batch: Count = Field(1400, description="points on the surface per step; as many again off it")
+    weighting: Literal["subset", "batch"] = Field(
+        "subset",
+        description="how a term that applies to only half of the points is averaged: `subset`, "
+        "over that half; `batch`, over the whole batch, as in SIREN's code, which halves its "
+        "weight relative to the others: as good in short trainings, and at least as good in long "
+        "ones (docs/benchmarks.md)",
+    )
+    learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
+    clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")
+    weights: Annotated[list[float], Field(min_length=7, max_length=7)] = Field(
+        [50.0, 100.0, 3000.0, 100.0, 50.0, 100.0, 100.0],
+        description="weights of the loss terms, in the order printed in the paper",
+    )
+    alpha: Positive = Field(100.0, description="a in exp(-a·|Φ|)")
+    stop_gradient: bool = Field(True, description="Ψ·∇Φ trains Ψ only, not Φ (the paper: unsaid)")
+
+
+class ExactRecipe(Recipe):
+    """Regression on the exact distance and normal: the default."""
+
+    loss: Literal["exact"] = "exact"
+    direction: Literal["output", "gradient"] = Field(
+        "gradient",
+        description="where the normal comes from: the gradient of the distance, which makes the "
+        "force all but conservative and the error smaller, or three outputs of their own, which "
+        "shortens a query",
+    )
+    width: Annotated[int, Field(ge=1, le=1024)] = Field(
+        248, description="units of each sine layer; 248 and the base are as large as the paper's"
+    )
+    base: Annotated[int, Field(ge=4, le=64)] | None = Field(
+        16,
+        description="cells per axis of a tricubic spline of the distance over the whole box, to "
+        "which the network adds what it lacks; null: the network alone, which makes contacts in "
+        "free space",
+    )
+    omega: Positive | None = Field(
+        None,
+        description="ω0, the factor inside every sine: the finer the shape, the larger; null: "
+        "80·√(width / 256)",
+    )
+    force_error: Force | None = Field(
+        None,
+        description="train the narrowest network, of widths up to `width`, with this mean force "
+        "error on the contact set: written as in `budget`",
+    )
+    tail: Force | None = Field(
+        None, description="with `force_error`: its 99th percentile; null: ten times the mean"
+    )
+    missed: Missed = Field(
+        0.005, description="with `force_error`: share of the surface that may lack the force"
+    )
+    batch: Count = Field(4096, description="points per step, each shown once")
+    learning_rate: Positive = Field(
+        2e-4, description="Adam's largest step size; first and last layer, biases"
+    )
+    matrix_rate: Positive | None = Field(0.05, description=_MUON)
+    schedule: Literal["constant", "cosine"] = Field("cosine", description=_SCHEDULE)
+    clip: Positive | None = Field(None, description="largest norm of the gradient; null: no limit")
+    near: Positive = Field(
+        0.02, description="a point at distance d weighs near / (near + |d|) (unit frame)"
+    )
+    far: float = Field(
+        0.3,
+        ge=0,
+        le=1,
+        description="least weight of a point's distance, however far it is (a third of it for its "
+        "normal)",
+    )
+    normal_weight: Positive = Field(0.05, description="weight of the normal's error in the loss")
+
+
+#: Recipes that need no entry under ``train``, and what their names stand for.
+RECIPES = {
+    "pandis": {"loss": "paper"},
+    "pandis-grad": {"loss": "paper", "direction": "gradient"},
+    "pandis-exact": {"loss": "exact"},
+}
+#: Steps used where a recipe names no budget (about three minutes of one CPU core).
+DEFAULT_STEPS = {"paper": 3000, "exact": 1500}
+
+
+def budgeted(recipe):
+    """Return a recipe with its budget filled in."""
+    if recipe.steps is None and recipe.seconds is None:
+        return recipe.model_copy(update={"steps": DEFAULT_STEPS[recipe.loss]})
+    return recipe

@@ -1,0 +1,264 @@
+"""The files that a mesh is read from: which they are, whether they are there, and their digest.
+
+A mesh is more than one file: a glTF scene has its buffers beside it, an OBJ file its materials and
+their textures. All of them are a part of what a result was made from. This module stands on the
+ground floor: planning asks it about every mesh.
+"""
+
+import gzip
+import hashlib
+import json
+import os
+import re
+from importlib.util import find_spec
+from pathlib import Path, PurePosixPath
+from urllib.parse import unquote, urlsplit
+
+from pandis.base.errors import PandisError
+from pandis.engine.cache import cache_folder, keep
+
+FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
+#: Sources that are no files of the user's.
+SHIPPED, ANALYTIC = "pymeshlab:", "analytic:"
+#: What comes behind a mesh file's name in that of the array that says what its faces are made of.
+_REGIONS = ".regions.npy"
+#: What of a file is looked at for the names of others: those of an OBJ file stand anywhere.
+_LARGEST = 1 << 30
+
+
+def file_digest(path):
+    """Return the SHA-256 (hex) of a file's bytes."""
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def url_extension(source):
+    """Return the file ending of a URL (``ply``, ``ply.gz``), or None if it is none."""
+    if not source.startswith(("http://", "https://")):
+        return None
+    suffixes = PurePosixPath(urlsplit(source).path).suffixes[-2:]
+    if suffixes[-1:] != [".gz"]:
+        suffixes = suffixes[-1:]
+    return "".join(suffixes).removeprefix(".") or "unknown"
+
+
+def format_of(path):
+    """Return the ending of a mesh file, without a ``.gz`` behind it, in small letters."""
+    suffixes = [s.lower().removeprefix(".") for s in Path(path).suffixes]
+    if suffixes[-1:] == ["gz"]:
+        suffixes = suffixes[:-1]
+    return suffixes[-1] if suffixes else ""
+
+
+def shipped_folder():
+    """Return the folder of the meshes that ship with PyMeshLab, None without it."""
+    spec = find_spec("pymeshlab")
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    return Path(spec.submodule_search_locations[0]) / "tests" / "sample_meshes"
+
+
+def source_path(source):
+    """Return the file of a source, None for a URL and a closed form.
+
+    Raises
+    ------
+    PandisError
+        It is in no package, or there is no such file.
+    """
+    if source.startswith(ANALYTIC) or url_extension(source):
+        return None
+    if source.startswith(SHIPPED):
+        name, folder = source.removeprefix(SHIPPED), shipped_folder()
+        if folder is None:
+            raise PandisError(f"source: '{source}' needs PyMeshLab: pip install pymeshlab")
+        if not (folder / name).is_file():
+            known = ", ".join(sorted(f.name for f in folder.glob("*.*")))
+            raise PandisError(f"source: PyMeshLab ships no '{name}'; it has {known}")
+        return folder / name
+    path = Path(source)
+    if path.is_file():
+        return path
+    if source.startswith("~") and Path(source).expanduser().is_file():
+        raise PandisError(
+            f"source: '{source}': a ~ is not the home folder here; write {Path.home()} instead"
+        )
+    raise PandisError(
+        f"source: there is no file '{source}' (looked in {Path.cwd()}); correct the path "
+        "or put the file there"
+    )
+
+
+def source_fault(source):
+    """Say in one sentence what is wrong with a source, as far as can be known before reading it.
+
+    Returns
+    -------
+    str or None
+    """
+    if source.startswith(ANALYTIC):
+        return None  # the closed forms are known to the stage
+    ending = format_of(urlsplit(source).path if url_extension(source) else source)
+    if ending not in FORMATS:
+        return (
+            f"source: {source}: unknown format '.{ending}'; known are "
+            + ", ".join(f".{known}" for known in FORMATS)
+            + ", each also as .gz; convert the mesh to one of them"
+        )
+    try:
+        path = source_path(source)
+    except PandisError as error:
+        return str(error)
+    if path is not None and path.stat().st_size == 0:
+        return f"source: {source}: the file is empty; export the mesh again"
+    return None
+
+
+def regions_file(path):
+    """Return where the array lies that says what each face of a mesh file is made of, if it does.
+
+    ``part.stl.regions.npy`` beside ``part.stl``: `pandis.pipeline.mesh.regions.read_beside`.
+    """
+    path = Path(path)
+    return path.with_name(path.name + _REGIONS)
+
+
+def source_files(path):
+    """Return a mesh file and those beside it that it names, as far as they are there.
+
+    Its `regions_file` is one of them.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    list of Path
+        The mesh's own file first, the others by name.
+    """
+    path = Path(path)
+    named, seen = [regions_file(path).name, *_named(path)], {path}
+    while named:
+        target = path.parent / named.pop()
+        if target not in seen and target.is_file():
+            seen.add(target)
+            named += _named(target)
+    return [path, *sorted(seen - {path})]
+
+
+def _named(path):
+    """Return the names of the files that a file refers to."""
+    ask = {"obj": _of_obj, "gltf": _of_gltf, "mtl": _of_mtl, "ply": _of_ply}
+    reader = ask.get(format_of(path))
+    if reader is None or path.stat().st_size > _LARGEST:
+        return []
+    try:
+        packed = path.suffix.lower() == ".gz"
+        data = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
+        return reader(data)
+    except (OSError, EOFError, ValueError, TypeError, AttributeError):
+        return []  # not whole: the readers will say how
+
+
+def _of_obj(data):
+    lines = re.findall(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", data, re.M)
+    names = [line.decode("utf-8", "replace").strip() for line in lines]
+    # one name with spaces, or several: take what is there
+    return [*names, *(word for line in names for word in line.split())]
+
+
+def _of_mtl(data):
+    maps = re.findall(rb"^[ \t]*(?:map_\w+|bump|disp|decal|refl|norm)[ \t]+([^\r\n]+)", data, re.M)
+    return [line.decode("utf-8", "replace").split()[-1] for line in maps if line.split()]
+
+
+def _of_ply(data):
+    header = data[: data.find(b"end_header")]
+    names = re.findall(rb"^comment TextureFile[ \t]+([^\r\n]+)", header, re.M)
+    return [name.decode("utf-8", "replace").strip() for name in names]
+
+
+def _of_gltf(data):
+    scene = json.loads(data)
+    parts = [*scene.get("buffers", []), *scene.get("images", [])]
+    names = [part["uri"] for part in parts if part.get("uri")]
+    return [unquote(uri) for uri in names if not uri.startswith("data:")]
+
+
+def source_digest(files, digest=file_digest):
+    """Return one SHA-256 for a source set: the names and contents of its files.
+
+    Parameters
+    ----------
+    files : list of Path
+        From `source_files`.
+    digest : callable
+        Returns the digest of one file.
+    """
+    if len(files) == 1:
+        return digest(files[0])
+    text = "\n".join(f"{path.name} {digest(path)}" for path in files)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class SourceDigests:
+    """Digests of sources, remembered by path, size, times and inode: a plan reads no file twice.
+
+    Parameters
+    ----------
+    memory : Path, optional
+        Where they are kept; in the user's cache by default. Lost, it is made anew.
+    """
+
+    def __init__(self, memory=None):
+        self.memory = memory or cache_folder() / "sources.json"
+        self._known, self._changed = None, False
+
+    def of(self, source):
+        """Return the digest of a source; an empty text where there is no file to read."""
+        try:
+            path = source_path(source)
+        except PandisError:
+            return ""
+        if path is None:
+            return ""
+        digest = source_digest(self.files(path), lambda one: self._entry(one)["sha256"])
+        self._keep()
+        return digest
+
+    def files(self, path):
+        """Return what `source_files` does, without reading a file that has not changed."""
+        seen, waiting = [Path(path)], [Path(path)]
+        if (beside := regions_file(seen[0])).is_file():
+            seen.append(beside)
+        while waiting:
+            next_file = waiting.pop()
+            for name in self._entry(next_file)["names"]:
+                other = Path(path).parent / name
+                if other not in seen and other.is_file():
+                    seen.append(other)
+                    waiting.append(other)
+        return [seen[0], *sorted(seen[1:])]
+
+    def _entry(self, path):
+        if self._known is None:
+            try:
+                self._known = json.loads(self.memory.read_text(encoding="utf-8"))
+            except (OSError, ValueError):
+                self._known = {}
+        stat = os.stat(path)
+        # the time of the last change of any kind cannot be set back by a copy that keeps times
+        stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
+        entry = self._known.get(str(path.resolve()))
+        if not entry or entry.get("stamp") != stamp:
+            entry = {"stamp": stamp, "sha256": file_digest(path), "names": _named(path)}
+            self._known[str(path.resolve())] = entry
+            self._changed = True
+        return entry
+
+    def _keep(self):
+        if not self._changed:
+            return
+        self._changed = False
+        keep(self.memory, json.dumps(self._known).encode())

@@ -1,0 +1,34 @@
+"""Kinds of values that options take, and the base of all models of options."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+
+from pandis.pipeline.run.ask.budget import AMOUNT, amount
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+Angle = Annotated[float, Field(ge=-360, le=360)]
+
+
+def _amount(value):
+    """Check an amount of force, and keep it as the user wrote it."""
+    amount(value)
+    return value
+
+
+_AMOUNTS = {
+    "anyOf": [
+        {"type": "number", "exclusiveMinimum": 0},
+        {"type": "string", "pattern": f"^{AMOUNT}$"},
+    ]
+}
+Force = Annotated[float | str, BeforeValidator(_amount), WithJsonSchema(_AMOUNTS)]
+Missed = Annotated[float, Field(gt=0, le=0.005)]
+Place = Annotated[float, Field(ge=-100, le=100)]
+
+
+class Options(BaseModel):
+    """Base of all options: unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", validate_default=False)

@@ -1,0 +1,1 @@
+"""What surrounds the jobs: processes, schedulers, the end of a run."""

@@ -1,0 +1,61 @@
+"""Work of Python's own on several processes, for it holds Python's lock.
+
+Each process is forked from its parent and has all that its parent had: nothing is sent to it but
+which piece of the work it shall do.
+"""
+
+import ctypes
+import os
+import signal
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from multiprocessing import active_children, get_context
+
+from pandis.base.errors import PandisError
+
+_TASK = {}
+
+
+def each(work, items, count):
+    """Yield ``work(item)`` for every item, in order, as many at a time as ``count``.
+
+    Parameters
+    ----------
+    work : callable
+        What it returns is sent back. Native code that it calls runs on one thread, unless there is
+        one process: then nothing is forked.
+    items : sequence
+    count : int
+        Processes.
+    """
+    count = min(count, len(items))
+    if count <= 1:
+        yield from map(work, items)
+        return
+    with ProcessPoolExecutor(count, get_context("fork"), _begin, (work, items)) as pool:
+        try:
+            yield from pool.map(_do, range(len(items)))
+        except BrokenProcessPool as error:
+            raise PandisError(
+                "a process of this stage was killed, perhaps for want of memory; run the same "
+                "command again, with one thread if memory is short (-j1)"
+            ) from error
+        except BaseException:
+            for process in active_children():
+                process.kill()  # or the pool would wait for what they are at
+            raise
+
+
+def _begin(work, items):
+    """Leave it to the parent to answer an interrupt, and end with it, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # Linux: PR_SET_PDEATHSIG
+    os.environ["IGL_NUM_THREADS"] = "1"
+    _TASK.update(work=work, items=items)
+
+
+def _do(index):
+    return _TASK["work"](_TASK["items"][index])

@@ -1,0 +1,1 @@
+"""What a running script needs: options, artifacts, limits, provenance."""

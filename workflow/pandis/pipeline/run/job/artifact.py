@@ -1,0 +1,396 @@
+"""How a result is stored: one deterministic ``*.zarr.zip`` file, atomic, checked on read.
+
+The file is a zarr 3 group packed as an uncompressed zip (the chunks are
+compressed by zarr's Blosc codec), so any zarr reader opens it
+with ``zarr.open_group(zarr.storage.ZipStore(path, mode="r"))``. On top of zarr:
+
+- entries have a fixed order, stamps and modes: same content, same bytes;
+- the zip comment is the SHA-256 of everything before it, so that no flipped
+  bit, not even in an unused header field, goes unnoticed;
+- the group's attributes name the kind of artifact, the digest of every array
+  and the provenance (see `pandis.pipeline.run.job.provenance`).
+"""
+
+import errno
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pandis.base.errors import ArtifactError, PandisError
+
+SCHEMA = 1
+_STAMP = (1980, 1, 1, 0, 0, 0)
+_MARK = b"sha256:"
+_COMMENT = len(_MARK) + 64
+_CHUNK_BYTES = 1 << 22
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A result that was read and found whole.
+
+    Attributes
+    ----------
+    path : Path
+    kind : str
+        ``mesh``, ``samples``, ``model``, ``grid``, …
+    arrays : dict of str to ndarray
+    attributes : dict
+        Everything the stage had to say beside the arrays.
+    provenance : dict
+        Why the artifact is current: options, code, inputs, versions.
+    digest : str
+        SHA-256 of kind, arrays and attributes; provenance excluded.
+    """
+
+    path: Path | None
+    kind: str
+    arrays: dict
+    attributes: dict
+    provenance: dict
+    digest: str
+
+
+def array_digest(name, array):
+    """Return the SHA-256 of an array: name, dtype, shape and little-endian C-order bytes."""
+    shape = np.shape(array)
+    array = np.ascontiguousarray(array)
+    array = array.astype(array.dtype.newbyteorder("<"), copy=False)
+    head = f"{name}\0{array.dtype.str}\0{shape}\0".encode()
+    digest = hashlib.sha256(head)
+    digest.update(array.reshape(-1).view(np.uint8).data)
+    return digest.hexdigest()
+
+
+def content_digest(kind, digests, attributes):
+    """Return the SHA-256 that identifies an artifact's content, whatever made it."""
+    text = json.dumps([SCHEMA, kind, digests, attributes], sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
+    """Write an artifact; it exists under ``path`` only once it is whole and on disk.
+
+    Parameters
+    ----------
+    path : path-like
+        Ends in ``.zarr.zip``.
+    kind : str
+    arrays : mapping of str to ndarray
+    attributes : dict
+        JSON values without NaN; numpy scalars and arrays are converted.
+    provenance : dict
+        From `pandis.pipeline.run.job.provenance.provenance`.
+    chunks : mapping of str to tuple of int, optional
+        Chunk shape of the arrays that do not want the default (4 MB along the first axis).
+
+    Returns
+    -------
+    str
+        The content digest.
+
+    Raises
+    ------
+    PandisError
+        The disk is full or the folder cannot be written. No partial file is left.
+    """
+    with ArtifactWriter(path, kind) as writer:
+        for name in sorted(arrays):
+            array = np.asarray(arrays[name])
+            writer.declare(name, array.shape, array.dtype, (chunks or {}).get(name))
+            writer.append(name, array)
+        return writer.finish(attributes, provenance)
+
+
+class ArtifactWriter:
+    """Writes an artifact piece by piece, so that no array has to be whole in memory.
+
+    ``with ArtifactWriter(path, kind) as writer:`` and in it `declare` and `append` for every
+    array, at last `finish`. What was not finished leaves no file. Raises as `write_artifact`.
+    """
+
+    def __init__(self, path, kind):
+        self.path, self.kind = Path(path), kind
+        self._arrays = {}
+
+    def __enter__(self):
+        import zarr
+        from zarr.storage import MemoryStore
+
+        self._store = MemoryStore()
+        self._group = zarr.create_group(self._store, zarr_format=3)
+        self._file = _AtomicFile(self.path)
+        self._zip = zipfile.ZipFile(self._file.open(), "w", zipfile.ZIP_STORED)
+        return self
+
+    def __exit__(self, kind, error, traceback):
+        self._zip.close = lambda: None  # what is unfinished needs no directory
+        self._file.discard()
+        if isinstance(error, OSError):
+            raise self._file.explain(error) from error
+
+    def declare(self, name, shape, dtype, chunks=None, fill=0):
+        """Announce an array. Chunks that hold ``fill`` only are not stored."""
+        from zarr.codecs import BloscCodec
+
+        shape, dtype = tuple(shape), np.dtype(dtype).newbyteorder("<")
+        row = dtype.itemsize * int(np.prod(shape[1:]))
+        rows = max(1, _CHUNK_BYTES // max(1, row))
+        chunks = chunks or (min(rows, shape[0]) if shape else 1, *shape[1:])
+        stored = self._group.create_array(
+            name,
+            shape=shape,
+            dtype=dtype,
+            chunks=tuple(max(1, n) for n in chunks[: len(shape)]),
+            # bytes of equal weight side by side: a fifth less for smooth fields
+            compressors=[BloscCodec(cname="zstd", clevel=5, shuffle="shuffle")],
+            fill_value=fill,
+        )
+        digest = hashlib.sha256(f"{name}\0{dtype.str}\0{shape}\0".encode())
+        self._arrays[name] = _Growing(stored, digest)
+
+    def append(self, name, rows):
+        """Add the next rows (along the first axis) of an array."""
+        growing = self._arrays[name]
+        rows = np.ascontiguousarray(rows, growing.stored.dtype)
+        growing.digest.update(rows.reshape(-1).view(np.uint8).data)
+        if not growing.stored.shape:
+            growing.stored[...] = rows.reshape(())
+            growing.done = growing.total
+            return self._drain()
+        growing.waiting.append(rows)
+        step = growing.stored.chunks[0]
+        waiting = sum(map(len, growing.waiting))
+        last = growing.done + waiting == growing.total
+        if waiting < step and not last:
+            return None
+        rows = growing.waiting[0] if len(growing.waiting) == 1 else np.concatenate(growing.waiting)
+        whole = len(rows) if last else len(rows) // step * step
+        for start in range(0, whole, step):
+            stop = min(start + step, whole)
+            growing.stored[growing.done + start : growing.done + stop] = rows[start:stop]
+            self._drain()
+        growing.waiting = [rows[whole:].copy()] if whole < len(rows) else []
+        growing.done += whole
+        return None
+
+    def finish(self, attributes, provenance):
+        """Put the artifact in its place; return its content digest."""
+        for name, growing in self._arrays.items():
+            if growing.done != growing.total:
+                raise ValueError(f"{name}: {growing.done} of {growing.total} rows were written")
+        attributes = _jsonable(attributes)
+        digests = {name: self._arrays[name].digest.hexdigest() for name in sorted(self._arrays)}
+        digest = content_digest(self.kind, digests, attributes)
+        self._group.update_attributes(
+            {
+                "kind": self.kind,
+                "schema": SCHEMA,
+                "content": {"digest": digest, "arrays": digests},
+                "attributes": attributes,
+                "provenance": _jsonable(provenance),
+            }
+        )
+        self._drain(metadata=True)
+        self._zip.comment = b" " * _COMMENT
+        self._zip.close()
+        self._file.seal()
+        self._file.keep()
+        return digest
+
+    def _drain(self, metadata=False):
+        """Move what zarr has encoded from its store into the zip."""
+        entries = self._store._store_dict
+        for key in sorted(k for k in entries if metadata or not k.endswith("zarr.json")):
+            info = zipfile.ZipInfo(key, _STAMP)
+            info.create_system = 3
+            info.external_attr = 0o644 << 16
+            self._zip.writestr(info, entries.pop(key).to_bytes())
+
+
+class _Growing:
+    """An array of which rows are still to come."""
+
+    def __init__(self, stored, digest):
+        self.stored, self.digest = stored, digest
+        self.waiting, self.done = [], 0
+        self.total = stored.shape[0] if stored.shape else 1
+
+
+class _AtomicFile:
+    """A file that appears under its name in one step: all of it, or nothing."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self.part = self.path.with_name(f".{self.path.name}.part")
+        self.stream = None
+
+    def open(self):
+        """Return the stream to write to."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.stream = self.part.open("w+b")
+        except OSError as error:
+            raise self.explain(error) from error
+        return self.stream
+
+    def seal(self):
+        """Replace the comment at the end by the checksum of all before it."""
+        self.stream.flush()
+        left = self.stream.seek(0, os.SEEK_END) - _COMMENT
+        self.stream.seek(0)
+        digest = hashlib.sha256()
+        while left:
+            block = self.stream.read(min(left, 1 << 20))
+            digest.update(block)
+            left -= len(block)
+        self.stream.seek(-_COMMENT, os.SEEK_END)
+        self.stream.write(_MARK + digest.hexdigest().encode())
+
+    def keep(self):
+        """Put the file in its place once it is on disk."""
+        self.stream.flush()
+        os.fsync(self.stream.fileno())
+        self.stream.close()
+        self.part.replace(self.path)
+        folder = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    def discard(self):
+        """Remove what is not kept."""
+        if self.stream and not self.stream.closed:
+            with suppress(OSError):  # closing flushes: a full disk is full once more
+                self.stream.close()
+        self.part.unlink(missing_ok=True)
+
+    def explain(self, error):
+        """Return the error in words that say what to do."""
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        return PandisError(
+            f"{self.path}: cannot write: {error.strerror or error}; "
+            + ("free some space" if full else "check the folder's permissions")
+            + " and run the same command again"
+        )
+
+
+def write_atomically(path, data):
+    """Put ``data`` (bytes) under ``path`` in one step: all of it, or nothing.
+
+    Raises
+    ------
+    PandisError
+        The disk is full or the folder cannot be written.
+    """
+    file = _AtomicFile(path)
+    try:
+        file.open().write(data)
+        file.keep()
+    except OSError as error:
+        raise file.explain(error) from error
+    finally:
+        file.discard()
+
+
+def read_artifact(path, kind=None):
+    """Read an artifact and check all of it.
+
+    Parameters
+    ----------
+    path : path-like
+    kind : str, optional
+        What it must be.
+
+    Raises
+    ------
+    ArtifactError
+        Missing, truncated, damaged, or of another kind or schema.
+    """
+    path = Path(path)
+    check_seal(path)
+    try:
+        root, read = _decode(path)
+        stored_kind, schema = root["kind"], root["schema"]
+        digests, recorded = root["content"]["arrays"], root["content"]["digest"]
+        attributes, provenance = root["attributes"], root["provenance"]
+    except Exception as error:
+        raise _damaged(path, f"not readable as zarr ({type(error).__name__}: {error})") from error
+    if schema != SCHEMA:
+        raise _damaged(path, f"has schema {schema}, this version of pandis reads {SCHEMA}")
+    if kind is not None and stored_kind != kind:
+        raise ArtifactError(f"{path}: holds a {stored_kind}, expected a {kind}")
+    wrong = [n for n in digests if n not in read or array_digest(n, read[n]) != digests[n]]
+    if wrong:
+        raise _damaged(path, f"array {', '.join(wrong)} differs from its digest")
+    if content_digest(stored_kind, digests, attributes) != recorded:
+        raise _damaged(path, "its attributes differ from their digest")
+    return Artifact(path, stored_kind, read, attributes, provenance, recorded)
+
+
+def file_digest(path):
+    """Return the SHA-256 of a file."""
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _damaged(path, what):
+    return ArtifactError(f"{path}: {what}; rebuild it with: snakemake -j2 -R {path}")
+
+
+def seal_zip(data):
+    """Return the bytes of a zip file that has no comment with the seal of artifacts in it."""
+    sealed = data[:-2] + _COMMENT.to_bytes(2, "little")
+    return sealed + _MARK + hashlib.sha256(sealed).hexdigest().encode()
+
+
+def check_seal(path):
+    """Refuse a zip file whose comment is not the checksum of all before it.
+
+    Raises
+    ------
+    ArtifactError
+        It is missing or damaged.
+    """
+    if not path.is_file():
+        raise ArtifactError(f"{path}: missing; build it with: snakemake -j2 {path}")
+    with path.open("rb") as stream:
+        size = path.stat().st_size
+        digest, left = hashlib.sha256(), max(size - _COMMENT, 0)
+        while left:
+            block = stream.read(min(left, 1 << 20))
+            digest.update(block)
+            left -= len(block)
+        if stream.read() != _MARK + digest.hexdigest().encode():
+            raise _damaged(path, "truncated or damaged (its checksum does not match)")
+
+
+def _decode(path):
+    import zarr
+    from zarr.storage import ZipStore
+
+    store = ZipStore(path, mode="r")
+    try:
+        group = zarr.open_group(store, mode="r")
+        root = dict(group.attrs)
+        return root, {name: group[name][...] for name in root["content"]["arrays"]}
+    finally:
+        store.close()
+
+
+def _jsonable(value):
+    if isinstance(value, Mapping):
+        return {str(key): _jsonable(value[key]) for key in sorted(value, key=str)}
+    if isinstance(value, list | tuple | set | np.ndarray):
+        return [_jsonable(v) for v in (sorted(value) if isinstance(value, set) else value)]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value

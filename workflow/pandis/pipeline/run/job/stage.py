@@ -1,0 +1,304 @@
+"""How a script runs: its log, its errors, its threads, its progress, its one artifact.
+
+Every script is ``with stage(snakemake, Task) as job:``, with the model of what it is
+asked, around a few calls of the library. What is written to the job's log also appears
+on the terminal, except errors: Snakemake prints the log of a failed job itself, if it is a file.
+"""
+
+import hashlib
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+import warnings
+from contextlib import contextmanager
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.sourcing import source_digest, source_files
+from pandis.pipeline.run.job.artifact import (
+    ArtifactWriter,
+    file_digest,
+    read_artifact,
+    write_artifact,
+    write_atomically,
+)
+from pandis.pipeline.run.job.limits import limited
+from pandis.pipeline.run.job.provenance import CodeDigests, combine, provenance, unused_modules
+from pandis.pipeline.run.job.stored import RESULTS, is_copy, original
+
+PROGRESS_SECONDS = 5.0
+CHANGED = "the code was changed after this run was planned; run the same command again"
+#: What a job that was stopped says.
+INTERRUPTED = "interrupted; run the same command again to go on: what was finished stays"
+
+
+#: How many threads a BLAS takes that is loaded later, or in a process that a stage starts.
+_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
+
+
+def _interrupt(number, frame):
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def stage(snakemake, task):
+    """Run the body of a script as a stage of the workflow.
+
+    Parameters
+    ----------
+    snakemake : object
+        What Snakemake injects into a script.
+    task : type
+        Model of what this stage is asked, from `pandis.pipeline.run.ask.tasks`.
+
+    Yields
+    ------
+    Job
+
+    Notes
+    -----
+    A `PandisError` ends the process with its message alone, any other
+    exception with its traceback; both go to the stage's log, which Snakemake shows unless it goes
+    to an object store.
+    """
+    job = Job(snakemake, task)
+    signal.signal(signal.SIGTERM, _interrupt)
+    os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
+    # a BLAS adds in an order that depends on its threads, and Snakemake gives it the job's
+    os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
+    warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
+    resources = snakemake.resources
+    limits = (resources.get("runtime"), resources.get("mem_mb"))
+    try:
+        job.check_code()
+        with (
+            limited(job.stage, *limits, lambda text: job.log(f"error: {text}"), job.stream),
+            threadpool_limits(1, user_api="blas"),
+        ):
+            yield job
+    except PandisError as error:
+        job.log(f"error: {error}", terminal=is_copy(snakemake.log[0]))
+        job.close()
+        sys.exit(1)
+    except KeyboardInterrupt:
+        job.log(INTERRUPTED, terminal=False)
+        job.close()
+        sys.exit(1)
+    except BaseException:
+        job.log(traceback.format_exc(), terminal=is_copy(snakemake.log[0]))
+        job.close()
+        # the traceback stands in the log, and Snakemake shows that: not twice
+        sys.exit(1)
+    job.log("done")
+    job.close()
+
+
+class Job:
+    """One running stage: inputs, options, log and output."""
+
+    def __init__(self, snakemake, task):
+        self._snakemake = snakemake
+        # the script's name, as another workflow may give the rule another one
+        self.stage = Path(sys.modules["__main__"].__file__).stem
+        self.mesh = snakemake.wildcards.get("mesh")
+        self._asked, self._task = dict(snakemake.params.options), task
+        #: What the stage is asked, as its model: from `check_code` on.
+        self.options = None
+        self.threads = snakemake.threads
+        self.input = snakemake.input
+        self.output = snakemake.output
+        extra = [v for k, v in snakemake.wildcards.items() if k not in ("mesh", "extension")]
+        self.name = " ".join([self.mesh or "all meshes", self.stage, *map(str, extra)])
+        #: SHA-256 of the source set, for the stage that reads one.
+        self.source = snakemake.params.get("source", "")
+        self._inputs = {}
+        #: The folder of results: that of the logs.
+        self._folder = original(snakemake.log[0]).rpartition("/logs/")[0]
+        self._start = time.monotonic()
+        path = Path(snakemake.log[0])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._log = path.open("w", encoding="utf-8")
+        self.log("started")
+
+    def log(self, text, terminal=True):
+        """Write a line to the stage's log and, by default, to the terminal."""
+        self._log.write(f"[{time.monotonic() - self._start:8.2f} s] {text}\n")
+        self._log.flush()
+        if terminal:
+            print(f"{self.name}: {text}", file=sys.stderr, flush=True)
+
+    @property
+    def stream(self):
+        """The open log."""
+        return self._log
+
+    def close(self):
+        """Close the log."""
+        self._log.close()
+
+    def check_code(self):
+        """Refuse to run with other code than the plan has digested."""
+        here = Path(__file__).resolve().parents[3]
+        wanted = self.workflow() / "pandis"
+        if here != wanted:
+            raise PandisError(
+                f"the library was imported from {here}, but this workflow's is {wanted}; "
+                "uninstall the other one: pip uninstall pandis"
+            )
+        # digested now, while it is what this process has imported
+        unused = unused_modules(self._asked)
+        self._modules = CodeDigests(self.workflow()).modules(self.stage, unused)
+        if combine(self._modules) != self._snakemake.params.code:
+            raise PandisError(CHANGED)
+        try:
+            self.options = self._task(**self._asked)
+        except ValueError as error:
+            raise PandisError(f"{CHANGED} ({error})") from error
+
+    def checkpoint(self):
+        """Return where an unfinished result may be kept: a path that belongs to this very work.
+
+        It is keyed by everything the result depends on, so a changed option never resumes an
+        older run; it is no output of the rule, so Snakemake does not delete it.
+        """
+        why = self.provenance()
+        parts = [why["options"], why["code"]["digest"], why["inputs"], why["versions"]]
+        text = json.dumps(parts, sort_keys=True)
+        key = hashlib.sha256(text.encode()).hexdigest()[:24]
+        output = Path(self.output[0])
+        return output.parent / ".resume" / f"{output.name.split('.')[0]}.{key}.pt"
+
+    # --- inputs and output -----------------------------------------------------
+
+    def read(self, name, kind):
+        """Read the input artifact ``name`` of the rule and remember its digest."""
+        return self.read_path(self.input[name], kind)
+
+    def read_path(self, path, kind=None):
+        """Read an artifact among the rule's inputs and remember its digest."""
+        artifact = read_artifact(path, kind)
+        self.note_digest(path, artifact.digest)
+        return artifact
+
+    def read_input(self, path):
+        """Read an input that is an artifact; of an exported file return the path."""
+        return self.read_path(path) if str(path).endswith(".zarr.zip") else self.note_file(path)
+
+    def note_digest(self, path, digest):
+        """Remember an input by the digest that it was read with."""
+        name = original(path)
+        if name.startswith(f"{self._folder}/"):
+            name = RESULTS + name.removeprefix(self._folder)
+        self._inputs[name] = digest
+
+    def note_file(self, path):
+        """Remember an input that is a plain file, by its SHA-256."""
+        self.note_digest(path, file_digest(path))
+        return Path(path)
+
+    def check_source(self, path):
+        """Refuse a source that is another than when the run was planned."""
+        if self.source and source_digest(source_files(path)) != self.source:
+            raise PandisError(
+                f"{path}, or a file that it names, was changed after this run was planned; run the "
+                "same command again"
+            )
+
+    def workflow(self):
+        """Return the folder of the Snakefile."""
+        return Path(self._snakemake.scriptdir).resolve().parent / "workflow"
+
+    def provenance(self):
+        """Return why the output that is being made will be current."""
+        wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
+        inputs = dict(sorted(self._inputs.items()))
+        why = provenance(self.stage, wildcards, self._asked, self._modules, inputs)
+        return why | ({"source": self.source} if self.source else {})
+
+    def write(self, kind, arrays, attributes, chunks=None):
+        """Write the rule's first output as an artifact."""
+        path = self.output[0]
+        write_artifact(path, kind, arrays, attributes, self.provenance(), chunks)
+        self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
+
+    def write_pieces(self, kind, columns, pieces, attributes):
+        """Write the rule's first output from pieces that are never all in memory.
+
+        Parameters
+        ----------
+        kind : str
+        columns : dict of str to dict
+            What `pandis.pipeline.run.job.artifact.ArtifactWriter.declare` is told of every array.
+        pieces : iterable of dict of str to ndarray
+            The next rows of every array.
+        attributes : dict
+        """
+        path = self.output[0]
+        with ArtifactWriter(path, kind) as writer:
+            for name, column in columns.items():
+                writer.declare(name, **column)
+            for piece in pieces:
+                for name in columns:
+                    writer.append(name, piece[name])
+            writer.finish(attributes, self.provenance())
+        self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
+
+    def write_file(self, data, index=0):
+        """Write one of the rule's outputs as a plain file, atomically."""
+        path = self.output[index]
+        write_atomically(path, data)
+        self.log(f"wrote {path} ({len(data) / 1e6:.2f} MB)")
+
+    def progress(self, what, total, unit="points"):
+        """Return a `Progress` that reports through this job's log."""
+        return Progress(self.log, what, total, unit)
+
+
+class Progress:
+    """Report how far a long computation is, every few seconds.
+
+    Parameters
+    ----------
+    log : callable
+        Takes a line of text.
+    what : str
+        What is being done.
+    total : float
+        Amount of work, in ``unit``.
+    unit : str
+    """
+
+    def __init__(self, log, what, total, unit):
+        self.log, self.what, self.total, self.unit = log, what, total, unit
+        self.start = self.last = time.monotonic()
+        self.offset = 0
+
+    def resume(self, done):
+        """Say that ``done`` was finished by an earlier run: rates count from here."""
+        self.offset = done
+
+    def update(self, done, note=""):
+        """Report that ``done`` of ``total`` is finished; prints at most every few seconds."""
+        now = time.monotonic()
+        if now - self.last < PROGRESS_SECONDS and done < self.total:
+            return
+        if done >= self.total and self.last == self.start and now - self.start < PROGRESS_SECONDS:
+            return  # short work says nothing but "done"
+        self.last = now
+        rate = (done - self.offset) / max(now - self.start, 1e-9)
+        left = (self.total - done) / rate if rate > 0 else float("inf")
+        self.log(
+            f"{self.what}: {done:,.0f} of {self.total:,.0f} {self.unit} "
+            f"({100 * done / self.total:.0f} %), {rate:,.0f}/s, {left:.0f} s left"
+            + (f", {note}" if note else "")
+        )
+
+
+def silent_progress(what, total, unit="points"):
+    """Return a `Progress` that says nothing, for use outside of a stage."""
+    return Progress(lambda text: None, what, total, unit)

@@ -1,0 +1,115 @@
+"""Scenes in the configuration: which objects lie where, and what has to be built for them.
+
+This module stands on the ground floor, as `pandis.pipeline.run.ask.config` does.
+"""
+
+import re
+
+from pandis.pipeline.run.ask.catalogue import COMPACT, MESH_NAME, parse_field
+from pandis.pipeline.run.ask.config import SceneOptions
+from pandis.pipeline.run.ask.contacts import SurfaceOptions
+from pandis.pipeline.run.ask.faults import faults_of, name_faults, raise_faults
+from pandis.pipeline.run.ask.tasks import PlacedObject, SceneTask
+
+#: Kinds of fields whose files say which material a place is made of.
+_WITH_REGIONS = COMPACT, "exact"
+
+
+def load_scenes(raw, entries):
+    """Validate the scenes of a configuration.
+
+    Parameters
+    ----------
+    raw : dict
+        The parsed YAML.
+    entries : dict of str to pandis.pipeline.run.ask.config.MeshEntry
+
+    Returns
+    -------
+    dict of str to pandis.pipeline.run.ask.config.SceneOptions
+
+    Raises
+    ------
+    PandisError
+        Lists every fault at once, each with its dotted path.
+    """
+    faults, scenes = {}, {}
+    given = raw.get("scenes") or {}
+    if not isinstance(given, dict):
+        faults["scenes"] = "expected a mapping: {name: {objects: {name: {mesh: …, field: …}}}}"
+        given = {}
+    for name, scene in given.items():
+        path = f"scenes.{name}"
+        if not re.fullmatch(MESH_NAME, str(name)):
+            faults[path] = "a scene's name starts with a-z and goes on with a-z, 0-9, - or _"
+            continue
+        given = scene if isinstance(scene, dict) else {"objects": scene}
+        wrong = faults_of(SceneOptions, given)
+        faults |= {f"{path}.{key}" if key else path: message for key, message in wrong.items()}
+        if wrong:
+            continue
+        scenes[name] = SceneOptions.model_validate(scene)
+        for key, placed in scenes[name].objects.items():
+            faults |= _object_faults(f"{path}.objects.{key}", key, placed, entries)
+    raise_faults(faults)
+    return scenes
+
+
+def _object_faults(path, key, placed, entries):
+    if not re.fullmatch(MESH_NAME, str(key)):
+        return {path: "an object's name starts with a-z and goes on with a-z, 0-9, - or _"}
+    entry = entries.get(placed.mesh)
+    if entry is None:
+        return {f"{path}.mesh": f"there is no mesh {placed.mesh} under `meshes`: add it there"}
+    values = entry.model_dump() | {"fields": [placed.field]}
+    fault = next((message for at, message in name_faults(values) if at == "fields.0"), None)
+    if fault is None and not parse_field(placed.field, entry.train).native:
+        fault = f"{placed.field} has no file for pandis.h: take a grid, a spline, a network, exact"
+    return {f"{path}.field": fault} if fault else {}
+
+
+def needed(entries, scenes):
+    """Return the meshes that scenes need, each with the fields that they need alone.
+
+    Without scenes that is everything.
+    """
+    if not scenes:
+        return entries
+    fields = {}
+    for scene in scenes.values():
+        for placed in scene_task(scene, entries).objects:
+            names = fields.setdefault(placed.mesh, [])
+            names += [n for n in (placed.field, placed.beside) if n and n not in names]
+    return {
+        mesh: entry.model_copy(update={"fields": fields[mesh]})
+        for mesh, entry in entries.items()
+        if mesh in fields
+    }
+
+
+def scene_task(scene, entries):
+    """Return what the stage of a scene is asked: its objects with everything filled in."""
+    objects = []
+    for name, placed in scene.objects.items():
+        entry = entries[placed.mesh]
+        given = {key: value for key, value in dict(placed).items() if value is not None}
+        contact = scene.contact or SurfaceOptions(
+            **{key: getattr(entry.contact, key) for key in SurfaceOptions.model_fields}
+        )
+        beside = _knows_regions(entry, placed.field) if contact.materials else None
+        felt = {"name": name, "contact": contact, "beside": beside}
+        objects.append(PlacedObject(**dict(entry.device) | given | felt))
+    return SceneTask(objects=objects, ticks=scene.ticks, speed=scene.speed, radius=scene.radius)
+
+
+def _knows_regions(entry, name):
+    """Return the field of a mesh that says what a place is made of where another field does not.
+
+    None if that field says it, or if no field of the mesh does; a compact mesh before the exact
+    one.
+    """
+    if parse_field(name, entry.train).kind in _WITH_REGIONS:
+        return None
+    specs = (parse_field(each, entry.train) for each in entry.fields)
+    known = sorted((s.kind, s.name) for s in specs if s.kind in _WITH_REGIONS)
+    return known[0][1] if known else None

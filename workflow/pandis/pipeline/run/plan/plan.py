@@ -1,0 +1,391 @@
+"""What a run makes: every output of a configuration, and what each rule is given.
+
+The Snakefile makes one `Plan`; rules take their params and inputs from it, the
+targets their file lists, and `verify` compares it with what lies in results/.
+Ground floor: no torch, no trimesh.
+"""
+
+import os
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.config import plain
+from pandis.pipeline.run.ask.outputs import distance_fields, field_holders, field_specs
+from pandis.pipeline.run.ask.reading import check_yaml, last_target, load_config, results_folder
+from pandis.pipeline.run.ask.recipes import budgeted
+from pandis.pipeline.run.ask.sourcing import (
+    ANALYTIC,
+    SHIPPED,
+    SourceDigests,
+    source_fault,
+    url_extension,
+)
+from pandis.pipeline.run.ask.tasks import CalibrateTask, RefuseTask, SummaryTask, VerifyTask
+from pandis.pipeline.run.host.ending import forget_partial_report
+from pandis.pipeline.run.job.provenance import CodeDigests, unused_modules
+from pandis.pipeline.run.plan.placing import load_scenes, needed, scene_task
+from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
+
+#: Named targets: the stages' own, and that of scenes.
+TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
+#: What `until: exports` leaves out: whatever measures, stresses and times fields.
+JUDGING = ("evaluations", "hardware")
+DEFAULT_CONFIG = "config/config.yaml"
+QUERY_TIMES = "config/query-times.csv"
+#: Where Snakemake keeps what it knows about the results of this working directory.
+RECORDS = Path(".snakemake/metadata")
+UNKNOWN = (
+    "note: this folder has no record of what the results in {} were asked; they are taken as they "
+    "are (docs/cluster.md)"
+)
+
+
+class Output(NamedTuple):
+    """One output file, the stage (rule, script) that makes it and its wildcards."""
+
+    path: str
+    stage: str
+    wildcards: dict
+
+
+def open_plan(config, root, files, store, aloud=True):
+    """Return the plan, or end the process with the configuration's faults in plain words.
+
+    With ``aloud`` it says which meshes are refused, and why: they keep no other from running.
+    """
+    try:
+        plan = Plan(config, root, files, store)
+    except PandisError as error:
+        # Snakemake would print a traceback of its own around the message
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
+    if aloud:
+        for mesh, why in plan.refused.items():
+            print(f"refused: {mesh}: {why}", file=sys.stderr)
+        forget_partial_report(plan)
+        if plan.store and not (RECORDS.is_dir() and any(RECORDS.iterdir())):
+            print(UNKNOWN.format(plan.store), file=sys.stderr)
+    return plan
+
+
+class Plan:
+    """The outputs, options and code digests of a configuration.
+
+    Parameters
+    ----------
+    config : dict
+        The parsed configuration.
+    root : path-like
+        Folder of the Snakefile and of the package ``pandis``.
+    files : iterable of path-like
+        The configuration files, to be checked for doubled keys.
+    store : str
+        The object store that the folder of results lies in; empty for files.
+
+    Raises
+    ------
+    PandisError
+        The configuration has faults; all are listed.
+    """
+
+    def __init__(self, config, root, files=(), store=""):
+        self.config = config
+        # as a user would write them: relative where they lie below the working directory
+        self.files = [os.path.relpath(path) for path in files]
+        for path in self.files:
+            check_yaml(path)
+        #: Where everything lies that a run makes.
+        self.folder = results_folder(config)
+        #: The named target that it ends with, if not with everything.
+        self.until = last_target(config)
+        #: Meshes that cannot be built, and why: their own job says so, and ends the run with 1.
+        self.refused = {}
+        self.entries = self._buildable(load_config(config, self.refused))
+        self.scenes = load_scenes(config, self.entries)
+        #: What scenes need alone; without scenes, everything.
+        self.needed = needed(self.entries, self.scenes)
+        self.digests = CodeDigests(root)
+        self.sources = SourceDigests()
+        self._options, self._codes = {}, {}
+        self.store = store
+        #: When planning began, seconds since the epoch.
+        self.start = time.time()
+
+    def _buildable(self, entries):
+        """Return the meshes whose source is there and of a known format; note the others."""
+        good = {}
+        for mesh, entry in entries.items():
+            fault = source_fault(entry.source)
+            if fault is None:
+                good[mesh] = entry
+            else:
+                self.refused[mesh] = f"meshes.{mesh}.{fault}"
+        if not good:
+            lines = "\n".join(f"  {why}" for why in self.refused.values())
+            raise PandisError(f"no mesh can be built:\n{lines}")
+        return good
+
+    @property
+    def summary(self):
+        """Path of the table of the whole run."""
+        return f"{self.folder}/{'collection' if self.until else 'summary'}.csv"
+
+    @property
+    def report(self):
+        """Path of the page of the whole run."""
+        return f"{self.folder}/{'collection' if self.until else 'report'}.html"
+
+    @property
+    def final(self):
+        """The outputs that all meshes share."""
+        makers = ("collection", "collection") if self.until else ("summary", "report")
+        return Output(self.summary, makers[0], {}), Output(self.report, makers[1], {})
+
+    @property
+    def query_times(self):
+        """Path of the table of query times that `fields: auto` goes by.
+
+        `snakemake calibrate` renews the working directory's; the workflow brings one along.
+        """
+        shipped = self.digests.root.parent / QUERY_TIMES
+        return QUERY_TIMES if Path(QUERY_TIMES).is_file() else os.path.relpath(shipped)
+
+    @property
+    def meshes(self):
+        """Names of the meshes, in the order of the file."""
+        return list(self.entries)
+
+    @property
+    def recipes(self):
+        """Names of all recipes that some mesh trains."""
+        entries = [*self.entries.values(), *self.needed.values()]
+        specs = (spec for entry in entries for spec in field_holders(entry))
+        return sorted({spec.name for spec in specs if spec.kind == "network"})
+
+    def specs(self, mesh):
+        """Return the FieldSpec of every field of a mesh."""
+        return field_specs(self.entries[mesh])
+
+    def held(self, mesh):
+        """Return one FieldSpec for each artifact that holds a field, except the mesh itself.
+
+        A contact point's field is among them.
+        """
+        return field_holders(self.entries[mesh])
+
+    # --- outputs ---------------------------------------------------------------
+
+    def outputs(self, mesh, entry=None):
+        """Return every output of a mesh, each path once, in building order.
+
+        ``entry`` stands in for the mesh's own, with other fields.
+        """
+        entry = entry or self.entries[mesh]
+        return [
+            Output(f"{self.folder}/{mesh}/{path}", stage, {"mesh": mesh} | wildcards)
+            for stage, row in STAGES.items()
+            for path, wildcards in row.outputs(entry)
+        ]
+
+    def target(self, name):
+        """Return the files of a named target; ``all`` lists every file there is.
+
+        All of them, because Snakemake takes a missing intermediate file for
+        no reason to run: after a failure it would otherwise find nothing to
+        do, over results of older options.
+        """
+        if name not in TARGETS:
+            return [output.path for output in self.everything()]
+        every = [output for mesh in self.entries for output in self.outputs(mesh)]
+        every += self.scene_outputs()
+        wanted = [o.path for o in every if _target(o.stage) == name]
+        return wanted + [o.path for o in self.refusals() if name != "scenes"]
+
+    def everything(self):
+        """Return every output of this configuration: with scenes, what they need alone."""
+        every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
+        if self.until:
+            every = [o for o in every if STAGES[o.stage].target not in JUDGING]
+        if not self.scenes:
+            return [*every, *self.refusals(), *self.final]
+        return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
+
+    def refusals(self):
+        """Return the outputs that meshes stand for that cannot be built: none is ever made."""
+        return [
+            Output(f"{self.folder}/{mesh}/refused", "refuse", {"mesh": mesh})
+            for mesh in self.refused
+        ]
+
+    def scene_outputs(self):
+        """Return the outputs of all scenes."""
+        return [
+            Output(f"{self.folder}/scenes/{scene}.{ending}", "scene", {"scene": scene})
+            for scene in self.scenes
+            for ending in ("zarr.zip", "json", "h")
+        ]
+
+    # --- inputs of rules ---------------------------------------------------------
+
+    def source(self, wildcards):
+        """Return the files that a mesh is read from: its own, and those that it names."""
+        source = self.entries[wildcards.mesh].source
+        extension = url_extension(source)
+        if extension:
+            return [f"{self.folder}/{wildcards.mesh}/source.{extension}"]
+        if source.startswith((SHIPPED, ANALYTIC)):
+            return []
+        return [os.path.relpath(path) if not Path(source).is_absolute() else str(path)
+                for path in self.sources.files(Path(source))]  # fmt: skip
+
+    def source_digest(self, wildcards):
+        """Return the SHA-256 of the source set of a mesh; of a URL what it must be."""
+        entry = self.entries[wildcards.mesh]
+        if url_extension(entry.source):
+            return entry.sha256.lower()
+        return self.sources.of(entry.source)
+
+    def field_files(self, wildcards):
+        """Return the files that answer for the fields of a mesh."""
+        return self._answering(wildcards.mesh, self.specs(wildcards.mesh))
+
+    def _answering(self, mesh, specs):
+        """Return each field's file for ``pandis.h``, or its artifact if it has no such file."""
+        names = [f"export/{spec.name}.pandis" if spec.native else f"{spec.artifact}.zarr.zip"
+                 for spec in specs if spec.native or spec.artifact != "mesh"]  # fmt: skip
+        return [f"{self.folder}/{mesh}/{name}" for name in dict.fromkeys(names)]
+
+    def grid_artifact(self, wildcards):
+        """Return the grid that a grid field is exported from."""
+        spec = parse_field(wildcards.field, ())
+        return f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip"
+
+    def native_artifact(self, wildcards):
+        """Return the artifact that holds a field of a mesh."""
+        spec = parse_field(wildcards.name, self.entries[wildcards.mesh].train)
+        return f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip"
+
+    def native(self, wildcards):
+        """Return the files for ``pandis.h`` of a mesh."""
+        specs = [spec for spec in self.specs(wildcards.mesh) if spec.native]
+        return [f"{self.folder}/{wildcards.mesh}/export/{spec.name}.pandis" for spec in specs]
+
+    def distance_files(self, wildcards):
+        """Return the files for ``pandis.h`` of a mesh that may know distances."""
+        folder = f"{self.folder}/{wildcards.mesh}/export"
+        specs = distance_fields(self.entries[wildcards.mesh])
+        return [f"{folder}/{spec.name}.pandis" for spec in specs]
+
+    def scene_fields(self, wildcards):
+        """Return the files for ``pandis.h`` of the objects of a scene, each once."""
+        objects = scene_task(self.scenes[wildcards.scene], self.entries).objects
+        pairs = [(p.mesh, name) for p in objects for name in (p.field, p.beside) if name]
+        files = (f"{self.folder}/{mesh}/export/{field}.pandis" for mesh, field in pairs)
+        return list(dict.fromkeys(files))
+
+    def unexported(self, wildcards):
+        """Return what answers for the fields that are timed from Python."""
+        specs = [spec for spec in self.specs(wildcards.mesh) if not spec.exports]
+        return self._answering(wildcards.mesh, specs)
+
+    def exports(self, wildcards):
+        """Return the exported files of a mesh."""
+        return [
+            f"{self.folder}/{wildcards.mesh}/export/{spec.name}.{ending}"
+            for spec in self.specs(wildcards.mesh)
+            for ending in spec.exports
+        ]
+
+    def programs(self, wildcards):
+        """Return the PyTorch programs that are timed from C++."""
+        specs = [s for s in self.specs(wildcards.mesh) if s.kind == "network"]
+        wanted = self.entries[wildcards.mesh].timing.libtorch
+        return [f"{self.folder}/{wildcards.mesh}/export/{s.name}.pt2" for s in specs if wanted]
+
+    def report_artifacts(self, only=None):
+        """Return everything that the report, or a collection's table, reads: all, or one mesh's."""
+        paths = []
+        for mesh in [only] if only else self.entries:
+            if self.until:
+                native = (spec.name for spec in self.specs(mesh) if spec.native)
+                paths += [f"{self.folder}/{mesh}/mesh.zarr.zip"]
+                paths += [f"{self.folder}/{mesh}/export/{name}.pandis" for name in native]
+                continue
+            stems = ["mesh", "trajectory", "evaluation", "stress", "timing", "hardware"]
+            stems += [spec.artifact for spec in self.held(mesh)]
+            if any(spec.kind == "network" for spec in self.held(mesh)):
+                stems.append("samples")
+            paths += [f"{self.folder}/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
+            names = (spec.name for spec in distance_fields(self.entries[mesh]))
+            paths += [f"{self.folder}/{mesh}/export/{name}.pandis" for name in names]
+        return paths
+
+    def results(self, stem):
+        """Return one file of every mesh."""
+        return [f"{self.folder}/{mesh}/{stem}" for mesh in self.entries]
+
+    # --- params of rules ---------------------------------------------------------
+
+    def code(self, stage):
+        """Return the function that gives a job of ``stage`` the digest of its code.
+
+        The script and the library modules behind it, except those that the job's options leave
+        out: a method that a mesh does not use makes none of its results stale.
+        """
+        return partial(self._job_code, stage)
+
+    def _job_code(self, stage, wildcards):
+        key = stage, unused_modules(self.options(stage)(wildcards))
+        if key not in self._codes:
+            self._codes[key] = self.digests.stage(*key)
+        return self._codes[key]
+
+    def options(self, stage):
+        """Return the function that gives a job of ``stage`` its options (Snakemake calls it)."""
+        return partial(self._job_options, stage)
+
+    def _job_options(self, stage, wildcards):
+        key = (stage, *sorted((k, str(v)) for k, v in dict(wildcards).items()))
+        if key not in self._options:
+            self._options[key] = plain(self.stage_options(stage, **dict(wildcards)))
+        return self._options[key]
+
+    def stage_options(self, stage, mesh=None, **wildcards):
+        """Return what one stage of one mesh is asked, and nothing else: see `tasks`."""
+        if stage == "verify":
+            return VerifyTask(configfiles=self.files, store=self.store)
+        if stage == "calibrate":
+            return CalibrateTask(table=QUERY_TIMES)
+        if stage == "scene":
+            return scene_task(self.scenes[wildcards["scene"]], self.entries)
+        if mesh is None:
+            return SummaryTask(fields={name: entry.fields for name, entry in self.entries.items()})
+        if stage == "refuse":
+            return RefuseTask(why=self.refused[mesh])
+        return STAGES[stage].options(PlannedJob(stage, mesh, self.entries[mesh], wildcards))
+
+    def train_threads(self, wildcards):
+        """Return the threads that a recipe trains with: a part of its options."""
+        return self.entries[wildcards.mesh].train[wildcards.recipe].threads
+
+    def train_priority(self, wildcards):
+        """Return what puts the longest trainings first: whatever needs them waits for nothing else.
+
+        The steps, or ten for every second of a budget of time.
+        """
+        recipe = budgeted(self.entries[wildcards.mesh].train[wildcards.recipe])
+        return recipe.steps or int(10 * recipe.seconds)
+
+    def train_gpus(self, wildcards):
+        """Return how many GPUs a recipe claims."""
+        return int(self.entries[wildcards.mesh].train[wildcards.recipe].device != "cpu")
+
+
+def _target(stage):
+    """Return the named target that asks for a stage's outputs."""
+    return STAGES[stage].target if stage in STAGES else f"{stage}s"

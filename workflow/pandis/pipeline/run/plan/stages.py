@@ -1,0 +1,301 @@
+"""The stages of a mesh: what each one makes, what it is asked, and which target asks for it.
+
+A stage is one rule and one script of its name. Outputs, options, named targets and what scenes
+need are read off `STAGES`, and nothing else says them again.
+"""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pandis.pipeline.run.ask import outputs
+from pandis.pipeline.run.ask.catalogue import AUTO, COMPACT, GRID_FIELDS, PLANE_FIELDS
+from pandis.pipeline.run.ask.config import MeshEntry
+from pandis.pipeline.run.ask.recipes import budgeted
+from pandis.pipeline.run.ask.tasks import (
+    BakeAutoTask,
+    BakeCompactAutoTask,
+    BakeCompactTask,
+    BakeSplineTask,
+    BakeTask,
+    ChooseTask,
+    EvaluateTask,
+    ExportMeshTask,
+    ExportMjcfTask,
+    ExportNativeTask,
+    ExportNewtonTask,
+    ExportPageTask,
+    ExportTask,
+    ExportVdbTask,
+    FetchTask,
+    HandOptions,
+    MeshTask,
+    SampleTask,
+    StressTask,
+    SupportPlanesTask,
+    TimingTask,
+    TrainTask,
+    TrajectoryTask,
+    ValidateTask,
+)
+
+#: The recipe of networks that `fields: auto` may come to.
+CHOSEN_RECIPE = "pandis-exact"
+#: The scale that errors are told at where nothing depends on the device's: no option goes stale.
+NOMINAL = {"size": 0.10, "stiffness": 400.0}
+
+
+def stage_seed(root, *names):
+    """Return the seed of a stage: a hash of the configuration's seed and the names."""
+    text = "\0".join([str(root), *names])
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "little")
+
+
+@dataclass(frozen=True)
+class PlannedJob:
+    """A job that is planned: of which stage and mesh, with which options and wildcards."""
+
+    stage: str
+    mesh: str
+    entry: MeshEntry
+    wildcards: dict
+
+    @property
+    def seed(self):
+        """The seed of the stage; of a recipe's training one of its own."""
+        recipe = [self.wildcards["recipe"]] if self.stage == "train" else []
+        return stage_seed(self.entry.seed, self.mesh, self.stage, *recipe)
+
+    @property
+    def scale(self):
+        """The scale of the device as options."""
+        return dict(self.entry.device)
+
+    @property
+    def band(self):
+        """How far a grid reaches into the surface and out of it."""
+        return [self.entry.bake.inside, self.entry.bake.outside]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A row of the table.
+
+    Attributes
+    ----------
+    outputs : callable
+        Yields, for a mesh's options, the path of each output below the mesh's folder and the
+        wildcards of its rule, besides the mesh.
+    options : callable
+        Returns what a `PlannedJob` is asked (`pandis.pipeline.run.ask.tasks`), and nothing else: a
+        change here makes it stale.
+    target : str or None
+        The named target that asks for the outputs.
+    in_scenes : bool
+        Whether the objects of a scene need it.
+    """
+
+    outputs: Callable
+    options: Callable
+    target: str | None = None
+    in_scenes: bool = False
+
+
+# --- what a stage is asked ------------------------------------------------------
+
+
+def _scale(job, target):
+    """Return the device's scale where a target is an error: newtons depend on it."""
+    return NOMINAL if target.force_error is None else job.scale
+
+
+def _fetch(job):
+    return FetchTask(url=job.entry.source, sha256=job.entry.sha256)
+
+
+def _mesh(job):
+    entry = job.entry
+    return MeshTask(**dict(entry.mesh), source=entry.source, sha256=entry.sha256, seed=job.seed)
+
+
+def _sample(job):
+    return SampleTask(**dict(job.entry.samples), seed=job.seed)
+
+
+def _train(job):
+    name = job.wildcards["recipe"]
+    recipe = budgeted(job.entry.train[name])
+    scale = _scale(job, recipe) if recipe.loss == "exact" else NOMINAL
+    return TrainTask(name=name, recipe=recipe, seed=job.seed, **scale)
+
+
+def _bake(job):
+    content, size = job.wildcards["content"], int(job.wildcards["size"])
+    return BakeTask(content=content, size=size, band=job.band, chunk=job.entry.bake.chunk)
+
+
+def _bake_spline(job):
+    return BakeSplineTask(size=int(job.wildcards["size"]), band=job.band, seed=job.seed)
+
+
+def _bake_auto(job):
+    kind = job.wildcards["kind"]
+    target = job.entry.bake.auto[kind]
+    return BakeAutoTask(
+        **dict(target), **_scale(job, target), kind=kind, band=job.band, seed=job.seed
+    )
+
+
+def _bake_compact(job):
+    return BakeCompactTask(bits=int(job.wildcards["bits"]), seed=job.seed)
+
+
+def _bake_compact_auto(job):
+    target = job.entry.bake.auto[COMPACT]
+    return BakeCompactAutoTask(**dict(target), **_scale(job, target), seed=job.seed)
+
+
+def _support_planes(job):
+    return SupportPlanesTask()
+
+
+def _choose(job):
+    entry = job.entry
+    return ChooseTask(
+        budget=entry.budget,
+        name=CHOSEN_RECIPE,
+        recipe=budgeted(entry.train[CHOSEN_RECIPE]),
+        samples=entry.samples,
+        stress=entry.stress,
+        weight_bits=entry.export.weight_bits,
+        band=job.band,
+        seed=job.seed,
+        **job.scale,
+    )
+
+
+def _export(wildcard):
+    """Return the function that says which field, of the wildcard's name, is exported."""
+    return lambda job: ExportTask(field=job.wildcards[wildcard])
+
+
+def _export_native(job):
+    given = {key: value for key, value in job.entry.export if key != "also"}
+    return ExportNativeTask(**given, field=job.wildcards["name"])
+
+
+def _export_page(job):
+    return ExportPageTask(**job.scale, fields=_measuring(job))
+
+
+def _export_mjcf(job):
+    return ExportMjcfTask(size=job.entry.device.size, fields=_measuring(job))
+
+
+def _export_newton(job):
+    return ExportNewtonTask(size=job.entry.device.size)
+
+
+def _export_vdb(job):
+    return ExportVdbTask(fields=_measuring(job))
+
+
+def _measuring(job):
+    return [spec.name for spec in outputs.distance_fields(job.entry)]
+
+
+def _trajectory(job):
+    return TrajectoryTask(**dict(job.entry.trajectory), seed=job.seed)
+
+
+def _evaluate(job):
+    entry = job.entry
+    trajectory = entry.trajectory if entry.evaluation.paths > 1 else None
+    return EvaluateTask(
+        **dict(entry.evaluation),
+        **job.scale,
+        fields=entry.fields,
+        trajectory=trajectory,
+        seed=job.seed,
+    )
+
+
+def _stress(job):
+    entry = job.entry
+    asked = {"fields": entry.fields, "proxies": entry.contact.kind == "proxy", "seed": job.seed}
+    return StressTask(**dict(entry.stress), **job.scale, **asked)
+
+
+def _timing(job):
+    in_python = [spec.name for spec in outputs.field_specs(job.entry) if not spec.exports]
+    return TimingTask(**dict(job.entry.timing), in_python=in_python)
+
+
+def _validate(job):
+    entry, stress = job.entry, job.entry.stress
+    hand = HandOptions(
+        stiffness=stress.hand_stiffness,
+        damping=stress.hand_damping,
+        press=stress.press,
+        delay=stress.delay,
+    )
+    native = [spec.name for spec in outputs.field_specs(entry) if spec.native]
+    return ValidateTask(
+        **dict(entry.hardware),
+        **job.scale,
+        hand=hand,
+        contact=entry.contact,
+        fields=native,
+        seed=job.seed,
+    )
+
+
+#: All stages of a mesh in building order. What a scene needs comes in the same order.
+STAGES = {
+    "fetch": Stage(outputs.source, _fetch, in_scenes=True),
+    "mesh": Stage(outputs.one_file("mesh.zarr.zip"), _mesh, "meshes", in_scenes=True),
+    "sample": Stage(outputs.samples, _sample, "samples", in_scenes=True),
+    "train": Stage(outputs.models, _train, "models", in_scenes=True),
+    "export_network": Stage(outputs.programs, _export("recipe"), "exports"),
+    "choose": Stage(outputs.holders(lambda s: s.kind == AUTO), _choose, "models", in_scenes=True),
+    "support_planes": Stage(
+        outputs.holders(lambda s: s.kind in PLANE_FIELDS), _support_planes, "grids", in_scenes=True
+    ),
+    "bake_auto": Stage(
+        outputs.holders(outputs.is_searched, lambda s: {"kind": s.kind}), _bake_auto, "grids",
+        in_scenes=True,
+    ),
+    "bake_compact": Stage(
+        outputs.holders(outputs.is_compact, lambda s: {"bits": str(s.size)}), _bake_compact,
+        "grids", in_scenes=True,
+    ),
+    "bake_compact_auto": Stage(
+        outputs.holders(lambda s: s.kind == COMPACT and s.size == AUTO), _bake_compact_auto,
+        "grids", in_scenes=True,
+    ),
+    "bake_spline": Stage(
+        outputs.holders(outputs.is_spline, lambda s: {"size": str(s.size)}), _bake_spline, "grids",
+        in_scenes=True,
+    ),
+    "bake": Stage(
+        outputs.holders(
+            outputs.is_dense, lambda s: {"content": GRID_FIELDS[s.kind], "size": str(s.size)}
+        ),
+        _bake, "grids", in_scenes=True,
+    ),
+    "export_grid": Stage(outputs.graphs, _export("field"), "exports"),
+    "export_vti": Stage(outputs.images, _export("field"), "exports"),
+    "export_native": Stage(outputs.native, _export_native, "exports", in_scenes=True),
+    "export_mesh": Stage(
+        outputs.also("mjcf", "export/mesh.obj"), lambda job: ExportMeshTask(), "exports"
+    ),
+    "export_mjcf": Stage(outputs.also("mjcf", "export/mujoco.xml"), _export_mjcf, "exports"),
+    "export_newton": Stage(outputs.also("newton", "export/newton.npz"), _export_newton, "exports"),
+    "export_page": Stage(outputs.also("page", "export/touch.html"), _export_page, "exports"),
+    "export_vdb": Stage(outputs.also("vdb", "export/fields.vdb"), _export_vdb, "exports"),
+    "trajectory": Stage(outputs.one_file("trajectory.zarr.zip"), _trajectory, "evaluations"),
+    "evaluate": Stage(outputs.one_file("evaluation.zarr.zip"), _evaluate, "evaluations"),
+    "stress": Stage(outputs.one_file("stress.zarr.zip"), _stress, "evaluations"),
+    "timing": Stage(outputs.one_file("timing.zarr.zip"), _timing, "evaluations"),
+    "validate": Stage(outputs.hardware, _validate, "hardware"),
+}  # fmt: skip

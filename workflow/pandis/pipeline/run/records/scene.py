@@ -1,0 +1,86 @@
+"""The attributes of a scene's artifact, and its JSON file."""
+
+from pandis.pipeline.run.ask.contacts import TextureOptions
+from pandis.pipeline.run.ask.tasks import PlacedObject
+from pandis.pipeline.run.records.record import Record
+
+
+class PlacedRecord(PlacedObject):
+    """An object of a scene with its file and the map from its mesh's units to metres.
+
+    ``materials`` and ``textures``: what its surface, or each of its regions, feels like, by name;
+    ``beside_file``: of the mesh that says which region a place is of, where its field does not.
+    """
+
+    file: str
+    beside_file: str | None
+    rotation_matrix: list[list[float]]
+    translation: list[float]
+    scale: float
+    materials: dict[str, dict]
+    textures: dict[str, TextureOptions | None]
+
+
+class TouchedRecord(Record):
+    """The same walk with a proxy for every object.
+
+    Attributes
+    ----------
+    radius : float
+        Of the probe, m.
+    queries_mean, queries_max : float, int
+        Per tick.
+    touched_share : float
+        Share of the ticks in which something is touched.
+    different : int
+        Forces that are not those of stepping every object.
+    median_us, p999_us : float
+        Of a tick.
+    """
+
+    radius: float
+    queries_mean: float
+    queries_max: int
+    touched_share: float
+    different: int
+    median_us: float
+    p999_us: float
+
+
+class SceneRecord(Record):
+    """A walk through a scene.
+
+    Attributes
+    ----------
+    objects : list of PlacedRecord
+    ticks : int
+    speed : float
+        m/s.
+    asked_mean, asked_max : float, int
+        Fields asked per tick.
+    touched_share : float
+        Share of the ticks in contact.
+    different : int
+        Forces that are not those of asking every object.
+    median_us, p999_us : float
+        Of a tick.
+    proxies : TouchedRecord or None
+        None if an object has no proxy: ``no_proxies`` says which.
+    machine : dict
+    sentence : str
+    """
+
+    objects: list[PlacedRecord]
+    ticks: int
+    speed: float
+    asked_mean: float
+    asked_max: int
+    touched_share: float
+    different: int
+    median_us: float
+    p999_us: float
+    proxies: TouchedRecord | None
+    no_proxies: str
+    machine: dict
+    sentence: str = ""
+    reproducible: bool = False

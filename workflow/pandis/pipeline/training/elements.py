@@ -1,0 +1,103 @@
+"""What a step does element by element, between two products, and what nothing waits for yet.
+
+On a CPU these are our own loops or torch's; on a GPU one kernel each, of Warp, where torch has
+several, because a step there is many small kernels.
+"""
+
+from functools import cache
+
+import torch
+
+from pandis.engine import waves
+
+
+def fused(values):
+    """Return the kernels for values on a GPU; None for others, and where there is no Warp."""
+    return _kernels() if values.is_cuda and values.dtype == torch.float32 else None
+
+
+@cache
+def _kernels():
+    try:
+        # not above: trainings on a CPU have no need of Warp, which takes a second to load
+        from pandis.engine.cuda import steps
+    except (ImportError, RuntimeError):
+        return None
+    return steps if steps.ready() else None
+
+
+def sines(z, bias):
+    """Return sin(z + bias) and its cosine; z (w, n) is used up, bias is (w,)."""
+    if kernels := fused(z):
+        cosine = torch.empty_like(z)
+        kernels.launch(kernels.sines, z.shape, z, bias, cosine)
+        return z, cosine
+    if z.device.type == "cpu" and z.dtype == torch.float32 and z.is_contiguous():
+        cosine, bias = torch.empty_like(z), bias.contiguous()
+        addresses = z.data_ptr(), bias.data_ptr(), cosine.data_ptr()
+        waves.sines(*addresses, *z.shape, torch.get_num_threads())
+        return z, cosine
+    z.add_(bias[:, None])
+    cosine = torch.cos(z)
+    return z.sin_(), cosine
+
+
+def slopes_forward(along, chain, slope):
+    """Return along · chain; along becomes along · slope."""
+    if (kernels := fused(along)) and chain.shape == along.shape:
+        to_slope = torch.empty_like(along)
+        kernels.launch(kernels.slopes_forward, along.shape, along, chain, slope, to_slope)
+        return to_slope
+    to_slope = along * chain
+    along *= slope
+    return to_slope
+
+
+def slopes_back(back, slope, to_slope, sine):
+    """Let back become back · slope − to_slope · sine; to_slope, which may be None, is used up."""
+    if to_slope is None:
+        back *= slope
+    elif kernels := fused(back):
+        kernels.launch(kernels.slopes_back, back.shape, back, slope, to_slope, sine)
+    else:
+        back *= slope
+        back -= to_slope.mul_(sine)  # of a cosine
+
+
+@cache
+def _second_stream(device, first):
+    """Return the stream beside one: never torch's, which hands out the same 32 in turn."""
+    return _kernels().new_stream(device)
+
+
+class Aside:
+    """Lets work run beside what goes on, on a GPU on a second stream; elsewhere it runs at once.
+
+    Where there is no Warp, it runs at once on a GPU, too.
+
+    Parameters
+    ----------
+    values : Tensor
+        Of the device.
+    """
+
+    def __init__(self, values):
+        self._stream, self._kept = None, []
+        if values.is_cuda and fused(values):
+            current = torch.cuda.current_stream()
+            self._stream = _second_stream(current.device, current.cuda_stream)
+
+    def __call__(self, work, *values):
+        """Return ``work(*values)``; the values must not change before `join`."""
+        if self._stream is None:
+            return work(*values)
+        self._kept.append(values)  # else their memory would be given to others, and written
+        self._stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(self._stream):
+            return work(*values)
+
+    def join(self):
+        """Let what follows wait for all of it."""
+        if self._stream is not None:
+            torch.cuda.current_stream().wait_stream(self._stream)
+            self._kept.clear()

@@ -1,0 +1,15 @@
+"""Shapes of tensors, for signatures: see `pandis.base.arrays`."""
+
+import torch
+from jaxtyping import Float
+
+#: A number, and a vector, for each of n points.
+Numbers = Float[torch.Tensor, " n"]
+Vectors = Float[torch.Tensor, "n 3"]
+#: Vectors at m other points, off the surface.
+OffVectors = Float[torch.Tensor, "m 3"]
+#: What a network of k outputs says at n points on the surface, and at m off it.
+Outputs = Float[torch.Tensor, "n k"]
+OffOutputs = Float[torch.Tensor, "m k"]
+#: A loss.
+Loss = Float[torch.Tensor, ""]

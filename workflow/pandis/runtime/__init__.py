@@ -1,0 +1,1 @@
+"""What answers from a ``.pandis`` file: fields, contacts, scenes, poses, servo loops, devices."""

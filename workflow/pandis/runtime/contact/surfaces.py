@@ -1,0 +1,202 @@
+"""What a surface feels like to a proxy: friction and damping by region, and textures."""
+
+import ctypes
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pandis.engine.compiler import load
+from pandis.runtime.field import ArrayLike, Number
+
+SOURCE = Path(__file__).with_name("contact.c")
+#: What answers a height over the surface, and its gradient, at a point (3,) in a region.
+Height = Callable[[NDArray[np.float64], int], tuple[float, ArrayLike]]
+#: What a surface is called that is of one material.
+WHOLE = "the surface"
+#: The kind of a texture that is none.
+SMOOTH = "smooth"
+
+
+class Material(ctypes.Structure):
+    """What a surface feels like, beside its stiffness, which is the object's.
+
+    Attributes
+    ----------
+    sticking, sliding : float
+        Friction: force along the surface per force against it, at rest and while it slides.
+    damping : float
+        Force per speed of the probe along the normal; never so that it pulls.
+    drag : float
+        Force per speed of the proxy along the surface.
+    """
+
+    _fields_ = tuple((name, ctypes.c_double) for name in ("sticking", "sliding", "damping", "drag"))
+
+
+def materials_for(contact, names):
+    """Return what the materials of an object feel like, in the order of its regions.
+
+    Parameters
+    ----------
+    contact : pandis.pipeline.run.ask.contacts.SurfaceOptions
+    names : sequence of str or None
+        Of the regions; if there are none, the whole surface is of one material.
+
+    Returns
+    -------
+    dict of str to dict
+        By name the fields of a `Material`.
+    """
+    given = {name: contact.materials.get(name, contact) for name in names or ()}
+    return {
+        name: {
+            "sticking": made.sticking,
+            "sliding": made.sticking if made.sliding is None else made.sliding,
+            "damping": made.damping,
+            "drag": made.drag,
+        }
+        for name, made in (given or {WHOLE: contact}).items()
+    }
+
+
+def textures_for(contact, names):
+    """Return the textures of an object's materials, in the order of its regions.
+
+    Parameters
+    ----------
+    contact : pandis.pipeline.run.ask.contacts.SurfaceOptions
+    names : sequence of str or None
+        Of the regions.
+
+    Returns
+    -------
+    dict of str to (pandis.pipeline.run.ask.contacts.TextureOptions or None)
+        Empty if none has one.
+    """
+    textures = {
+        name: contact.materials.get(name, contact).texture or contact.texture
+        for name in names or (WHOLE,)
+    }
+    rough = {
+        name: texture and (None if texture.kind == SMOOTH else texture)
+        for name, texture in textures.items()
+    }
+    return rough if any(rough.values()) else {}
+
+
+def unknown_materials(contact, names):
+    """Return the materials of a configuration that no face of an object is made of, sorted.
+
+    Parameters
+    ----------
+    contact : pandis.pipeline.run.ask.contacts.SurfaceOptions
+    names : sequence of str or None
+        Of the regions.
+    """
+    return sorted(set(contact.materials) - set(names or ()))
+
+
+def texture_for(textures, scale):
+    """Return what a proxy feels of the textures of an object, or None.
+
+    Parameters
+    ----------
+    textures : dict of str to (pandis.pipeline.run.ask.contacts.TextureOptions or None)
+        From `textures_for`.
+    scale : float
+        Metres of the object's mesh unit.
+    """
+    made = [asked and _made(asked, scale) for asked in textures.values()]
+    return made[0] if len(made) == 1 else Texture.by_region(made) if made else None
+
+
+def _made(asked, scale):
+    height, length = asked.height / scale, asked.length / scale
+    if asked.kind == "noise":
+        return Texture.noise(height, length)
+    return Texture.waves(height, length, asked.direction)
+
+
+def as_array(material):
+    """Return materials as C has them: one of them, several, or None for a smooth surface."""
+    several = [material] if material is None or isinstance(material, Material) else material
+    return (Material * len(several))(*(Material() if m is None else m for m in several))
+
+
+#: The type of a texture's function in C.
+HEIGHT = ctypes.CFUNCTYPE(
+    ctypes.c_double, ctypes.c_void_p, ctypes.POINTER(ctypes.c_double * 3), ctypes.c_int,
+    ctypes.POINTER(ctypes.c_double * 3),
+)  # fmt: skip
+
+
+class _Patches(ctypes.Structure):
+    _fields_ = (("textures", ctypes.c_void_p), ("count", ctypes.c_int32))
+
+
+class Texture(ctypes.Structure):
+    """A height over a surface, which a proxy feels; lengths of the mesh.
+
+    Attributes
+    ----------
+    most, steepest : float
+        Its largest height, and the largest length of its gradient.
+    numbers : tuple of float
+        Of waves and bumps: height, length, and for waves the direction.
+    parts : list of Texture
+        Of one by region.
+    """
+
+    _fields_ = (
+        ("height", ctypes.c_void_p),
+        ("data", ctypes.c_void_p),
+        ("most", ctypes.c_double),
+        ("steepest", ctypes.c_double),
+    )
+
+    @classmethod
+    def _of(cls, name, most, steepest, *numbers):
+        data = (ctypes.c_double * len(numbers))(*numbers)
+        function = ctypes.cast(getattr(load(SOURCE), name), ctypes.c_void_p)
+        made = cls(function, ctypes.addressof(data), most, steepest)
+        made._kept, made.numbers = data, numbers
+        return made
+
+    @classmethod
+    def waves(cls, height: Number, length: Number, direction: ArrayLike) -> "Texture":
+        """Return waves of a height and a length across a direction (3,)."""
+        x, y, z = np.asarray(direction, float) / np.linalg.norm(direction)
+        return cls._of("pandis_waves", height, np.pi * height / length, height, length, x, y, z)
+
+    @classmethod
+    def noise(cls, height: Number, length: Number) -> "Texture":
+        """Return bumps of a height, one for each cube of a length, as if drawn at random."""
+        return cls._of("pandis_noise", height, 3.25 * height / length, height, length)
+
+    @classmethod
+    def by_region(cls, textures: Iterable["Texture | None"]) -> "Texture":
+        """Return that of regions, each with a texture, or with None where it is smooth."""
+        given = [cls() if each is None else each for each in textures]
+        table = (cls * len(given))(*given)
+        patches = _Patches(ctypes.addressof(table), len(given))
+        height = ctypes.cast(load(SOURCE).pandis_by_region, ctypes.c_void_p)
+        most, steepest = (max(getattr(each, k) for each in given) for k in ("most", "steepest"))
+        made = cls(height, ctypes.addressof(patches), most, steepest)
+        made._kept, made.parts = (table, patches), given
+        return made
+
+    @classmethod
+    def of(cls, function: Height, most: Number, steepest: Number) -> "Texture":
+        """Return that of a function: from a point (3,) and a region to height and gradient."""
+
+        def height(_, point, region, gradient):
+            raised, slope = function(np.array(point.contents), region)
+            gradient.contents[:] = slope
+            return raised
+
+        made = cls(None, None, most, steepest)
+        made._kept = HEIGHT(height)
+        made.height = ctypes.cast(made._kept, ctypes.c_void_p)
+        return made

@@ -1,0 +1,130 @@
+"""The bytes of ``.pandis`` files: what docs/format.md describes."""
+
+import json
+import struct
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.base.errors import ArtifactError
+from pandis.runtime.field import NativeField
+
+_MAGIC, _ORDER = b"PANDIS\r\n", 0x0A0B0C0D
+_HEADER, _SECTION, _ALIGN = 256, 24, 64
+_WHOLES, _REALS = 14, 16
+
+
+def pack(kind, frame, wholes, reals, sections, provenance, version=1):
+    """Return the bytes of a ``.pandis`` file.
+
+    Parameters
+    ----------
+    kind : int
+    frame : pandis.base.frame.Frame
+    wholes, reals : sequence of int, of float
+        The numbers of the header, at most 14 and 16.
+    sections : dict of str to ndarray or bytes
+        By names of four letters.
+    provenance : dict
+        Kept as JSON in a section of its own.
+    version : {1, 2, 3, 4}
+        Of the format: the first that knows what the file holds, so that older readers of
+        ``pandis.h`` take whatever they can answer.
+    """
+    sections = sections | {"PROV": json.dumps(provenance, sort_keys=True).encode()}
+    parts = {
+        name: part if isinstance(part, bytes) else np.ascontiguousarray(part).tobytes()
+        for name, part in sections.items()
+    }
+    at, table, body = _HEADER + _SECTION * len(parts), [], []
+    for name, part in parts.items():
+        start = -(-at // _ALIGN) * _ALIGN
+        table.append(struct.pack("<4sIQQ", name.encode(), 0, start, len(part)))
+        body += [bytes(start - at), part]
+        at = start + len(part)
+    body.append(bytes(-at % 8))
+    numbers = [*wholes, *[0] * (_WHOLES - len(wholes))]
+    header = struct.pack("<II3dd14i", kind, len(parts), *frame.centre, frame.scale, *numbers)
+    header += struct.pack("<16d", *reals, *[0.0] * (_REALS - len(reals)))
+    pieces, checksum = [header, *table, *body], 0
+    for piece in pieces:
+        checksum = zlib.crc32(piece, checksum)
+    size = 32 + sum(map(len, pieces))
+    start = struct.pack("<IIQIi", _ORDER, version, size, checksum, 0)
+    return b"".join([_MAGIC, start, *pieces])
+
+
+class Contents(NamedTuple):
+    """What the header of a ``.pandis`` file says, and its sections.
+
+    Attributes
+    ----------
+    field : pandis.runtime.field.NativeField
+    version : int
+        Of the format.
+    wholes, reals : tuple of int, of float
+        By kind: see docs/format.md.
+    sections : dict of str to memoryview
+    """
+
+    field: NativeField
+    version: int
+    wholes: tuple[int, ...]
+    reals: tuple[float, ...]
+    sections: dict[str, memoryview]
+
+    @property
+    def provenance(self):
+        """Where the field is from; None if the file does not say it.
+
+        Raises
+        ------
+        ArtifactError
+            What it says is no JSON object.
+        """
+        part = self.sections.get("PROV")
+        if part is None:
+            return None
+        try:
+            said = json.loads(bytes(part))
+        except ValueError as error:  # what is no UTF-8, too
+            raise ArtifactError(f"{self.field.path}: its provenance is no JSON: {error}") from error
+        if not isinstance(said, dict):
+            raise ArtifactError(f"{self.field.path}: its provenance is no JSON object")
+        return said
+
+
+def read_contents(path):
+    """Return the `Contents` of a ``.pandis`` file.
+
+    Raises
+    ------
+    ArtifactError
+        It is no such file, or damaged.
+    """
+    field = NativeField(path)  # checks all of it
+    data = memoryview(Path(path).read_bytes())
+    (version,), (count,) = struct.unpack_from("<I", data, 12), struct.unpack_from("<I", data, 36)
+    sections = {}
+    for index in range(count):
+        name, _, start, size = struct.unpack_from("<4sIQQ", data, _HEADER + _SECTION * index)
+        sections[name.decode("latin-1")] = data[start : start + size]
+    wholes = struct.unpack_from(f"<{_WHOLES}i", data, 72)
+    reals = struct.unpack_from(f"<{_REALS}d", data, 128)
+    return Contents(field, version, wholes, reals, sections)
+
+
+def read_provenance(path):
+    """Return the provenance in a ``.pandis`` file.
+
+    Raises
+    ------
+    ArtifactError
+        It is no such file, or damaged, or does not say where it is from.
+    """
+    provenance = read_contents(path).provenance
+    if provenance is None:
+        raise ArtifactError(f"{path}: it has no provenance")
+    return provenance

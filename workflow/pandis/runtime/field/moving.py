@@ -1,0 +1,70 @@
+"""Exact meshes whose vertices move, from one thread; from two: `pandis.runtime.field.handover`."""
+
+import numpy as np
+
+from pandis.runtime.field import ArrayLike, NativeField
+from pandis.runtime.field.points import as_rows
+
+
+class MovingField(NativeField):
+    """An exact mesh whose vertices move: answers as a field of the new shape would.
+
+    Parameters
+    ----------
+    field : NativeField
+        Of kind MESH; it lends its faces, and stays as it is.
+    """
+
+    _NO_SHAPE = "a vertex is no finite number, or too far away: the old shape stays"
+
+    def __init__(self, field: NativeField) -> None:
+        room = field._library.pandis_refit_room(field._field)
+        if not room:
+            raise ValueError(f"{field.path}: only an exact mesh has vertices that can move")
+        self._library, self.path, self.frame = field._library, field.path, field.frame
+        self._begin(field)
+        self._open(room)
+
+    def __copy__(self):
+        raise TypeError("a mesh that moves has no copy: make another one with moving()")
+
+    def __deepcopy__(self, memory):
+        return self.__copy__()
+
+    def _open(self, room):
+        """Take room (bytes) for one shape, and make it that of the lender."""
+        self._room = np.empty(room // 8)
+        lender = self._lender._field
+        room = self._room.ctypes.data, self._room.nbytes
+        self._library.pandis_refit_open(self._field, lender, *room)
+
+    def refit(self, vertices: ArrayLike) -> float:
+        """Move the vertices.
+
+        Parameters
+        ----------
+        vertices : ndarray, shape (V, 3), mesh units
+            In the order of ``mesh.zarr.zip``. The frame stays as it is: points beyond its box are
+            answered, and flagged as bounds.
+
+        Returns
+        -------
+        float
+            The seconds that it took.
+
+        Raises
+        ------
+        ValueError
+            There are more or fewer, or one is no finite number; the old shape stays.
+        """
+        vertices = self._checked(vertices)
+        taken = self._library.runtime_refit_time(self._field, vertices.ctypes.data)
+        if taken < 0:
+            raise ValueError(self._NO_SHAPE)
+        return taken
+
+    def _checked(self, vertices):
+        vertices, count = as_rows(vertices), self._library.pandis_vertex_count(self._lender._field)
+        if len(vertices) != count:
+            raise ValueError(f"the mesh has {count:,} vertices, not {len(vertices):,}")
+        return vertices

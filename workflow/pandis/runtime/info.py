@@ -1,0 +1,141 @@
+"""What a ``.pandis`` file holds, in words: ``pandis info FILE``."""
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.base.frame import UNIT_SIDE
+from pandis.runtime.contact import NativeContact
+from pandis.runtime.field import COMPACT, GRID, MESH, NETWORK, RULES, SHAPE, SHAPES, SPLINE
+from pandis.runtime.field.files import read_contents
+from pandis.runtime.scene import Placed
+
+#: Queries that are timed, at places drawn in the box.
+_QUERIES = 2000
+
+
+def facts(path):
+    """Return what a ``.pandis`` file holds.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    dict
+        Plain values: ``file``, ``bytes``, ``format`` (its version), ``kind`` and ``made_of`` (in
+        words), ``size`` and ``centre`` (of the object's box, mesh units; without a size where the
+        file does not say it, the longest side alone in ``longest``), ``regions``, ``proxy`` (empty,
+        or why there is none), ``faces`` (whether answers name the nearest face), ``microseconds``
+        (median of a query in the box on this machine), ``provenance``.
+
+    Raises
+    ------
+    pandis.base.errors.ArtifactError
+        It cannot be read, is damaged, or of another version.
+    """
+    contents = read_contents(path)
+    field = contents.field
+    kind, made_of = _made_of(contents)
+    rng = np.random.default_rng(0)
+    points = field.frame.to_mesh(rng.uniform(-1, 1, (_QUERIES, 3)))
+    low, high = _box(contents)
+    return {
+        "file": str(path),
+        "bytes": field.path.stat().st_size,
+        "format": contents.version,
+        "kind": kind,
+        "made_of": made_of,
+        "longest": UNIT_SIDE / field.frame.scale,
+        "size": None if low is None else (high - low).tolist(),
+        "centre": list(field.frame.centre) if low is None else ((low + high) / 2).tolist(),
+        "regions": list(field.region_names),
+        "proxy": no_proxy(field),
+        "faces": bool((field.faces(points[:16]) >= 0).any()),
+        "microseconds": float(np.median(field.time(points, _QUERIES)) * 1e6),
+        "provenance": contents.provenance,
+    }
+
+
+def _made_of(contents):
+    """Return the kind of a field and what it is made of, in words."""
+    field, whole = contents.field, contents.wholes
+    if field.kind == NETWORK:
+        width, depth, outputs, cells, bits = whole[:5]
+        answers = "distance and direction" if outputs == 4 else "distance, with its own gradient"
+        base = f", on a coarse spline of {cells}³ cells" if cells else ""
+        return "network", f"{depth} sine layers of {width}, {bits} bits: {answers}{base}"
+    if field.kind == GRID:
+        return RULES[whole[0]], f"{whole[1]}³ nodes"
+    if field.kind == SPLINE:
+        return "spline", f"two banded lattices of {whole[0]} and {whole[1]} nodes per axis"
+    if field.kind == MESH:
+        return "exact", f"a mesh of {whole[0]:,} vertices and {whole[1]:,} faces"
+    if field.kind == COMPACT:
+        first = np.frombuffer(contents.sections["BLCK"], "<u4").reshape(-1, 4)[:, 1]
+        faces = int(((first & 63) + 1).sum())
+        return "compact", f"a mesh of {faces:,} faces, its vertices on a lattice of {whole[0]} bits"
+    if field.kind == SHAPE:
+        return "closed form", f"a {SHAPES[whole[0]]}"
+    raise PandisError(f"{field.path}: a field of kind {field.kind} is not known here")
+
+
+def _box(contents):
+    """Return the corners of the surface's box, mesh units; None, None if the file does not say."""
+    part = contents.sections.get("SAFE")
+    if part is None:
+        return None, None
+    corners = np.frombuffer(part, "<f8", 6)  # of the unit frame; what follows are bounds
+    return tuple(contents.field.frame.to_mesh(corners.reshape(2, 3)))
+
+
+def no_proxy(field):
+    """Return why a field has no proxy; empty if it has one."""
+    try:
+        NativeContact(Placed.at(field, 1.0, 1.0))
+    except PandisError as error:
+        return str(error)
+    return ""
+
+
+def told(found):
+    """Return what `facts` has found as lines of text."""
+    if found["size"]:
+        size = " × ".join(f"{side:.6g}" for side in found["size"])
+    else:
+        size = f"{found['longest']:.6g} along its longest side"
+    centre = ", ".join(f"{place:.6g}" for place in found["centre"])
+    answers = "distance and normal, inside and outside"
+    if found["proxy"]:
+        answers = "force and normal, inside alone"
+    lines = {
+        "field": f"{found['kind']}: {found['made_of']}",
+        "file": f"{found['bytes']:,} bytes, format {found['format']}; whole and undamaged",
+        "object": f"{size} mesh units, around ({centre})",
+        "answers": answers + ("; the nearest face of the mesh" if found["faces"] else ""),
+        "proxy": f"none: {found['proxy']}" if found["proxy"] else "yes (pandis_contact)",
+        "regions": ", ".join(found["regions"]) or "none",
+        "a query": f"{found['microseconds']:.2g} µs on this machine, median of {_QUERIES:,} in its "
+        "box, one after the other",
+        "made by": _maker(found["provenance"]),
+    }
+    width = max(map(len, lines)) + 2
+    return "\n".join([found["file"], *(f"  {k:<{width}}{v}" for k, v in lines.items())])
+
+
+def _maker(provenance):
+    """Return where a field is from, in words."""
+    if not provenance:
+        return "the file does not say it"
+    field = _said(provenance, "options", "field") or _said(provenance, "wildcards", "name")
+    mesh, code = _said(provenance, "wildcards", "mesh"), _said(provenance, "code", "digest")
+    parts = [f"field {field}" if field else "", f"of mesh {mesh}" if mesh else "",
+             f"by code {code[:12]}" if code else ""]  # fmt: skip
+    return " ".join(filter(None, parts)) or "a file whose provenance names no stage"
+
+
+def _said(provenance, part, name):
+    """Return a text in a part of a provenance, empty if it is not there: anybody writes files."""
+    there = provenance.get(part)
+    text = there.get(name) if isinstance(there, dict) else None
+    return text if isinstance(text, str) else ""

@@ -1,0 +1,84 @@
+"""Poses that a simulation hands over to a haptic loop, and neither waits: ``pandis_poses``."""
+
+import ctypes
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.runtime.field.binding import library as runtime
+from pandis.runtime.scene import library
+
+
+class Poses:
+    """Objects of a scene that one thread moves, while another asks.
+
+    `step`, and the scene, belong to one thread, `give` to one other.
+
+    Parameters
+    ----------
+    scene : pandis.runtime.scene.NativeScene
+        Whose objects are moved, from where they lie.
+
+    Raises
+    ------
+    pandis.base.errors.PandisError
+        An object lies nowhere.
+    """
+
+    def __init__(self, scene):
+        self._library, self._scene = library(), scene
+        count = len(scene.objects)
+        self._room = np.empty(max(self._library.scene_poses_room(count), 1))
+        self._poses = ctypes.create_string_buffer(self._library.scene_poses_bytes())
+        error = self._library.pandis_poses_open(
+            self._poses, scene.placed_address, count, self._room.ctypes.data, len(self._room)
+        )
+        if error:
+            raise PandisError(runtime().pandis_error_text(error).decode())
+        self._count = count
+
+    @property
+    def address(self):
+        """Where these poses lie, for other C code, which may step them."""
+        return ctypes.addressof(self._poses)
+
+    def give(self, rotations, translations, velocities, spins, period):
+        """Hand over where all objects lie now, and how they move.
+
+        Parameters
+        ----------
+        rotations : ndarray, shape (n, 3, 3)
+            See `pandis.runtime.scene.Placed`.
+        translations, velocities : ndarray, shape (n, 3)
+            Of the point of each object at its translation; scene lengths, and per second.
+        spins : ndarray, shape (n, 3)
+            Axis times radians per second, in the directions of the scene.
+        period : float
+            Seconds until the next frame is due: until then the objects go to where they will lie
+            by their velocities, and wait there if it is late.
+
+        Raises
+        ------
+        ValueError
+            There are not as many as objects; a rotation is none; something is not finite; or an
+            object turns more than halfway round in a period. The last frame stays.
+        """
+        shapes = (3, 3), (3,), (3,), (3,)
+        given = rotations, translations, velocities, spins
+        parts = [np.asarray(part, np.float64) for part in given]
+        if any(part.shape != (self._count, *s) for part, s in zip(parts, shapes, strict=True)):
+            raise ValueError(
+                f"the scene has {self._count} objects: give as many rotations (3 by 3), "
+                f"translations, velocities and spins, not {[part.shape for part in parts]}"
+            )
+        rows = np.concatenate([part.reshape(self._count, -1) for part in parts], axis=1)
+        error = self._library.pandis_poses_give(self._poses, rows.ctypes.data, self._count, period)
+        if error:
+            raise ValueError(
+                f"{runtime().pandis_error_text(error).decode()}, or turns more than halfway round "
+                "before the next frame: nothing was handed over"
+            )
+
+    def step(self, dt=1e-3):
+        """Move the objects on by some seconds; tell whether there was another frame than before."""
+        return bool(self._library.pandis_poses_step(self._poses, self._scene.address, dt))

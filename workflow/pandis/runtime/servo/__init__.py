@@ -1,0 +1,80 @@
+"""The servo loop: the binding of ``servo.c``."""
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pandis.engine.compiler import load
+
+_LOCKED, _REALTIME = 1, 2
+#: A tick's last part (s) is not slept away: sleeping is not that exact, and empties the caches.
+SPIN = 2.5e-4
+
+
+class Run(NamedTuple):
+    """What a servo run saw, per tick.
+
+    Attributes
+    ----------
+    compute : ndarray, shape (n,)
+        Seconds that the force took.
+    lateness : ndarray, shape (n,)
+        Seconds between the tick's due time and its start.
+    force : ndarray, shape (n, 3)
+        At stiffness 1, mesh units; zero where nothing was computed.
+    locked, realtime : bool
+        Whether the system let memory be locked, and the loop have a real-time priority.
+    """
+
+    compute: np.ndarray
+    lateness: np.ndarray
+    force: np.ndarray
+    locked: bool
+    realtime: bool
+
+
+@cache
+def library():
+    """Return the compiled library with its functions' types declared."""
+    lib = load(Path(__file__).with_name("servo.c"))
+    pointer, i64 = ctypes.c_void_p, ctypes.c_int64
+    path, ticks = [pointer, pointer, i64, ctypes.c_double], [i64, i64, i64, ctypes.c_int]
+    lib.servo_run.argtypes = [*path, *ticks, *[pointer] * 3]
+    return lib
+
+
+def run_ticks(field, points, count, rate, again=True):
+    """Ask a field for the force once per tick of a fixed-rate clock.
+
+    Parameters
+    ----------
+    field : pandis.runtime.field.NativeField or None
+        None: the clock alone, without work.
+    points : ndarray, shape (m, 3), mesh units
+        The probe's path; taken over and over.
+    count : int
+        Ticks.
+    rate : float
+        Ticks per second.
+    again : bool
+        While it waits for a tick, ask the field once more where the probe was last: who has slept
+        finds the field's bytes gone from the caches.
+
+    Returns
+    -------
+    Run
+    """
+    points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+    if not len(points) or count < 1:
+        raise ValueError("at least one point and one tick are needed")
+    compute, lateness, force = np.empty(count), np.empty(count), np.empty((count, 3))
+    columns = (column.ctypes.data for column in (compute, lateness, force))
+    period = round(1e9 / rate)
+    allowed = library().servo_run(
+        field.address if field else None, points.ctypes.data, len(points), 1.0, count, period,
+        min(round(SPIN * 1e9), period // 2), again, *columns,
+    )  # fmt: skip
+    return Run(compute, lateness, force, bool(allowed & _LOCKED), bool(allowed & _REALTIME))
