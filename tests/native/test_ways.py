@@ -1,6 +1,7 @@
 """2,000 ways of pressing, sliding and leading away: none is left behind, deep, or kicks."""
 
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,44 @@ def test_a_proxy_always_comes_along(kind, name):
     assert seen["left"] == 0, worst
     assert seen["passes"] == seen["bounds"] == 0
     assert seen["late"] <= COUNT / 10
+
+
+@cache
+def block(kind):
+    """Return a block of 1.8 x 1.2 x 1.0, placed in its unit frame."""
+    mesh = trimesh.creation.box((1.8, 1.2, 1.0))
+    body = Body(np.array(mesh.vertices), np.asarray(mesh.faces, np.int32), UNIT)
+    return Placed(field_of(body, kind), np.eye(3), np.zeros(3), 1.0, 400.0)
+
+
+@pytest.mark.parametrize("kind", ["trilinear-normal-96", "tricubic-96", "spline-100K"])
+def test_a_probe_that_leaves_a_surface_at_a_grazing_angle_is_followed(kind):
+    """It was so close to it that each ball of free air was hardly larger than the last one."""
+    placed = block(kind)
+    for slope in (0.1, 0.01, 1e-3):
+        for height in (0, 1e-9, 1e-6):
+            start = np.array([0.1, 0.1, 0.4])
+            for _ in range(8):  # onto the field's own surface
+                distance, normal = placed.field.distance_and_normal(start)
+                start = start - distance * normal
+            start = start + height * normal
+            end = start + 0.3 * np.array([1, 0, slope])
+            contact = NativeContact(placed)
+            contact.set(budget=8)
+            rest = 0.05 + 0.3 / contact.options.slide
+            path = np.concatenate([start[None], np.repeat(end[None], int(1e3 * rest), 0)])
+            steps = contact.follow(path)
+            assert np.abs(steps.proxy[-1] - end).max() < 1e-9
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.07, 0.09])
+def test_a_large_probe_beyond_the_box_of_a_network_is_followed(radius):
+    """All that is known there is a bound; of a quarter of it a large ball would not move."""
+    for start, end in ((1.04, 0.1, 0.1), (1.6, 0.1, 0.1)), ((1.02, 0, 0), (1.3, 0.2, 0.1)):
+        contact = NativeContact(block("network-100"), radius)
+        rest = 0.05 + np.linalg.norm(np.subtract(end, start)) / contact.options.slide
+        steps = contact.follow(np.concatenate([[start], np.repeat([end], int(1e3 * rest), 0)]))
+        assert np.abs(steps.proxy[-1] - end).max() < 1e-9
 
 
 @pytest.mark.parametrize("kind", ["exact", "compact-16"])

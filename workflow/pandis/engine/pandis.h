@@ -3730,6 +3730,19 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 
+/* How far a network's surface is at least from a place beyond its box: it lies in the box, and from the box's nearest place
+ * at least a share of the distance away that the network answers there. */
+PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
+    double way = 0;
+    for (int k = 0; k < 3; k++) {
+        double over = fmax(0, fabs(at[k]) - 1);
+        way += over * over;
+    }
+    double there = distance - sqrt(way);
+    if (there > p->radius) there = PANDIS__TRUSTED * (there - p->radius) + p->radius;
+    return there > 0 ? sqrt(way + there * there) : 0;
+}
+
 /* Look at a point; 0 if there is no answer. */
 static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *look) {
     const pandis_field *f = p->field;
@@ -3754,6 +3767,7 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
         if (inside && distance > 0) free = fmax(free, f->height);
+        if (!inside && f->kind == PANDIS_NETWORK) free = fmax(free, pandis__free_beyond(p, at, distance));
     }
     look->face = answer.face, look->region = answer.region;
     if (p->state->options.texture) pandis__roughen(p, at, &answer, &distance, &free, &sure);
@@ -4300,6 +4314,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
             p->count = count;
             memcpy(p->plane, known, sizeof known);
             if (!first) c->pace = fmin(c->pace, longest) / 2;
+            slope = 1;
             clear = 0;
             continue;
         }
@@ -4545,9 +4560,10 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     contact->planes = p.count < PANDIS__KEPT ? p.count : PANDIS__KEPT;
     memcpy(contact->plane, p.plane + (p.count - contact->planes), (size_t)contact->planes * sizeof *p.plane);
     int active = way.active;
-    contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;
+    if (active) contact->state = PANDIS__TOUCHES;
     if (!active) contact->sticks = 0;
-    if (contact->state == PANDIS__CLEAR) {
+    if (!active && !(pandis__between(p.x, probe) > 0)) { /* it has come */
+        contact->state = PANDIS__CLEAR;
         contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
         contact->settled = contact->close = contact->idle = 0;
     }

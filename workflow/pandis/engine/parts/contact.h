@@ -192,9 +192,10 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     contact->planes = p.count < PANDIS__KEPT ? p.count : PANDIS__KEPT;
     memcpy(contact->plane, p.plane + (p.count - contact->planes), (size_t)contact->planes * sizeof *p.plane);
     int active = way.active;
-    contact->state = active ? PANDIS__TOUCHES : pandis__between(p.x, probe) > 0 ? contact->state : PANDIS__CLEAR;
+    if (active) contact->state = PANDIS__TOUCHES;
     if (!active) contact->sticks = 0;
-    if (contact->state == PANDIS__CLEAR) {
+    if (!active && !(pandis__between(p.x, probe) > 0)) { /* it has come */
+        contact->state = PANDIS__CLEAR;
         contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
         contact->settled = contact->close = contact->idle = 0;
     }

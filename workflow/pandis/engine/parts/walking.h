@@ -96,6 +96,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
             p->count = count;
             memcpy(p->plane, known, sizeof known);
             if (!first) c->pace = fmin(c->pace, longest) / 2;
+            slope = 1;
             clear = 0;
             continue;
         }
