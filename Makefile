@@ -1,26 +1,30 @@
 # Two commands do all the set-up:
 #   make all     install into .venv, run the workflow on config/config.yaml
-#   make test    install into .venv, lint, run the tests
+#   make test    install into .venv, lint, run the tests of what a change is likely to break
 #   make check   lint, the tests of what runs when, the fast configuration
-# Also: make test-full (no time limit), make lint, make docs, make figures, make clean.
+# Also: make test-slow (whole runs, hostile files), make test-full (everything; PART=1/4 a quarter of it),
+# make lint, make docs, make figures, make clean.
 PYTHON ?= python3
 JOBS ?= 2
 RUN ?= default
 BIN := .venv/bin
 
-.PHONY: all check test test-full lint docs figures wasm clean
+.PHONY: all check test test-slow test-full lint docs figures wasm clean
 
 all: .venv/installed
 	$(BIN)/snakemake -j$(JOBS) all
 
 test: lint
-	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 --durations 40
+	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 --durations 20
+
+test-slow: .venv/installed
+	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 --durations 20 -m "slow and not full"
 
 check: lint
 	$(BIN)/pytest -n $(JOBS) --maxschedchunk 1 tests/plan
 
 test-full: lint
-	$(BIN)/pytest -m "" -n $(JOBS) --dist worksteal --durations 15
+	$(BIN)/pytest -m "" -n $(JOBS) --dist worksteal --durations 15 $(if $(PART),--part $(PART))
 
 lint: .venv/installed
 	$(BIN)/ruff check .

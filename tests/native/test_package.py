@@ -30,17 +30,16 @@ import sys
 sys.path[:0] = sys.argv[1:3]
 import numpy as np
 import pandis
-from pandis.runtime.contact import NativeContact
-from pandis.runtime.scene import NativeScene, Placed
 points, answers = np.load(sys.argv[3]), {}
 for path in sys.argv[5:]:
     field = pandis.load(path)
-    placed = Placed.at(field, 0.1, 400.0)
+    placed = pandis.Placed.at(field, 0.1, 400.0)
     answers["field " + path] = field.force(field.frame.to_mesh(points), k=400)
-    answers["contact " + path] = NativeContact(placed).follow(0.06 * points).force
-    answers["scene " + path] = NativeScene([placed, placed]).answer(0.06 * points).force
+    answers["contact " + path] = pandis.Contact(placed).follow(0.06 * points).force
+    answers["scene " + path] = pandis.Scene([placed, placed]).answer(0.06 * points).force
 np.savez(sys.argv[4], **answers)
 others = {"scipy", "zarr", "pydantic", "trimesh", "igl", "torch", "yaml"} & set(sys.modules)
+others |= {name for name in sys.modules if name.startswith("pandis.pipeline")}
 libraries = [line.split()[-1] for line in open("/proc/self/maps") if "/built/" in line]
 print(sorted(others), *sorted({path.rpartition("/")[2] for path in libraries}))
 """

@@ -165,7 +165,7 @@ def run(text, folder, **files):
 
 
 def test_the_program_of_the_page_runs(files, tmp_path, capsys):
-    text = next(text for text in programs() if "native.warp import" in text)
+    text = next(text for text in programs() if "bridges.warp import" in text)
     ran = run(text, tmp_path, spline_auto=files["spline"])
     assert "N" in capsys.readouterr().out
     assert np.isfinite(ran["forces"].numpy()).all()

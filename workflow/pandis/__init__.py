@@ -1,26 +1,62 @@
-"""Verified, reproducible force fields for haptic rendering, from any triangle mesh."""
+"""Verified, reproducible force fields for haptic rendering, from any triangle mesh.
 
+What ``__all__`` lists is the public surface, and so is every package of `pandis.bridges`; the
+modules below are inside, and may change. Names are imported when they are first used, so that
+``import pandis`` costs nothing.
+"""
+
+from importlib import import_module
 from os import PathLike
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import pandis.runtime.field
+    from pandis.base.errors import ArtifactError, PandisError
+    from pandis.runtime.contact import NativeContact as Contact
+    from pandis.runtime.contact import TouchedScene, Touches
+    from pandis.runtime.contact.surfaces import Material, Texture
+    from pandis.runtime.field import NativeAnswer as Answer
+    from pandis.runtime.field import NativeField as Field
+    from pandis.runtime.field.handover import SharedField
+    from pandis.runtime.field.moving import MovingField
+    from pandis.runtime.scene import NativeScene as Scene
+    from pandis.runtime.scene import Placed
+    from pandis.runtime.scene.poses import Poses
 
 __version__ = "0.1.0"
 
+__all__ = [
+    "Answer", "ArtifactError", "Contact", "Field", "Material", "MovingField", "PandisError",
+    "Placed", "Poses", "Scene", "SharedField", "Texture", "TouchedScene", "Touches", "load",
+    "sample",
+]  # fmt: skip
 
-def load(path: str | PathLike[str]) -> "pandis.runtime.field.NativeField":
+#: Where each public class lies.
+_PLACES = {
+    "Answer": "runtime.field:NativeAnswer",
+    "ArtifactError": "base.errors:ArtifactError",
+    "Contact": "runtime.contact:NativeContact",
+    "Field": "runtime.field:NativeField",
+    "Material": "runtime.contact.surfaces:Material",
+    "MovingField": "runtime.field.moving:MovingField",
+    "PandisError": "base.errors:PandisError",
+    "Placed": "runtime.scene:Placed",
+    "Poses": "runtime.scene.poses:Poses",
+    "Scene": "runtime.scene:NativeScene",
+    "SharedField": "runtime.field.handover:SharedField",
+    "Texture": "runtime.contact.surfaces:Texture",
+    "TouchedScene": "runtime.contact:TouchedScene",
+    "Touches": "runtime.contact:Touches",
+}
+
+
+def load(path: str | PathLike[str]) -> "Field":
     """Return the field of a ``.pandis`` file: ``load("bunny.pandis").force(points, k=400)``.
 
     The C code is compiled on first use, with the system's compiler.
 
-    Returns
-    -------
-    pandis.runtime.field.NativeField
-
     Raises
     ------
-    pandis.base.errors.ArtifactError
+    ArtifactError
         The file cannot be read, is damaged, or of another version.
     """
     from pandis.runtime.field import NativeField
@@ -28,7 +64,7 @@ def load(path: str | PathLike[str]) -> "pandis.runtime.field.NativeField":
     return NativeField(path)
 
 
-def sample(shape: str, *sizes: float | int) -> "pandis.runtime.field.NativeField":
+def sample(shape: str, *sizes: float | int) -> "Field":
     """Return the field of a closed form, to try things on: ``sample("torus", 0.03, 0.01)``.
 
     See `pandis.runtime.samples.sample`.
@@ -36,3 +72,16 @@ def sample(shape: str, *sizes: float | int) -> "pandis.runtime.field.NativeField
     from pandis.runtime import samples
 
     return samples.sample(shape, *sizes)
+
+
+def __getattr__(name: str) -> object:
+    """Import a public class when it is first asked for."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'pandis' has no attribute {name!r}")
+    module, _, attribute = _PLACES[name].partition(":")
+    globals()[name] = getattr(import_module(f"pandis.{module}"), attribute)
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -81,7 +81,7 @@ class Touches(NamedTuple):
     seconds: Floats | None
 
     @classmethod
-    def empty(cls, count, timed):
+    def empty(cls, count: int, timed: bool) -> "Touches":
         """Return rows for so many steps, to be filled."""
         vectors = [np.empty((count, 3)) for _ in range(3)]
         numbers = [np.empty(count) for _ in range(2)]

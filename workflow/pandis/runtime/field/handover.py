@@ -1,6 +1,7 @@
 """Meshes that one thread moves while another asks, and neither waits: ``pandis_handover``."""
 
 import ctypes
+import time
 
 import numpy as np
 
@@ -29,18 +30,24 @@ class SharedField(MovingField):
         self._library.pandis_handover_open(self._handover, lender, *room)
         self.take()
 
-    def refit(self, vertices: ArrayLike) -> None:
+    def refit(self, vertices: ArrayLike) -> float:
         """Move the vertices (V, 3), as `MovingField.refit` does, and hand the shape over.
+
+        Returns
+        -------
+        float
+            The seconds that it took.
 
         Raises
         ------
         ValueError
             There are more or fewer, or one is no finite number; the old shape stays.
         """
-        vertices = self._checked(vertices)
+        start, vertices = time.perf_counter(), self._checked(vertices)
         shape = vertices.ctypes.data, len(vertices)
         if self._library.pandis_handover_refit(self._handover, *shape):
             raise ValueError(self._NO_SHAPE)
+        return time.perf_counter() - start
 
     def take(self) -> bool:
         """Ask the newest whole shape from now on; tell whether it is another one than before."""

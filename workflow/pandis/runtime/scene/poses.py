@@ -5,8 +5,9 @@ import ctypes
 import numpy as np
 
 from pandis.base.errors import PandisError
+from pandis.runtime.field import ArrayLike, Number
 from pandis.runtime.field.binding import library as runtime
-from pandis.runtime.scene import library
+from pandis.runtime.scene import NativeScene, library
 
 
 class Poses:
@@ -25,7 +26,7 @@ class Poses:
         An object lies nowhere.
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene: NativeScene) -> None:
         self._library, self._scene = library(), scene
         count = len(scene.objects)
         self._room = np.empty(max(self._library.scene_poses_room(count), 1))
@@ -38,11 +39,18 @@ class Poses:
         self._count = count
 
     @property
-    def address(self):
+    def address(self) -> int:
         """Where these poses lie, for other C code, which may step them."""
         return ctypes.addressof(self._poses)
 
-    def give(self, rotations, translations, velocities, spins, period):
+    def give(
+        self,
+        rotations: ArrayLike,
+        translations: ArrayLike,
+        velocities: ArrayLike,
+        spins: ArrayLike,
+        period: Number,
+    ) -> None:
         """Hand over where all objects lie now, and how they move.
 
         Parameters
@@ -79,6 +87,6 @@ class Poses:
                 "before the next frame: nothing was handed over"
             )
 
-    def step(self, dt=1e-3):
+    def step(self, dt: Number = 1e-3) -> bool:
         """Move the objects on by some seconds; tell whether there was another frame than before."""
         return bool(self._library.pandis_poses_step(self._poses, self._scene.address, dt))
