@@ -15,8 +15,8 @@ from pandis.engine import prebuilt
 from pandis.engine.cache import cache_folder
 from pandis.engine.sources import included
 
-#: No reassociation, no fused multiply-add: IEEE results that do not depend on the machine. That
-#: nobody asks for errno or for traps lets the compiler use vectors.
+#: No reassociation and no fused multiply-add, so results do not depend on the machine. Without
+#: errno and traps the compiler can use vectors.
 FLAGS = (
     "-std=c99",
     "-O3",

@@ -21,13 +21,13 @@ LIBRARIES = {
     ],
     "pandis-mujoco": [_PACKAGE / "bridges/mujoco/plugin.c"],
 }
-#: Those that include headers of another project: a package has them if it was built beside that.
+#: Libraries that include another project's headers. A package holds them if the build found those.
 FOREIGN = {"pandis-mujoco"}
-#: By machine, what the compiler calls a processor that they run on. What takes most time is in them
-#: for AVX2, too, and taken where the processor has it. Answers are the same to the last bit.
+#: The compiler's name for the oldest processor of each machine. Hot loops are compiled for AVX2 as
+#: well, and chosen at run time. Answers are the same to the last bit.
 KINDS = {"x86_64": "x86-64", "aarch64": "armv8-a"}
-#: That nothing unwinds these, which ends no program that did not end before, saves a twentieth;
-#: that only short loops are written out, a seventh, at no cost in time that can be measured.
+#: Omit unwind tables: C code throws nothing, and libraries get a twentieth smaller. Unroll only
+#: short loops: another seventh smaller, and no slower.
 SMALLER = ("-fno-asynchronous-unwind-tables", "-fno-unwind-tables", "-fno-align-functions",
            "-fno-align-loops", "-fno-align-jumps", "-fno-plt",
            "--param=max-completely-peeled-insns=80", "-Wl,-z,noseparate-code",

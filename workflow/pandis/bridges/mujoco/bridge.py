@@ -22,7 +22,7 @@ from pandis.runtime.scene.poses import Poses
 
 #: Of an object: impulse and angular impulse.
 _SUMS = 6
-#: By which share of its weight (m/s²) it is tried how an object answers: what stands stays so.
+#: Trial acceleration (m/s²), a tenth of g: too small to move an object that rests.
 _PROBE = 0.1 * 9.81
 
 

@@ -52,9 +52,9 @@ typedef struct {
                        * turn; 0 of grids of forces, which have none */
     double clear;     /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
     pandis_flag flag;
-    int32_t face;     /* of mesh.zarr.zip, on which the closest point lies (of a simplified mesh: or beside it); if several are equally near, one of them:
-                       * of `exact` meshes, and of compact ones whose file says it (ORIG). Else, and without an answer, -1 */
-    int32_t region;   /* of the surface there, where the file of a mesh says it: see pandis_region. Else -1 */
+    int32_t face;     /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a face
+                       * beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG, know it */
+    int32_t region;   /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
 
 /* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and used with

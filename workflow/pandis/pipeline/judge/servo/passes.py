@@ -32,9 +32,12 @@ _TOGETHER = 500
 _ON_IT = 1e-7
 #: How much longer than the straight way a free one may be.
 _DETOUR = 2.0
-#: A way around is looked for in so many rounds, in each of which so many balls get so many others
-#: on their rims; smaller ones than a share of the margin lead nowhere.
-_ROUNDS, _GROWN, _RIM, _LEAST = 60, 48, 10, 0.02
+#: Rounds of the search for a way around.
+_ROUNDS = 60
+#: Balls that each round grows, and new balls on the rim of each.
+_GROWN, _RIM = 48, 10
+#: Smallest ball that is grown, as a share of the margin.
+_LEAST = 0.02
 #: Faces that are compared with a way at a time.
 _SOME = 4096
 

@@ -222,8 +222,8 @@ class _Rig:
     def quiet(self, stiffness):
         """Return the share of the presses that reach a wall and keep still there.
 
-        A press that friction may hold back, and that has reached none, tells nothing; if it is so
-        with all of them, nothing shakes.
+        Presses that friction may have stopped before the wall are ignored. If that leaves none,
+        the share is 1.
         """
         told = []
         for run, (_, _, radius, _) in zip(self.presses(stiffness), self.picked, strict=True):

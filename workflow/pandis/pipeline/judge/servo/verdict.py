@@ -30,8 +30,8 @@ def machine_verdict(servo):
     -------
     str
         ``fail``: the file does not give the forces that were evaluated, or lacks those of the exact
-        field, or computes too long; ``late``: none of this, but the machine began ticks too late,
-        for which no field can be blamed, so that nothing is said for it either; ``pass``.
+        field, or computes too long; ``late``: the field passed, but the machine began ticks
+        too late, so there is no verdict; ``pass``.
     """
     if not (servo.agrees and servo.in_time and servo.walls.holds):
         return "fail"

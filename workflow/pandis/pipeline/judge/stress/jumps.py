@@ -8,12 +8,15 @@ from pandis.pipeline.judge.stress.probes import excess
 #: Lengths (m): a tenth of a millimetre, and what a tick at 0.1, 0.5 and 1 m/s covers.
 WAYS = {"mm01": 1e-4, "tick05": 5e-4, "tick1": 1e-3}
 _COUNTED = "mm01"
-#: A change of more than so many times k · the way is a jump, unless the exact force changes as
-#: much nearby; so many of the ways may have one. On all but one way in ten thousand the change is
-#: at most so many times k · the way beyond the exact one's: a seam is long, but thin.
-STEEP, ALLOWED, WORST, RARE = 2.0, 0.005, 5.0, 1e-4
-#: Nearby is so many times the way: what the exact force does at once at an edge, a smooth field
-#: spreads.
+#: A force that changes by more than this times k · way jumps, unless the exact one does so nearby.
+STEEP = 2.0
+#: Share of the ways that may jump.
+ALLOWED = 0.005
+#: Largest change, in k · way, beyond that of the exact force, on all but this share of the ways: a
+#: seam is long, but thin.
+WORST, RARE = 5.0, 1e-4
+#: Radius, in ways, within which the exact force counts: a smooth field spreads what that does at an
+#: edge.
 NEARBY = 10
 
 

@@ -20,9 +20,9 @@ from pandis.engine.cache import cache_folder, keep
 FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
 #: Sources that are no files of the user's.
 SHIPPED, ANALYTIC = "pymeshlab:", "analytic:"
-#: What comes behind a mesh file's name in that of the array that says what its faces are made of.
+#: Suffix of the array beside a mesh file that names a material for each face.
 _REGIONS = ".regions.npy"
-#: What of a file is looked at for the names of others: those of an OBJ file stand anywhere.
+#: Bytes of a mesh file that are searched for references to other files. OBJ has them anywhere.
 _LARGEST = 1 << 30
 
 

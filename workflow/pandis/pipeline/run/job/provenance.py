@@ -31,8 +31,7 @@ DISTRIBUTIONS = {
 }  # fmt: skip
 #: What does nothing to a result: ourselves, who are digested, and what only names shapes.
 _NOTHING = {"pandis", "snakemake", "jaxtyping", ""}
-#: What a stage's code says of Python itself: its versions differ in what they compute, not the
-#: last number.
+#: Python is recorded as major.minor: patch releases do not change results.
 _PYTHON = "python"
 
 

@@ -61,7 +61,7 @@ class Pressed(Record):
         Share of the presses that reach a wall and do not shake there, of those that friction lets
         reach one.
     unarmed : int
-        Presses that began in a force of the field, however high above the surface, and so got none.
+        Presses that were skipped: the field pushed at every height at which one could begin.
     reach_m : float
         How far from the workspace's middle the probe came.
     ended : str

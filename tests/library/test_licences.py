@@ -1,0 +1,33 @@
+"""No module imports what is under the GPL or the AGPL; the tools run in processes of their own."""
+
+import subprocess
+import sys
+
+from support import environment
+
+FOREIGN = {"pymeshlab", "pymeshfix", "igl.copyleft"}
+IMPORTS = """
+import importlib, pkgutil, sys
+sys.path.insert(0, "workflow")
+import pandis
+from pandis.base.errors import PandisError
+names = [each.name for each in pkgutil.walk_packages(pandis.__path__, "pandis.")]
+for name in names:
+    try:
+        importlib.import_module(name)
+    except (ImportError, PandisError) as error:  # a bridge to what is not here
+        assert name.startswith(("pandis.bridges.", "pandis.engine.cuda.")), (name, error)
+print(len(names), *sys.modules)
+"""
+
+
+def test_no_module_imports_what_is_under_the_gpl():
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTS], env=environment(), capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    count, *modules = done.stdout.split()
+    assert int(count) > 200
+    assert {"pandis.pipeline.mesh.tools", "igl", "trimesh"} <= set(modules)
+    assert not FOREIGN & set(modules)
