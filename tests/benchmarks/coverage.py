@@ -4,8 +4,9 @@ Usage: .venv/bin/python tests/benchmarks/coverage.py [TEST…]
 Every C file is compiled with gcov's counters, in a cache of its own, and what ran is summed up over
 all that was compiled of a file. Printed are the share of branches taken in pandis.h, the contacts,
 the guard and the client, and the lines with branches that were not, with the reason where one is
-known. Nothing is inlined, or each copy would count. Processes that raise a signal count before;
-those that are killed count nothing. Without TEST it is tests/native, and what else asks fields.
+known. Nothing is inlined, and copies of a function for several processors count as one. Processes
+that raise a signal count before; those that are killed count nothing. Without TEST it is
+tests/native, and what else asks fields.
 """
 
 import gzip
@@ -56,7 +57,7 @@ REASONS = {
 
 
 def counted(tests):
-    """Run the tests; return per file and line the counts of its branches, summed up."""
+    """Run the tests; return per file the count of each branch, by line and number in it."""
     with tempfile.TemporaryDirectory() as place:
         counts = Path(place) / "counts"
         counts.mkdir()
@@ -94,7 +95,7 @@ def _add(report, found):
                 key = line["line_number"], line.get("function_name", "").split(".")[0]
                 number = seen[key]
                 seen[key] += 1
-                found[str(path.relative_to(PACKAGE))][*key, number] += branch["count"]
+                found[str(path.relative_to(PACKAGE))][key[0], number] += branch["count"]
 
 
 def main(tests):
@@ -107,7 +108,7 @@ def main(tests):
         taken = sum(count > 0 for count in branches.values())
         print(f"{name}: {100 * taken / len(branches):.1f} % of {len(branches):,} branches")
         lines = (PACKAGE / name).read_text().splitlines()
-        missed = sorted({line for (line, _, _), count in branches.items() if not count})
+        missed = sorted({line for (line, _), count in branches.items() if not count})
         for line in missed:
             text = lines[line - 1].strip()
             reason = next((why for begin, why in REASONS.items() if text.startswith(begin)), "")

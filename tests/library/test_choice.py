@@ -28,6 +28,9 @@ from pandis.runtime.field import NativeField
 from shapes import Shape, open_shape
 from support import ROOT, artifact
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 TABLE = ROOT / "config/query-times.csv"
 SAMPLES = SampleOptions(
     surface=2000, offsets=2000, shallow=4000, penetration=4000, bent=2000, core=500, box=500,

@@ -20,6 +20,9 @@ from pandis.pipeline.run.ask.tasks import BakeCompactAutoTask
 from support import box_mesh
 from test_compact import UNIT, crown, fitted, hull
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 
 def silent(text):
     """Take a line of a log, and say nothing."""

@@ -11,6 +11,9 @@ from pandis.pipeline.training.sizing import WIDTHS, train
 from pandis.pipeline.training.trainer import Trainer
 from test_training import same, samples, task  # noqa: F401  (a fixture)
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 
 def sized(drawn, folder, log=lambda text: None, **options):
     own = task(steps=150, width=64, base=None, **options)  # the base alone is good at spheres

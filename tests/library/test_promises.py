@@ -28,6 +28,9 @@ from shapes import open_shape, opened
 from support import artifact
 from test_choice import SCALE, TORUS, chooser
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 #: Where only the exact field has the force: thinner than any grid of these sizes can tell.
 THIN = ("plate-0.3", "plate-0.6", "plate-1", "plate-2", "cage", "finned-ball")
 #: Where grids and splines have it, too, and what they lack no suite minds: sharp edges make every

@@ -18,6 +18,9 @@ from test_diagnosis import copies
 from test_repair import ball
 from validity import assert_valid
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 #: Cases that once failed.
 FAILED_ONCE = [873]
 #: Rungs that are our own code run in this process, the others as always in their own.

@@ -93,6 +93,7 @@ def compiled(folder, compiler, *flags, source=None, text=""):
     return done.stderr if done.returncode else folder / "main"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", [["gcc", "-std=c99"], ["g++", "-std=c++11", "-x", "c++"]])
 def test_versions_and_lengths_are_checked(tmp_path, language):
     flags = ["-Wall", "-Werror", "-fsanitize=address,undefined"]
@@ -100,6 +101,7 @@ def test_versions_and_lengths_are_checked(tmp_path, language):
     assert subprocess.run([program], check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
 def test_the_warnings_of_other_projects_find_nothing(tmp_path, compiler):
     """They had 400 of these, in C++, for whoever compiles all with them."""
@@ -112,6 +114,7 @@ def test_the_warnings_of_other_projects_find_nothing(tmp_path, compiler):
     assert program == tmp_path / "main", program
 
 
+@pytest.mark.slow
 def test_a_flag_is_no_error_for_a_compiler(tmp_path):
     wrong = "double p[3], d; pandis_field f; puts(pandis_error_text(pandis_distance(&f, p, &d)));"
     said = compiled(tmp_path, "g++", "-std=c++11", "-x", "c++", text=wrong)

@@ -18,6 +18,9 @@ from pandis.runtime.contact import TOUCHING, NativeContact
 from pandis.runtime.field import COMPACT, NativeField
 from pandis.runtime.field.files import pack
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def real_bunny():

@@ -359,7 +359,7 @@ import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path[:0] = {path!r}
 import numpy as np
-from pandis.engine import device as hdapi
+from pandis.runtime import device as hdapi
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import NativeScene, Placed
 field = NativeField({field!r})
@@ -419,7 +419,7 @@ DIES = """
 import os, signal, sys, threading, time
 sys.path[:0] = {path!r}
 import numpy as np
-from pandis.engine import device as hdapi
+from pandis.runtime import device as hdapi
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import NativeScene, Placed
 if {faulthandler}:

@@ -20,6 +20,9 @@ from pandis.runtime.contact.surfaces import Texture, materials_for, texture_for,
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 GRAIN = {"kind": "noise", "height": 1e-3, "length": 5e-3}
 ROUGH = {"sticking": 0.9, "texture": GRAIN}
 NAMES = "rubber", "steel"

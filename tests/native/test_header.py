@@ -29,6 +29,9 @@ from pandis.runtime.field.files import pack, read_provenance
 from pandis.runtime.servo import run_ticks
 from support import ROOT
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parent
 ENGINE = Path(pandis.__file__).parent / "engine"
 NAMES = ("exact", "nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")

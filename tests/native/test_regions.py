@@ -24,6 +24,9 @@ from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 from support import artifact
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 #: Two balls that overlap, each with a hole: what a repair cuts and fills.
 BALLS = {"rubber": (-0.6, 0, 0), "steel": (0.6, 0, 0)}
 

@@ -20,6 +20,9 @@ from pandis.runtime.contact import NativeContact
 from pandis.runtime.scene import Placed
 from ways import SHAPES, draw, judge
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 #: Shapes in which approximate fields are rounded.
 HOLLOWS = ("corner of 3", "corner of 5", "corner of 8", "groove", "slit")
 #: Kinds of field, the largest radius of a probe (mm of 100), and of how many shapes.

@@ -23,6 +23,9 @@ from support import (
     write_obj,
 )
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 
 def run(folder, meshes, *targets, **sections):
     config = {"fields": ["exact"], "meshes": meshes} | sections

@@ -14,6 +14,9 @@ from pandis.pipeline.run.host import scheduling
 from pandis.pipeline.run.plan.plan import Plan
 from support import ROOT, copy_workflow, plan, snakemake
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 CONFIG = "config/many.yaml"
 MANY = {
     "until": "exports",

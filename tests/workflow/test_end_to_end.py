@@ -31,6 +31,9 @@ from support import (
     write_obj,
 )
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 FAST = ("--configfile", "config/fast.yaml")
 
 

@@ -10,6 +10,9 @@ import pytest
 
 from support import edit, environment, plan, results, snakemake, snakemake_command
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 FAST = ("--configfile", "config/fast.yaml")
 #: Stage, the output that is removed to make it run, and the line that says it has begun.
 STAGES = {

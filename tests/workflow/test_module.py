@@ -2,10 +2,14 @@
 
 import subprocess
 
+import pytest
 import yaml
 
 from pandis.runtime.field import NativeField
 from support import ROOT, copy_workflow, snakemake
+
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
 
 SNAKEFILE = """
 configfile: "settings.yaml"

@@ -11,6 +11,9 @@ import trimesh
 
 from support import ROOT, environment, snakemake
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 

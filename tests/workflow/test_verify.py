@@ -20,6 +20,9 @@ from pandis.pipeline.run.ask.sourcing import (
 from pandis.pipeline.run.job.artifact import read_artifact, write_artifact
 from support import box_mesh, edit, plan, snakemake, write_obj
 
+#: Takes long: `make test-slow`.
+pytestmark = pytest.mark.slow
+
 CONFIG = "config/scene.yaml"
 GIVEN = ("--configfile", CONFIG)
 SMALL = {
