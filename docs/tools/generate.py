@@ -13,10 +13,8 @@ from pathlib import Path
 
 import tables
 from environments import environments
-from pandis.engine.sources import included
 from pandis.pipeline.run.ask import config, contacts, options, recipes
 from pandis.pipeline.run.job.machine import describe
-from pandis.pipeline.run.job.provenance import CodeDigests
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
@@ -27,7 +25,6 @@ BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
 CLUSTER = ROOT / "docs" / "cluster.md"
-STALENESS = ROOT / "docs" / "staleness.md"
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 ENGINE = ROOT / "workflow" / "pandis" / "engine"
 HEADER = ENGINE / "pandis.h"
@@ -192,7 +189,6 @@ def generated():
             servo=tables.servo_table(),
         ),
         CLUSTER: with_generated(CLUSTER, cluster=tables.cluster_table()),
-        STALENESS: with_generated(STALENESS, staleness=stale_table()),
         TRAINING: with_generated(
             TRAINING,
             training=tables.training_table(),
@@ -204,36 +200,6 @@ def generated():
             throughput=tables.throughput_table(),
         ),
     }
-
-
-def stale_table():
-    """Return the table of docs/staleness.md: which stages an edit of a file makes stale."""
-    code = CodeDigests(ROOT / "workflow")
-    stages = sorted(path.stem for path in code.scripts.glob("*.py"))
-    reached = {}
-    for stage in stages:
-        for module in code.modules(stage):
-            if not module.startswith("pandis."):
-                continue
-            path = Path(*module.split("."))
-            folder = ROOT / "workflow" / path
-            reached.setdefault(path, set()).add(stage)
-            for source in sorted(folder.glob("*.c")) + sorted(folder.glob("*.cpp")):
-                for file in included(source):
-                    name = file.relative_to(ROOT / "workflow")
-                    reached.setdefault(name, set()).add(stage)
-    lines = ["| file | stages |", "|---|---|"]
-    for path, found in sorted(reached.items()):
-        name = path.relative_to("pandis").as_posix()
-        others = [stage for stage in stages if stage not in found]
-        said = ", ".join(sorted(found))
-        if len(others) < len(found):
-            said = "all but " + ", ".join(others) if others else "all"
-        name = name if path.suffix else f"{name}.py"
-        if (ROOT / "workflow" / path).is_dir():
-            name = name.removesuffix(".py") + "/__init__.py"
-        lines.append(f"| `{name}` | {said} |")
-    return "\n".join(lines)
 
 
 def take_figures(name):

@@ -7,6 +7,7 @@ import pytest
 from pandis.engine.sources import digest, included, tokens
 from pandis.pipeline.run.ask.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
 from pandis.pipeline.run.job.provenance import _METHODS, CodeDigests, unused_modules
+from stale import stages_by_file
 from support import ROOT, edit
 
 STAGES = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
@@ -180,3 +181,18 @@ def test_includes_are_followed_and_each_counts_once(tmp_path):
     before = digest(tmp_path / "sub" / "a.c")
     edit(tmp_path / "sub" / "c.h", "int c", "long c")
     assert digest(tmp_path / "sub" / "a.c") != before
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("pipeline/mesh/repair.py", "\nimport numpy as np\n", "\nimport numpy as np\n\nx = 1\n"),
+        ("engine/bvh/bvh.c", "\n}\n", "\n}\nint x;\n"),
+        ("runtime/device/energy.h", ";", ";;"),
+        ("pipeline/report/page.html", "<h1>", "<h1> "),
+    ],
+)
+def test_the_tool_says_what_an_edit_makes_stale(name, old, new, tree):
+    """Both the paper's methods and losses count there, whatever a configuration asks."""
+    listed = stages_by_file(tree)[(tree / "workflow/pandis" / name).resolve()]
+    assert listed == stale(tree, name, old, new)
