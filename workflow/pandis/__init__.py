@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pandis.runtime.scene import Placed
     from pandis.runtime.scene.poses import Poses
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Answer", "ArtifactError", "Contact", "Field", "Material", "MovingField", "PandisError",

@@ -75,7 +75,7 @@
 #define PANDIS_VERSION_MAJOR 0
 #define PANDIS_VERSION_MINOR 1
 #define PANDIS_VERSION_PATCH 0
-#define PANDIS_VERSION "0.1.0"
+#define PANDIS_VERSION "0.2.0"
 #define PANDIS_FORMAT_VERSION 4
 
 #ifdef __cplusplus

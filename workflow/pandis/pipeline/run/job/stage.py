@@ -148,7 +148,7 @@ class Job:
         if here != wanted:
             raise PandisError(
                 f"the library was imported from {here}, but this workflow's is {wanted}; "
-                "uninstall the other one: pip uninstall pandis"
+                "uninstall the other one: pip uninstall pandis-fields"
             )
         # digested now, while it is what this process has imported
         unused = unused_modules(self._asked)
