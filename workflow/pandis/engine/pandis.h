@@ -3740,7 +3740,7 @@ PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const dou
     }
     double there = distance - sqrt(way);
     if (there > p->radius) there = PANDIS__TRUSTED * (there - p->radius) + p->radius;
-    return there > 0 ? sqrt(way + there * there) : 0;
+    return there > 0 ? sqrt(way + there * there) : -INFINITY; /* inside: nothing is known */
 }
 
 /* Look at a point; 0 if there is no answer. */
