@@ -93,13 +93,13 @@ def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_w
     ArtifactError
         A file cannot be read, or is damaged.
     """
-    found = {each.geom: each for each in instances}
-    files = {each.file: WarpField(each.file) for each in found.values()}
-    fields = {geom: files[each.file] for geom, each in found.items()}
+    by_geom = {each.geom: each for each in instances}
+    files = {each.file: WarpField(each.file) for each in by_geom.values()}
+    fields = {geom: files[each.file] for geom, each in by_geom.items()}
     for field in fields.values():
         _install(field.answer)
     put = mujoco_warp.put_model(
-        _without_texts(model, {each.number for each in found.values()}), **options
+        _without_texts(model, {each.number for each in by_geom.values()}), **options
     )
     geoms = np.nonzero(model.geom_plugin >= 0)[0].tolist()
     rows, kept = put.plugin_attr.numpy().copy(), []
@@ -108,7 +108,7 @@ def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_w
             field = fields[geom]
             held = wp.array([field.data], dtype=Field, device=put.plugin_attr.device)
             kept += [field, held]
-            row[:] = _numbers(found[geom], field.answer, held.ptr)
+            row[:] = _numbers(by_geom[geom], field.answer, held.ptr)
     put.plugin_attr = wp.array(rows, dtype=vec_pluginattr, device=put.plugin_attr.device)
     put.pandis_fields = kept  # their memory is asked as long as the model is
     return put
