@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -35,7 +36,11 @@ def pytest_addoption(parser):
 def pytest_collection_modifyitems(config, items):
     """Take a part of the tests, and put long ones first: one at the end leaves a core idle."""
     if part := config.getoption("part"):
-        first, step = map(int, part.split("/"))
+        if not (match := re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", part)) or int(match[1]) > int(
+            match[2]
+        ):
+            raise pytest.UsageError(f"--part {part}: write K/N, K from 1 to N, as in 1/4")
+        first, step = map(int, match.groups())
         chosen = set(sorted(item.nodeid for item in items)[first - 1 :: step])
         config.hook.pytest_deselected(items=[i for i in items if i.nodeid not in chosen])
         items[:] = [item for item in items if item.nodeid in chosen]

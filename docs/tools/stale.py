@@ -45,16 +45,16 @@ def _files(root, module):
 
 
 def main(paths):
-    """Print a line for each file; return whether one is no file of the workflow."""
-    stages, unknown = stages_by_file(), False
+    """Print a line for each file; return whether one is missing."""
+    stages, missing = stages_by_file(), False
     for path in paths:
         if not Path(path).is_file():
             print(f"{path}: there is no such file", file=sys.stderr)
-            unknown = True
+            missing = True
             continue
         names = stages.get(Path(path).resolve(), ())
         print(f"{path}: {', '.join(sorted(names)) or 'nothing'}")
-    return unknown
+    return missing
 
 
 if __name__ == "__main__":
