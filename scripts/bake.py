@@ -1,7 +1,7 @@
 """Fill one grid. Reads mesh.zarr.zip, writes grid-{content}-{size}.zarr.zip."""
 
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.kinds.grid.build import DenseGrid
 from pandis.pipeline.run.ask.tasks import BakeTask
 from pandis.pipeline.run.job.stage import stage
 

@@ -1,9 +1,9 @@
 """Search the size of one grid, and make it. Writes grid-{kind}-auto.zarr.zip."""
 
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.sizing import Sizing
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.sizing import Sizing
 from pandis.pipeline.run.ask.tasks import BakeAutoTask
 from pandis.pipeline.run.job.stage import stage
 

@@ -1,7 +1,7 @@
 """Pack one mesh on a lattice. Reads mesh.zarr.zip, writes compact-{bits}.zarr.zip."""
 
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.grids.compact import build_compact
+from pandis.pipeline.kinds.compact.build import build_compact
 from pandis.pipeline.run.ask.tasks import BakeCompactTask
 from pandis.pipeline.run.job.stage import stage
 

@@ -1,9 +1,9 @@
 """Search bits and faces of a compact mesh, and pack it. Writes compact-auto.zarr.zip."""
 
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.compact_sizing import CompactSizing
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.compact.sizes import CompactSizing
 from pandis.pipeline.run.ask.tasks import BakeCompactAutoTask
 from pandis.pipeline.run.job.stage import stage
 

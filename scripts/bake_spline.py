@@ -1,7 +1,7 @@
 """Fit one spline. Reads mesh.zarr.zip, writes grid-spline-{size}.zarr.zip."""
 
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
 from pandis.pipeline.run.ask.tasks import BakeSplineTask
 from pandis.pipeline.run.job.stage import stage
 

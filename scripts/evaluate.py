@@ -1,7 +1,7 @@
 """Compare all fields of a mesh with the exact one. Writes evaluation.zarr.zip."""
 
-from pandis.pipeline.fields.registry import open_fields
 from pandis.pipeline.judge.errors.comparison import compare
+from pandis.pipeline.kinds.opening import open_fields
 from pandis.pipeline.run.ask.tasks import EvaluateTask
 from pandis.pipeline.run.job.stage import stage
 

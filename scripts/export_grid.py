@@ -1,6 +1,6 @@
 """Export one grid field. Reads grid-….zarr.zip, writes export/{field}.onnx."""
 
-from pandis.pipeline.export.grids import export_grid
+from pandis.pipeline.kinds.grid.graph import export_grid
 from pandis.pipeline.run.ask.tasks import ExportTask
 from pandis.pipeline.run.job.stage import stage
 

@@ -1,8 +1,8 @@
 """Export one field for pandis.h. Reads what holds it, writes export/{field}.pandis."""
 
-from pandis.pipeline.export.native import export_native
-from pandis.pipeline.fields.registry import kind_of, open_field
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.kinds.native import export_native
+from pandis.pipeline.kinds.opening import kind_of, open_field
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.tasks import ExportNativeTask
 from pandis.pipeline.run.job.stage import stage

@@ -1,7 +1,7 @@
 """Export one network. Reads model-{recipe}.zarr.zip, writes export/{recipe}.onnx and .pt2."""
 
-from pandis.pipeline.export.networks import export_network
-from pandis.pipeline.export.programs import export_program
+from pandis.pipeline.kinds.network.graph import export_network
+from pandis.pipeline.kinds.network.program import export_program
 from pandis.pipeline.run.ask.tasks import ExportTask
 from pandis.pipeline.run.job.stage import stage
 

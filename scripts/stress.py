@@ -1,9 +1,9 @@
 """Ask all fields of a mesh what they do to a device and a hand. Writes stress.zarr.zip."""
 
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.controls import controls
-from pandis.pipeline.fields.registry import open_fields
+from pandis.pipeline.judge.controls import controls
 from pandis.pipeline.judge.stress.suite import Suite, stress
+from pandis.pipeline.kinds.opening import open_fields
 from pandis.pipeline.run.ask.tasks import StressTask
 from pandis.pipeline.run.job.stage import stage
 

@@ -1,7 +1,7 @@
 """Lay support planes around a mesh. Writes method-support-planes.zarr.zip."""
 
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.grids.planes import build_planes
+from pandis.pipeline.kinds.paper.maps import build_planes
 from pandis.pipeline.run.ask.tasks import SupportPlanesTask
 from pandis.pipeline.run.job.stage import stage
 

@@ -1,7 +1,7 @@
 """Time all fields of a mesh. Writes timing.zarr.zip."""
 
-from pandis.pipeline.fields.registry import open_fields
 from pandis.pipeline.judge.timing.timing import time_fields, time_program
+from pandis.pipeline.kinds.opening import open_fields
 from pandis.pipeline.run.ask.tasks import TimingTask
 from pandis.pipeline.run.job.stage import stage
 

@@ -4,9 +4,9 @@ from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.network.build import train
 from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.stage import stage
-from pandis.pipeline.training.sizing import train
 
 with stage(snakemake, TrainTask) as job:
     mesh, samples = job.read("mesh", "mesh"), job.read("samples", "samples")

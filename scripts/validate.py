@@ -1,11 +1,11 @@
 """Run every exported field of a mesh at the servo rate. Writes hardware.zarr.zip and .json."""
 
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.servo.passes import Oracle
 from pandis.pipeline.judge.servo.validation import validate_exports
 from pandis.pipeline.judge.servo.walls import open_walls
+from pandis.pipeline.kinds.exact.reference import ExactField
 from pandis.pipeline.run.ask.tasks import ValidateTask
 from pandis.pipeline.run.job.stage import stage
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pandis.pipeline.fields.base import Field, normalise
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.places import THICKEST
 from pandis.pipeline.geometry.thickness import inscribed_radius
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import Field, normalise
 
 #: Surface points that shares of area are counted on.
 POOL = 20_000
@@ -35,7 +35,7 @@ class Damaged(Field):
     Parameters
     ----------
     name : str
-    exact : pandis.pipeline.fields.exact.ExactField
+    exact : pandis.pipeline.kinds.exact.reference.ExactField
     change : callable
         Returns distance (n,) and normal (n, 3) for points (n, 3), their feet, and what is exact.
     """

@@ -8,13 +8,13 @@ import common  # noqa: F401 - makes pandis importable
 import numpy as np
 
 from pandis.base.frame import Frame
-from pandis.pipeline.export.clearance import clearance
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.grids import open_field
-from pandis.pipeline.grids.compact import file_parts, pack_body
-from pandis.pipeline.grids.dense import DenseGrid
-from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.kinds.clearance import clearance
+from pandis.pipeline.kinds.compact.build import file_parts, pack_body
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.native import native_bytes
+from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
 from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress

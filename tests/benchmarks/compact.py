@@ -18,14 +18,14 @@ from common import SCANS, load, write
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.base import CUT
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
 from pandis.pipeline.geometry.sampling import probes
 from pandis.pipeline.geometry.trajectories import trace
-from pandis.pipeline.grids.compact import build_compact, file_parts
+from pandis.pipeline.kinds.compact.build import build_compact, file_parts
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import CUT
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import COMPACT, NativeField

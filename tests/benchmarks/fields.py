@@ -15,11 +15,11 @@ from common import SCANS, load, write
 
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
-from pandis.pipeline.fields.grids import GRID_OPENERS
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface, probes
-from pandis.pipeline.grids.dense import DenseGrid
-from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grids import GRID_OPENERS
+from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
 from pandis.pipeline.run.ask.catalogue import GRID_FIELDS
 from pandis.pipeline.run.job.artifact import Artifact, ArtifactWriter, write_artifact
 from pandis.pipeline.run.job.stage import silent_progress

@@ -23,14 +23,14 @@ from training import Scan, log
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.grids import GRID_OPENERS
-from pandis.pipeline.fields.siren import SirenField
 from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
 from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.kinds.grids import GRID_OPENERS
+from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.training.network import usual_omega
 from pandis.pipeline.run.ask.options import DeviceOptions, TrajectoryOptions
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training.network import usual_omega
 
 SEEDS = range(2, 10)
 POINTS = 50_000

@@ -25,25 +25,25 @@ from common import write
 
 from pandis.base.frame import Frame
 from pandis.engine.compiler import build, find_compiler, load
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.export.networks import network_graph
-from pandis.pipeline.export.session import Session
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.grids import open_field
-from pandis.pipeline.fields.siren import SirenField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.trajectories import trace
-from pandis.pipeline.grids.dense import DenseGrid
-from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.native import native_bytes
+from pandis.pipeline.kinds.network.graph import network_graph
+from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.training.network import Siren, named_arrays
+from pandis.pipeline.kinds.session import Session
+from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
 from pandis.pipeline.mesh.build import build as build_mesh
 from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training.network import Siren, named_arrays
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.binding import SOURCE, declared
 

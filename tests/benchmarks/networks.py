@@ -22,21 +22,21 @@ import yaml
 from bodies import UNIT
 
 from pandis.base.physical import Scale
-from pandis.pipeline.export.clearance import clearance
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.exported import ExportedField
-from pandis.pipeline.fields.siren import SirenField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.judge.servo.walls import compare, open_walls
+from pandis.pipeline.kinds.clearance import clearance
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.native import native_bytes
+from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe
 from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training.trainer import Trainer
 from pandis.runtime.field import NativeField
 
 RECIPE, STEPS, SEED = "pandis-exact", 45_000, 1

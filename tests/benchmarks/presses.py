@@ -22,13 +22,13 @@ from common import SCANS, load, write
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE, Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.exported import ExportedField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.passes import ABOVE, Oracle, draw, free_starts, judge, run
 from pandis.pipeline.judge.servo.walls import compare, open_walls
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.exported import ExportedField
 from pandis.runtime.contact import Feel
 from pandis.runtime.field import NativeField
 

@@ -18,12 +18,12 @@ import trimesh
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.spline import SplineField
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.thickness import inscribed_radius
-from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
+from pandis.pipeline.kinds.spline.reference import SplineField
 from pandis.pipeline.run.ask.sourcing import source_path
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress

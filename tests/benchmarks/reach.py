@@ -13,11 +13,11 @@ import numpy as np
 from common import SCANS, load
 
 from pandis.base.frame import Frame
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.trajectories import trace
-from pandis.pipeline.grids.compact import file_parts, pack_body
+from pandis.pipeline.kinds.compact.build import file_parts, pack_body
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import COMPACT, NativeField

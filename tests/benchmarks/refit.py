@@ -15,9 +15,9 @@ import numpy as np
 from common import SCANS, load, write
 
 from pandis.base.frame import Frame
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.mesh.tools import call
 from pandis.runtime.field import NativeField
 

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from native import bunny, fields
 from pandis.base.frame import UNIT_SIDE
-from pandis.pipeline.export.clearance import clearance
-from pandis.pipeline.export.native import native_bytes
+from pandis.pipeline.kinds.clearance import clearance
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import NativeScene, Placed
 

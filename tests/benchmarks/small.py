@@ -17,12 +17,12 @@ from front import MESHES
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.compact_sizing import Packer
-from pandis.pipeline.fields.sizing import Grids
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.sampling import probes
-from pandis.pipeline.grids.compact import size_of
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.compact.build import size_of
+from pandis.pipeline.kinds.compact.sizes import Packer
+from pandis.pipeline.kinds.sizing import Grids
 from pandis.pipeline.run.job.stage import silent_progress
 
 COLUMNS = (

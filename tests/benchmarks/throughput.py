@@ -21,11 +21,11 @@ import torch
 from common import notes
 from training import Scan, log
 
+from pandis.pipeline.kinds.network.training.exact_loss import exact_loss
+from pandis.pipeline.kinds.network.training.products import product
+from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.recipes import ExactRecipe
 from pandis.pipeline.run.ask.tasks import TrainTask
-from pandis.pipeline.training.exact_loss import exact_loss
-from pandis.pipeline.training.products import product
-from pandis.pipeline.training.trainer import Trainer
 
 TURNS = 7
 #: Products per step: forward, gradient, and four backward through both; two operations each.

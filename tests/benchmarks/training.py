@@ -38,17 +38,17 @@ from runs import expand
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
-from pandis.pipeline.fields.siren import SirenField
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface, probes
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions, TrajectoryOptions
 from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe, PaperRecipe
 from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training.trainer import Trainer
 
 COLUMNS = ("mesh", "recipe", "options", "device", "steps", "seconds", "points_per_s", "bytes")
 COLUMNS += ("shallow", "deep", "trajectory", "ghost", "ghosts", "core", "restarts")

@@ -31,12 +31,12 @@ sys.path.insert(0, str(ROOT / "tests"))
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
 from pandis.base.physical import Scale
-from pandis.pipeline.export.native import export_native
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.registry import kind_of, open_field
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.choice import Chooser
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import export_native
+from pandis.pipeline.kinds.opening import kind_of, open_field
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.config import MeshEntry
 from pandis.pipeline.run.host.processes import each

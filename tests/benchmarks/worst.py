@@ -17,11 +17,11 @@ from common import SCANS, load, write
 
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import draw_contacts
-from pandis.pipeline.grids.compact import build_compact, file_parts
+from pandis.pipeline.kinds.compact.build import build_compact, file_parts
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import COMPACT, NativeField
 from pandis.runtime.field.files import pack
 

@@ -5,12 +5,12 @@ import pytest
 
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
-from pandis.pipeline.fields.siren import SirenField
-from pandis.pipeline.grids.base import fit_base
+from pandis.pipeline.kinds.network.base import fit_base
+from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.recipes import ExactRecipe
 from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training.trainer import Trainer
 from support import artifact
 from test_training import samples  # noqa: F401  (a fixture)
 

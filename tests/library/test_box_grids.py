@@ -7,15 +7,15 @@ import pytest
 
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
-from pandis.pipeline.export.grids import grid_graph
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.export.session import Session
-from pandis.pipeline.fields.base import BOUND, OK
-from pandis.pipeline.fields.grids import GRID_OPENERS
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.sampling import Surface, probes
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.kinds.field import BOUND, OK
+from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grid.graph import grid_graph
+from pandis.pipeline.kinds.grids import GRID_OPENERS
+from pandis.pipeline.kinds.native import native_bytes
+from pandis.pipeline.kinds.session import Session
 from pandis.pipeline.mesh.build import build
 from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.pipeline.run.job.artifact import Artifact

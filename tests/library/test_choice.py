@@ -7,9 +7,6 @@ from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.export.native import export_native, native_bytes
-from pandis.pipeline.fields import sizing
-from pandis.pipeline.fields.registry import open_fields
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.measure import draw_contacts, promise
@@ -18,6 +15,9 @@ from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.judge import choice
 from pandis.pipeline.judge.choice import Chooser
 from pandis.pipeline.judge.errors.points import _CHOOSING, _PROMISING, Points
+from pandis.pipeline.kinds import sizing
+from pandis.pipeline.kinds.native import export_native, native_bytes
+from pandis.pipeline.kinds.opening import open_fields
 from pandis.pipeline.run.ask.catalogue import DENSE_KINDS
 from pandis.pipeline.run.ask.options import SampleOptions, StressOptions
 from pandis.pipeline.run.ask.recipes import ExactRecipe

@@ -3,10 +3,10 @@
 import numpy as np
 
 from pandis.base.frame import Frame
-from pandis.pipeline.export.clearance import MORE, clearance
-from pandis.pipeline.fields.base import BOUND, OK
 from pandis.pipeline.geometry.distance import ShapeDistance
 from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.kinds.clearance import MORE, clearance
+from pandis.pipeline.kinds.field import BOUND, OK
 from support import artifact
 
 FRAME = Frame((0.0, 0.0, 0.0), 0.9)

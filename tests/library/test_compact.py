@@ -17,25 +17,25 @@ from pandis.engine.packing import (
     find_rays,
     pack_mesh,
 )
-from pandis.pipeline.export.native import export_native, native_bytes
-from pandis.pipeline.fields.base import CUT
-from pandis.pipeline.fields.compact import CompactField
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.exported import ExportedField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.hausdorff import distance_to_triangles
-from pandis.pipeline.grids.compact import (
+from pandis.pipeline.kinds.compact.build import (
     bound_deviation,
     build_compact,
     file_parts,
     limit_queries,
     pack_body,
 )
-from pandis.pipeline.grids.lattice import snap, step_of, to_unit
-from pandis.pipeline.grids.limits import near_surface
-from pandis.pipeline.grids.sides import find_sides
-from pandis.pipeline.grids.unpacking import unpack
+from pandis.pipeline.kinds.compact.lattice import snap, step_of, to_unit
+from pandis.pipeline.kinds.compact.reference import CompactField
+from pandis.pipeline.kinds.compact.sides import find_sides
+from pandis.pipeline.kinds.compact.unpacking import unpack
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.field import CUT
+from pandis.pipeline.kinds.limits import near_surface
+from pandis.pipeline.kinds.native import export_native, native_bytes
 from pandis.pipeline.mesh.tools import call
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.faults import near_field
@@ -326,7 +326,7 @@ def test_a_needle_that_shrinks_to_a_line_is_in_the_bound():
 def test_wrong_sides_are_refused_with_their_number(monkeypatch):
     """Break what tells the sides, and the bake must see it."""
     vertices, faces = crown(1500)
-    monkeypatch.setattr("pandis.pipeline.grids.compact.find_sides", without_sides)
+    monkeypatch.setattr("pandis.pipeline.kinds.compact.build.find_sides", without_sides)
     with pytest.raises(PandisError, match=r"of 1,000,000 points are on the wrong side.*more bits"):
         build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
 

@@ -6,15 +6,15 @@ import pytest
 from pandis.base.errors import PandisError
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.compact_sizing import ENOUGH_BITS, CompactSizing, Packer
-from pandis.pipeline.fields.sizing import Candidate
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.hausdorff import distance_to_triangles, farthest
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.grids.compact import size_of
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.compact.build import size_of
+from pandis.pipeline.kinds.compact.sizes import ENOUGH_BITS, CompactSizing, Packer
+from pandis.pipeline.kinds.sizing import Candidate
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.tasks import BakeCompactAutoTask
 from support import box_mesh
@@ -45,7 +45,7 @@ def body_and_points(mesh):
 @pytest.fixture(autouse=True)
 def _fewer_sides(monkeypatch):
     """Sides at a million points take longer than all else here."""
-    monkeypatch.setattr("pandis.pipeline.grids.compact.SIDES", 50_000)
+    monkeypatch.setattr("pandis.pipeline.kinds.compact.build.SIDES", 50_000)
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +172,7 @@ def test_a_candidate_on_the_wrong_side_gives_way_to_the_next(waves, monkeypatch)
         if len(seen) == 1:
             raise PandisError("one of them on the wrong side")
 
-    monkeypatch.setattr("pandis.pipeline.fields.compact_sizing.compare_sides", refused_once)
+    monkeypatch.setattr("pandis.pipeline.kinds.compact.sizes.compare_sides", refused_once)
     second = Packer(body, points, 1, told.append).within(15_000)
     assert isinstance(second, Candidate)
     assert second.field.record.bits != best.field.record.bits
@@ -196,7 +196,7 @@ def test_a_lattice_too_fine_for_its_sides_gives_way_to_a_coarser_one(waves, monk
         if record.bits > 17:
             raise PandisError("one of them on the wrong side")
 
-    monkeypatch.setattr("pandis.pipeline.fields.compact_sizing.compare_sides", refused_beyond_17)
+    monkeypatch.setattr("pandis.pipeline.kinds.compact.sizes.compare_sides", refused_beyond_17)
     made = Packer(body, points, 1, silent).within(None)
     assert made.field.record.bits == 17
     assert made.field.record.faces == len(body.faces)

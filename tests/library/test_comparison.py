@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from pandis.base.errors import PandisError
-from pandis.pipeline.fields.base import Field
-from pandis.pipeline.fields.controls import ControlGap
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.registry import Fields
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.judge.controls import ControlGap
 from pandis.pipeline.judge.errors.comparison import compare
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import Field
+from pandis.pipeline.kinds.opening import Fields
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.ask.tasks import EvaluateTask
 from pandis.pipeline.run.job.stage import silent_progress

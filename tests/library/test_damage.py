@@ -5,11 +5,11 @@ import pytest
 
 from damage import damages
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.exported import ExportedField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.servo.walls import compare, faults, open_walls
 from pandis.pipeline.judge.stress.suite import Suite, failures
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.exported import ExportedField
 from pandis.pipeline.run.ask.options import StressOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from shapes import open_shape

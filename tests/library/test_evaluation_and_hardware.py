@@ -7,13 +7,13 @@ import pytest
 from pandis.base.errors import PandisError
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.base import Field
 from pandis.pipeline.geometry.measure import SETS, ContactSet
 from pandis.pipeline.geometry.shares import Probes
 from pandis.pipeline.judge.errors.errors import UNNORMALISED, evaluate, statistics
 from pandis.pipeline.judge.servo.load import busy_cores
 from pandis.pipeline.judge.servo.validation import NO_ATTACHED, _longest_run, validate
 from pandis.pipeline.judge.timing.timing import summarise, time_queries
+from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.report.render import render
 from pandis.pipeline.report.tables import COLUMNS, summary_rows, to_csv
 from pandis.pipeline.run.ask.options import HardwareOptions, TimingOptions

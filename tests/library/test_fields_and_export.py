@@ -10,25 +10,25 @@ import torch
 from pandis.base.errors import ArtifactError, PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
-from pandis.pipeline.export.check import DISTANCE, FORCE, check, check_points
-from pandis.pipeline.export.grids import export_grid
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.export.networks import export_network, torch_network
-from pandis.pipeline.export.programs import export_program
-from pandis.pipeline.export.session import Session, read_export, read_program_metadata
-from pandis.pipeline.fields.base import Field, clamp_to_box, normalise
-from pandis.pipeline.fields.grid import GridField
-from pandis.pipeline.fields.grids import open_field
-from pandis.pipeline.fields.registry import open_fields
-from pandis.pipeline.fields.siren import SirenField
 from pandis.pipeline.geometry.distance import ShapeDistance
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.grids.base import fit_base
-from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.kinds.check import DISTANCE, FORCE, check, check_points
+from pandis.pipeline.kinds.field import Field, clamp_to_box, normalise
+from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grid.graph import export_grid
+from pandis.pipeline.kinds.grid.reference import GridField
+from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.native import native_bytes
+from pandis.pipeline.kinds.network.base import fit_base
+from pandis.pipeline.kinds.network.graph import export_network, torch_network
+from pandis.pipeline.kinds.network.program import export_program
+from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.training.network import Siren
+from pandis.pipeline.kinds.opening import open_fields
+from pandis.pipeline.kinds.session import Session, read_export, read_program_metadata
 from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
 from pandis.pipeline.run.job.artifact import read_artifact
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training.network import Siren
 from pandis.runtime.field import NativeField
 from support import ROOT, artifact
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pandis.pipeline.geometry.distance import SURFACE_DISTANCE, MeshDistance, ShapeDistance
-from pandis.pipeline.training import labels
+from pandis.pipeline.kinds.network.training import labels
 from shapes import bent_sheet, blade, box, cage, finned_ball, plate
 
 warp = pytest.importorskip("warp", reason="no Warp: pip install warp-lang")

@@ -6,9 +6,9 @@ import sys
 import pytest
 import torch
 
+from pandis.pipeline.kinds.network.training import elements, exact_loss
+from pandis.pipeline.kinds.network.training.network import Siren
 from pandis.pipeline.run.ask.recipes import ExactRecipe
-from pandis.pipeline.training import elements, exact_loss
-from pandis.pipeline.training.network import Siren
 from support import ROOT, environment
 
 warp = pytest.importorskip("warp", reason="no Warp: pip install warp-lang")

@@ -8,16 +8,16 @@ from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.export.vti import export_vti, read_note, read_vti
-from pandis.pipeline.fields.base import BOUND, INVALID, OK, normalise
-from pandis.pipeline.fields.grids import GRID_OPENERS
-from pandis.pipeline.fields.sizing import Sizing, grid_bytes
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.grids import spline as splines
-from pandis.pipeline.grids.band import Band, find_cells, needed_nodes
-from pandis.pipeline.grids.dense import CHANNELS, DenseGrid
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.band import Band, find_cells, needed_nodes
+from pandis.pipeline.kinds.field import BOUND, INVALID, OK, normalise
+from pandis.pipeline.kinds.grid.build import CHANNELS, DenseGrid
+from pandis.pipeline.kinds.grids import GRID_OPENERS
+from pandis.pipeline.kinds.sizing import Sizing, grid_bytes
+from pandis.pipeline.kinds.spline import build as splines
 from pandis.pipeline.run.ask.catalogue import GRID_FIELDS
 from pandis.pipeline.run.ask.tasks import BakeAutoTask
 from pandis.pipeline.run.job.artifact import Artifact, ArtifactWriter, read_artifact
@@ -462,7 +462,7 @@ def silent(text):
     [("trilinear", {"force_error": 5e-3}), ("tricubic", {"bytes": 40_000})],
 )
 def test_sizing(torus, kind, target, monkeypatch):
-    monkeypatch.setattr("pandis.pipeline.fields.sizing.SIZES", (16, 24, 32, 48))
+    monkeypatch.setattr("pandis.pipeline.kinds.sizing.SIZES", (16, 24, 32, 48))
     engine, surface = torus
     task, points = asked(kind, **target), Points(surface, engine, SCALE, 1)
     arrays, attributes = Sizing(points, FRAME, task, silent_progress, silent).find()
@@ -486,7 +486,7 @@ def test_sizing(torus, kind, target, monkeypatch):
 def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypatch):
     engine, surface = torus
     # the first covers no band at all, and the largest asks for more samples than drawn at first
-    monkeypatch.setattr("pandis.pipeline.fields.sizing.SPLINE_BYTES", (8_000, 60_000, 120_000))
+    monkeypatch.setattr("pandis.pipeline.kinds.sizing.SPLINE_BYTES", (8_000, 60_000, 120_000))
     task, lines = asked("spline", force_error=2e-3), []
     points = Points(surface, engine, SCALE, 1)
     arrays, attributes = Sizing(points, FRAME, task, silent_progress, lines.append).find()

@@ -7,9 +7,9 @@ import pytest
 
 from pandis.base.errors import PandisError
 from pandis.base.frame import Frame
-from pandis.pipeline.export.networks import export_network
-from pandis.pipeline.export.programs import export_program
 from pandis.pipeline.judge.timing import libtorch, timing
+from pandis.pipeline.kinds.network.graph import export_network
+from pandis.pipeline.kinds.network.program import export_program
 from pandis.pipeline.run.ask.options import TimingOptions
 from pandis.pipeline.run.job.artifact import Artifact
 from test_fields_and_export import FRAME, model

@@ -7,9 +7,6 @@ from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.base import Field
-from pandis.pipeline.fields.controls import GAP, controls, demand_failure
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.measure import (
@@ -32,6 +29,9 @@ from pandis.pipeline.geometry.shares import (
     strongly_felt,
 )
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
+from pandis.pipeline.judge.controls import GAP, controls, demand_failure
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.run.ask.budget import Limits, amount
 from pandis.pipeline.run.ask.options import BudgetOptions
 from shapes import SHAPES, open_shape

@@ -8,15 +8,15 @@ import pytest
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
-from pandis.pipeline.fields.base import BOUND
-from pandis.pipeline.fields.proxy import ProxyField
-from pandis.pipeline.fields.registry import open_field
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.trajectories import trace
-from pandis.pipeline.grids.dense import DenseGrid
-from pandis.pipeline.grids.planes import build_planes
+from pandis.pipeline.kinds.field import BOUND
+from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.opening import open_field
+from pandis.pipeline.kinds.paper.maps import build_planes
+from pandis.pipeline.kinds.paper.proxy import ProxyField
 from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.job.stage import silent_progress

@@ -6,9 +6,9 @@ import pytest
 from pandis.base.errors import PandisError
 from pandis.base.physical import Scale
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.network.build import WIDTHS, train
+from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training.sizing import WIDTHS, train
-from pandis.pipeline.training.trainer import Trainer
 from test_training import same, samples, task  # noqa: F401  (a fixture)
 
 #: Takes long: `make test-slow`.

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from pandis.pipeline.kinds.network.record import ModelRecord
 from pandis.pipeline.report.builds import build_seconds
 from pandis.pipeline.report.paper import METHODS, tables
 from pandis.pipeline.run.records.evaluation import EvaluationRecord, Figures
 from pandis.pipeline.run.records.mesh import MeshRecord
-from pandis.pipeline.run.records.model import ModelRecord
 from pandis.pipeline.run.records.timing import TimingRecord
 
 

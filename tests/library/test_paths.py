@@ -5,10 +5,10 @@ import pytest
 from scipy import stats
 
 from pandis.base.frame import Frame
-from pandis.pipeline.fields.base import Field
 from pandis.pipeline.judge.errors.paths import interval, over_paths, repeats, verdict
+from pandis.pipeline.kinds.field import Field
+from pandis.pipeline.kinds.network.record import ModelRecord
 from pandis.pipeline.run.records.evaluation import PathsRecord
-from pandis.pipeline.run.records.model import ModelRecord
 
 NORMAL = np.array([0.0, 0.0, 1.0])
 

@@ -14,14 +14,14 @@ import trimesh
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
-from pandis.pipeline.fields.compact import CompactField
-from pandis.pipeline.fields.controls import controls
-from pandis.pipeline.fields.siren import SirenField
-from pandis.pipeline.fields.sizing import Grids, grid_bytes
 from pandis.pipeline.geometry.measure import draw_contacts, promise
 from pandis.pipeline.judge import choice
 from pandis.pipeline.judge.choice import Chooser
+from pandis.pipeline.judge.controls import controls
 from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.kinds.compact.reference import CompactField
+from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.sizing import Grids, grid_bytes
 from pandis.pipeline.run.ask.catalogue import DENSE_KINDS
 from pandis.pipeline.run.ask.options import SampleOptions
 from shapes import open_shape, opened

@@ -97,8 +97,8 @@ def test_digest_is_the_same_on_every_python():
 def test_real_stages_have_digests():
     digests = CodeDigests(ROOT / "workflow")
     assert "pandis.pipeline.mesh.tools" in digests.modules("mesh")
-    assert "pandis.pipeline.training.paper_loss" in digests.modules("train")
-    assert "pandis.pipeline.fields.grid" not in digests.modules("train")
+    assert "pandis.pipeline.kinds.network.training.paper_loss" in digests.modules("train")
+    assert "pandis.pipeline.kinds.grid.reference" not in digests.modules("train")
     for stage in ("mesh", "sample", "train", "bake", "evaluate"):
         assert not {"pandis.pipeline.run.ask.config", "pandis.pipeline.run.plan.plan"} & set(
             digests.modules(stage)

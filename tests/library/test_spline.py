@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from pandis.engine import spline as native
 from pandis.engine.spline import Lattice, SparseSpline, block_count, kept_nodes, pack
-from pandis.pipeline.grids.fit import Level, Targets, fit
+from pandis.pipeline.kinds.spline.fit import Level, Targets, fit
 
 
 def inside(lattice, count, seed=0):

@@ -7,14 +7,11 @@ from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.base import OK, Answer, Field
-from pandis.pipeline.fields.controls import controls
-from pandis.pipeline.fields.grids import GRID_OPENERS
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.places import Stratified
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.grids.dense import DenseGrid
+from pandis.pipeline.judge.controls import controls
 from pandis.pipeline.judge.stress.contact import holding, wanted_force
 from pandis.pipeline.judge.stress.coupled import LADDER, simulate, stable_stiffness
 from pandis.pipeline.judge.stress.ghosts import ghosts
@@ -25,6 +22,9 @@ from pandis.pipeline.judge.stress.robust import CHUNK, walk
 from pandis.pipeline.judge.stress.stiffness import jacobians
 from pandis.pipeline.judge.stress.suite import QUESTIONS, Suite, stress
 from pandis.pipeline.judge.stress.work import DEPTHS, loop_work, loops
+from pandis.pipeline.kinds.field import OK, Answer, Field
+from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grids import GRID_OPENERS
 from pandis.pipeline.run.ask.options import StressOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from support import artifact, box_mesh

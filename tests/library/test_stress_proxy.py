@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from pandis.pipeline.export.native import export_native
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.exported import ExportedField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.judge.stress import suite as suites
 from pandis.pipeline.judge.stress.proxy import Felt, nothing
 from pandis.pipeline.judge.stress.suite import PROXY_QUESTIONS, Suite, failures, stress
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.native import export_native
 from pandis.pipeline.run.job.stage import silent_progress
 from test_stress import FRAME, OPTIONS, SCALE, Exact
 

@@ -11,19 +11,19 @@ from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.kinds.network.training import exact_loss, vectors
+from pandis.pipeline.kinds.network.training import paper_loss as losses
+from pandis.pipeline.kinds.network.training import trainer as trainer_module
+from pandis.pipeline.kinds.network.training.batches import vertex_points
+from pandis.pipeline.kinds.network.training.elements import sines
+from pandis.pipeline.kinds.network.training.network import Siren
+from pandis.pipeline.kinds.network.training.optimiser import orthogonal
+from pandis.pipeline.kinds.network.training.products import product
+from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
 from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training import exact_loss, vectors
-from pandis.pipeline.training import paper_loss as losses
-from pandis.pipeline.training import trainer as trainer_module
-from pandis.pipeline.training.batches import vertex_points
-from pandis.pipeline.training.elements import sines
-from pandis.pipeline.training.network import Siren
-from pandis.pipeline.training.optimiser import orthogonal
-from pandis.pipeline.training.products import product
-from pandis.pipeline.training.trainer import Trainer
 from support import artifact, sample
 
 
@@ -384,7 +384,7 @@ def test_a_base_that_is_all_but_right_is_no_reason_to_restart(samples, tmp_path)
 
 
 def test_checkpoint_that_cannot_be_written_does_not_stop_the_run(samples, tmp_path, monkeypatch):
-    monkeypatch.setattr("pandis.pipeline.training.trainer.CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr("pandis.pipeline.kinds.network.training.trainer.CHECKPOINT_SECONDS", 0.0)
     (tmp_path / "file").write_text("in the way")
     lines = []
     run = Trainer(task(steps=5), *samples, tmp_path / "file" / "c.pt", lines.append)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from pandis.base.frame import Frame
-from pandis.pipeline.fields.base import Field
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.judge.errors.view import DEPTHS, coarsen, surface_errors
+from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.report.view import DECADES, view
 from pandis.pipeline.run.job.stage import silent_progress
 

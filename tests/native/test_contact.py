@@ -7,9 +7,9 @@ import pytest
 from conftest import FRAME
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE, Frame
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.contact import (  # fmt: skip
     STICKING,
     TOUCHING,

@@ -8,10 +8,10 @@ import pytest
 from test_contact import approach, gain_near, metres, placed, surface_of
 
 from pandis.base.frame import UNIT_SIDE
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.grids.compact import file_parts, pack_body
+from pandis.pipeline.kinds.compact.build import file_parts, pack_body
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.mesh.build import build
 from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.runtime.contact import TOUCHING, NativeContact

@@ -6,10 +6,10 @@ import trimesh
 from test_header import points_for
 
 from pandis.base.frame import Frame
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.grids.compact import file_parts, pack_body
+from pandis.pipeline.kinds.compact.build import file_parts, pack_body
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import COMPACT, SHAPES, NativeField
 from pandis.runtime.field.files import pack
 

@@ -8,10 +8,10 @@ from test_regions import exported, file_of, mesh  # noqa: F401
 from test_scenes import both_forces, compiled
 from test_textures import heights
 
-from pandis.pipeline.export.native import export_native
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.scenes import try_scene
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import export_native
 from pandis.pipeline.run.ask.contacts import SurfaceOptions, TextureOptions
 from pandis.pipeline.run.ask.tasks import SceneTask
 from pandis.pipeline.run.job.stage import silent_progress

@@ -18,12 +18,12 @@ import pytest
 import pandis
 from pandis.base.errors import ArtifactError
 from pandis.base.forces import penalty_force
-from pandis.pipeline.export.native import export_native, native_bytes, network_bytes
-from pandis.pipeline.fields.base import BOUND, INVALID
-from pandis.pipeline.fields.exported import ExportedField
-from pandis.pipeline.fields.siren import SirenField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
+from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.field import BOUND, INVALID
+from pandis.pipeline.kinds.native import export_native, native_bytes, network_bytes
+from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack, read_provenance
 from pandis.runtime.servo import run_ticks
@@ -697,7 +697,7 @@ def test_a_broken_sixteen_bit_export_is_refused(fields, meshes, monkeypatch):
     field, kind = fields["gradient"]
     data = native_bytes(field, kind, {}, 16)
     broken = resealed(data, section(data, b"SCAL"), "<f", 0.1)
-    monkeypatch.setattr("pandis.pipeline.export.native._file", lambda *_: broken)
+    monkeypatch.setattr("pandis.pipeline.kinds.native._file", lambda *_: broken)
     with pytest.raises(pandis.base.errors.PandisError, match="differs from its field"):
         export_native(field, kind, {}, 16, Body.open(meshes["exact"]), print)
 
@@ -708,7 +708,7 @@ def test_an_export_that_differs_from_its_field_is_refused(fields, meshes, monkey
     data = native_bytes(field, kind, {})
     at = section(data, b"BIAS")
     broken = resealed(data, at, "<f", 3.0)
-    monkeypatch.setattr("pandis.pipeline.export.native._file", lambda *_: broken)
+    monkeypatch.setattr("pandis.pipeline.kinds.native._file", lambda *_: broken)
     with pytest.raises(pandis.base.errors.PandisError, match="differs from its field"):
         export_native(field, kind, {}, 32, Body.open(meshes["exact"]), print)
 

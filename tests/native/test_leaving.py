@@ -15,11 +15,11 @@ from igl.copyleft.cgal import mesh_boolean
 from scipy.spatial.transform import Rotation
 
 from pandis.base.errors import PandisError
-from pandis.pipeline.export.native import export_native
-from pandis.pipeline.fields.compact import CompactField
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.grids.compact import build_compact
+from pandis.pipeline.kinds.compact.build import build_compact
+from pandis.pipeline.kinds.compact.reference import CompactField
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import export_native
 from pandis.runtime.contact import Material, NativeContact
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed

@@ -22,10 +22,10 @@ from pandis.bridges import mujoco as plugin
 from pandis.bridges.mujoco import mjcf
 from pandis.bridges.mujoco.asking import asker
 from pandis.engine.compiler import find_compiler
-from pandis.pipeline.export.clearance import clearance
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.kinds.clearance import clearance
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 from support import ROOT, artifact

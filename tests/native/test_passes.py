@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from pandis.base.frame import UNIT_SIDE, Frame
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.compact import CompactField
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import Box
-from pandis.pipeline.grids.compact import build_compact
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.passes import ABOVE, MARGIN, Oracle, draw, free_starts, judge, run
+from pandis.pipeline.kinds.compact.build import build_compact
+from pandis.pipeline.kinds.compact.reference import CompactField
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.contact import Feel, Material
 from pandis.runtime.field import NativeField
 from support import artifact

@@ -9,7 +9,7 @@ import pytest
 import pandis
 from pandis.base.errors import ArtifactError
 from pandis.base.frame import Frame
-from pandis.pipeline.fields.base import INVALID
+from pandis.pipeline.kinds.field import INVALID
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import NativeScene, Placed
 

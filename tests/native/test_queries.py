@@ -8,12 +8,12 @@ import trimesh
 from test_header import NAMES, points_for
 
 from pandis.base.frame import Frame
-from pandis.pipeline.export import native as export
-from pandis.pipeline.fields.base import CUT
-from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.kinds import native as export
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.grids.limits import least_limit, near_surface
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import CUT
+from pandis.pipeline.kinds.limits import least_limit, near_surface
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.binding import library
 from shapes import cone

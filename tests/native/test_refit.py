@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from test_queries import same
 
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.base import CUT
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import CUT
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.binding import library
 
@@ -85,7 +85,7 @@ def test_it_comes_back_and_the_field_that_lends_its_faces_stays(mesh):
 def test_of_random_vertices_far_apart_nothing_is_cut(mesh, monkeypatch):
     """The worst a refit can get: boxes that all overlap, for which the limit was not made."""
     _, frame, vertices, faces = mesh
-    monkeypatch.setattr("pandis.pipeline.export.native.least_limit", lambda *given: 300)
+    monkeypatch.setattr("pandis.pipeline.kinds.native.least_limit", lambda *given: 300)
     field = fresh(frame, vertices, faces)
     shape = np.random.default_rng(1).uniform(vertices.min(), vertices.max(), vertices.shape)
     moving = field.moving()

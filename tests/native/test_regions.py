@@ -10,11 +10,11 @@ import trimesh
 from test_header import resealed, section
 
 from pandis.base.errors import ArtifactError, PandisError
-from pandis.pipeline.export.native import export_native
-from pandis.pipeline.fields.compact import CompactField
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.grids.compact import build_compact
+from pandis.pipeline.kinds.compact.build import build_compact
+from pandis.pipeline.kinds.compact.reference import CompactField
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import export_native
 from pandis.pipeline.mesh.build import build
 from pandis.pipeline.mesh.regions import carry
 from pandis.pipeline.run.ask.sourcing import SourceDigests, source_digest, source_files

@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 import pandis
 from pandis.base.errors import PandisError
 from pandis.pipeline.check.verification import Checker
-from pandis.pipeline.export.clearance import clearance
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.base import INVALID
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.scenes import try_scene
+from pandis.pipeline.kinds.clearance import clearance
+from pandis.pipeline.kinds.field import INVALID
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.ask.tasks import SceneTask
 from pandis.pipeline.run.job.artifact import write_artifact
 from pandis.pipeline.run.job.stage import silent_progress

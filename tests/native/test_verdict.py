@@ -7,11 +7,10 @@ import pytest
 from test_devices import RADIUS
 
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.controls import controls
-from pandis.pipeline.fields.exact import ExactField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.trajectories import trace
+from pandis.pipeline.judge.controls import controls
 from pandis.pipeline.judge.servo.attached import Span, run_attached, stiffness_for
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.pressing import Hand, contact, press
@@ -23,6 +22,7 @@ from pandis.pipeline.judge.servo.verdict import (
     machine_verdict,
 )
 from pandis.pipeline.judge.servo.walls import compare, open_walls
+from pandis.pipeline.kinds.exact.reference import ExactField
 from pandis.pipeline.run.ask.options import AttachedOptions, TrajectoryOptions
 from pandis.pipeline.run.ask.tasks import ValidateTask
 from pandis.pipeline.run.job.stage import silent_progress

@@ -11,8 +11,7 @@ PACKAGE = ROOT / "workflow/pandis"
 ORDER = (
     *("base", "engine", "runtime", "bridges"),
     *(f"pipeline.{name}" for name in (
-        "run", "geometry", "mesh", "grids", "training", "fields", "export", "judge", "report",
-        "check",
+        "run", "geometry", "mesh", "kinds", "export", "judge", "report", "check",
     )),
     "__main__",
 )  # fmt: skip

@@ -157,14 +157,18 @@ def test_script_edited(rerun):
 
 
 def test_field_module_edited_restales_no_other_field(rerun):
-    edit(rerun / "workflow/pandis/pipeline/training/trainer.py", "QUICK = 4000", "QUICK = 4001")
+    edit(
+        rerun / "workflow/pandis/pipeline/kinds/network/training/trainer.py",
+        "QUICK = 4000",
+        "QUICK = 4001",
+    )
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
     network |= native("pandis-exact")
     assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
 
 
 def test_baking_module_edited_trains_nothing(rerun):
-    edit(rerun / "workflow/pandis/pipeline/grids/dense.py", "(1 << 18)", "(1 << 17)")
+    edit(rerun / "workflow/pandis/pipeline/kinds/grid/build.py", "(1 << 18)", "(1 << 17)")
     grids = {("bake", m, "force", "24") for m in BOTH}
     grids |= {("export_grid", m, "trilinear-24") for m in BOTH} | native(*FIELDS)
     assert plan(rerun) == grids | all_of(*DEPENDENT) | LAST
@@ -172,7 +176,7 @@ def test_baking_module_edited_trains_nothing(rerun):
 
 def test_grid_module_edited_bakes_and_trains_nothing(rerun):
     edit(
-        rerun / "workflow/pandis/pipeline/fields/grid.py",
+        rerun / "workflow/pandis/pipeline/kinds/grid/reference.py",
         "Lattice.around_box(len(self.values) - 1)",
         "Lattice.around_box(+len(self.values) - 1)",
     )
@@ -181,20 +185,24 @@ def test_grid_module_edited_bakes_and_trains_nothing(rerun):
 
 
 def test_network_module_edited_bakes_nothing(rerun):
-    edit(rerun / "workflow/pandis/pipeline/fields/siren.py", "h = np.sin(", "h = +np.sin(")
+    edit(
+        rerun / "workflow/pandis/pipeline/kinds/network/reference.py", "h = np.sin(", "h = +np.sin("
+    )
     networks = {("export_network", m, "pandis-exact") for m in BOTH} | native(*FIELDS)
     assert plan(rerun) == networks | all_of(*DEPENDENT) | LAST
 
 
 def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
     edit(
-        rerun / "workflow/pandis/pipeline/training/paper_loss.py",
+        rerun / "workflow/pandis/pipeline/kinds/network/training/paper_loss.py",
         "clamp(max=80.0)",
         "clamp(max=81.0)",
     )
     assert plan(rerun) == set()  # the configuration trains pandis-exact alone
     edit(
-        rerun / "workflow/pandis/pipeline/training/exact_loss.py", "off + options", "+off + options"
+        rerun / "workflow/pandis/pipeline/kinds/network/training/exact_loss.py",
+        "off + options",
+        "+off + options",
     )
     network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
     network |= native("pandis-exact")

@@ -71,7 +71,7 @@ def stale(tree, name, old, new, options=None):
         ("engine/bvh/bvh.c", "\n}\n", "\n}\n// the end\n"),
         ("runtime/device/guard.h", "\n}\n", "\n}\n\n/* a wall */\n"),
         ("base/frame.py", "where every stage computes", "and why it is one"),
-        ("pipeline/fields/grid.py", "\nclass", "\n\n# a grid\nclass"),
+        ("pipeline/kinds/grid/reference.py", "\nclass", "\n\n# a grid\nclass"),
         ("base/forces.py", "(distance: Values, normal: Points", "(distance, normal"),
         ("pipeline/run/ask/options.py", 'description="', 'description="in short: '),
         ("__init__.py", '__version__ = "', '__version__ = "9.'),
@@ -114,10 +114,14 @@ def test_what_drives_a_device_makes_stale_what_is_tried_on_one(tree):
     assert not found & {"mesh", "sample", "train", "bake", "export_native", "evaluate"}
 
 
-@pytest.mark.parametrize("module", ["implicit", "planes", "proxy"])
+@pytest.mark.parametrize("module", ["grid/implicit", "paper/planes", "paper/proxy"])
 def test_the_papers_other_methods_make_stale_what_uses_them_alone(tree, module):
-    name = f"pipeline/fields/{module}.py"
-    names = {"implicit": "kim-64", "planes": "support-planes", "proxy": "salisbury-tricubic-64"}
+    name = f"pipeline/kinds/{module}.py"
+    names = {
+        "grid/implicit": "kim-64",
+        "paper/planes": "support-planes",
+        "paper/proxy": "salisbury-tricubic-64",
+    }
     change = (name, "\nimport numpy as np\n", "\nimport numpy as np\n\nx = 1\n")
     plain = {"fields": ["exact", "trilinear-64", "pandis"]}
     assert stale(tree, *change, plain) == set()
@@ -128,19 +132,22 @@ def test_the_papers_other_methods_make_stale_what_uses_them_alone(tree, module):
 
 
 def test_sizing_a_method_needs_its_module():
-    assert "pandis.pipeline.fields.implicit" in unused_modules({"kind": "tricubic"})
-    assert "pandis.pipeline.fields.implicit" not in unused_modules({"kind": "kim"})
+    assert "pandis.pipeline.kinds.grid.implicit" in unused_modules({"kind": "tricubic"})
+    assert "pandis.pipeline.kinds.grid.implicit" not in unused_modules({"kind": "kim"})
 
 
 def test_methods_are_called_as_the_catalogue_says():
-    starts = _METHODS["pandis.pipeline.fields.planes"], _METHODS["pandis.pipeline.fields.proxy"]
+    starts = (
+        _METHODS["pandis.pipeline.kinds.paper.planes"],
+        _METHODS["pandis.pipeline.kinds.paper.proxy"],
+    )
     assert all(name.startswith(starts[0]) for name in PLANE_FIELDS)
     assert PROXY.startswith(starts[1])
-    assert f"{ALGEBRAIC}-64".startswith(_METHODS["pandis.pipeline.fields.implicit"])
+    assert f"{ALGEBRAIC}-64".startswith(_METHODS["pandis.pipeline.kinds.grid.implicit"])
 
 
 def test_the_other_loss_makes_no_network_stale(tree):
-    change = ("pipeline/training/paper_loss.py", "\ndef", "\nx = 1\n\n\ndef")
+    change = ("pipeline/kinds/network/training/paper_loss.py", "\ndef", "\nx = 1\n\n\ndef")
     assert "train" not in stale(tree, *change, {"recipe": {"loss": "exact"}})
     assert "train" in stale(tree, *change, {"recipe": {"loss": "paper"}})
 

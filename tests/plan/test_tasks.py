@@ -98,6 +98,7 @@ def keys_of(path):
 def test_options_and_attributes_are_read_by_name_and_not_by_key():
     library = ROOT / "workflow" / "pandis"
     files = [path for path in library.rglob("*.py") if library / "pipeline/run" not in path.parents]
+    files = [path for path in files if path.name != "record.py"]
     found = [key for path in [*files, *(ROOT / "scripts").glob("*.py")] for key in keys_of(path)]
     assert len(found) <= 20, found
 

@@ -1,8 +1,8 @@
 """Steps of a training in Warp: what torch does in several kernels between products, in one each.
 
 Arrays are torch's, of single precision, and a column is a point, as in
-`pandis.pipeline.training.network`. Kernels are launched on torch's current stream, so that a
-recorded graph holds them.
+`pandis.pipeline.kinds.network.training.network`. Kernels are launched on torch's current stream, so
+that a recorded graph holds them.
 """
 
 import warp as wp

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from pandis.base.errors import PandisError
 from pandis.bridges.newton.kept import read as read_kept
-from pandis.pipeline.export.session import read_export, read_program_metadata
 from pandis.pipeline.export.vti import read_note
+from pandis.pipeline.kinds.session import read_export, read_program_metadata
 from pandis.pipeline.report.seal import SEALED, read_seal
 from pandis.pipeline.report.tables import summarise, to_csv
 from pandis.pipeline.run.ask.catalogue import RESERVED_NAMES

@@ -7,8 +7,8 @@ from pandis.base.frame import UNIT_SIDE
 from pandis.bridges.newton.cells import CELLS
 from pandis.bridges.newton.kept import keep
 from pandis.bridges.newton.reading import sample
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.exact import ExactField
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.job.artifact import seal_zip
 from pandis.runtime.field import NativeField
 

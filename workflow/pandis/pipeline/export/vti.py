@@ -12,10 +12,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from pandis.base.errors import PandisError
-from pandis.pipeline.fields.grids import open_field
-from pandis.pipeline.grids.axes import Axes
+from pandis.pipeline.kinds.axes import Axes
+from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.record import DenseRecord, GridRecord
 from pandis.pipeline.run.ask.catalogue import parse_field
-from pandis.pipeline.run.records.grid import DenseRecord, GridRecord
 
 _MARK = b"<!-- sha256:"
 _TYPES = {"Float32": np.dtype("<f4"), "UInt8": np.dtype("u1")}
@@ -145,8 +145,8 @@ def grid_arrays(field, axes):
 
     Parameters
     ----------
-    field : pandis.pipeline.fields.base.Field
-    axes : pandis.pipeline.grids.axes.Axes
+    field : pandis.pipeline.kinds.field.Field
+    axes : pandis.pipeline.kinds.axes.Axes
 
     Returns
     -------

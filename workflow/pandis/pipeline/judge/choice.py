@@ -11,24 +11,24 @@ from typing import NamedTuple
 
 from pandis.base.errors import PandisError
 from pandis.base.forces import force_of
-from pandis.pipeline.export.native import export_native, network_bytes
-from pandis.pipeline.fields.compact_sizing import Packer
-from pandis.pipeline.fields.controls import controls, demand_failure
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.exported import ExportedField
-from pandis.pipeline.fields.registry import open_field
-from pandis.pipeline.fields.sizing import SIZES, SPLINE_BYTES, Grids, grid_bytes, hopeless
 from pandis.pipeline.geometry.measure import promise
 from pandis.pipeline.geometry.shares import MISSING_LIMIT, THINNEST
 from pandis.pipeline.geometry.strata import Strata
-from pandis.pipeline.grids.compact import size_of
+from pandis.pipeline.judge.controls import controls, demand_failure
 from pandis.pipeline.judge.errors.points import Measured
 from pandis.pipeline.judge.stress.suite import PROXY_QUESTIONS, QUESTIONS, Suite, failures
+from pandis.pipeline.kinds.compact.build import size_of
+from pandis.pipeline.kinds.compact.sizes import Packer
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.native import export_native, network_bytes
+from pandis.pipeline.kinds.network.build import narrowest, widths_up_to
+from pandis.pipeline.kinds.opening import open_field
+from pandis.pipeline.kinds.sizing import SIZES, SPLINE_BYTES, Grids, grid_bytes, hopeless
 from pandis.pipeline.run.ask.catalogue import COMPACT, DENSE_KINDS, parse_field
 from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.records.choice import ChoiceRecord, Chosen, Passed, ScaleRecord
-from pandis.pipeline.training.sizing import narrowest, widths_up_to
 
 
 class Outcome(NamedTuple):
@@ -271,7 +271,7 @@ class Chooser:
         -------
         measured : pandis.pipeline.judge.errors.points.Measured, or None
             None if it does not cover the band.
-        candidate : pandis.pipeline.fields.sizing.Candidate, or None
+        candidate : pandis.pipeline.kinds.sizing.Candidate, or None
         """
         candidate = self.grids.make(kind, size)
         if candidate is None:

@@ -122,7 +122,7 @@ def quiver(fields, size=32, half=1.0):
 
     Parameters
     ----------
-    fields : list of pandis.pipeline.fields.base.Field
+    fields : list of pandis.pipeline.kinds.field.Field
         The first is exact, and draws the outline in every panel.
     """
     axis = np.linspace(-half, half, size)

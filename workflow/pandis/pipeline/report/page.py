@@ -9,12 +9,13 @@ from pandis import __version__
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
 from pandis.bridges.web import script
-from pandis.pipeline.fields.registry import open_field
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.judge.errors.front import PRICES, may_be_used, recommend
 from pandis.pipeline.judge.errors.paths import BASELINES, verdict
 from pandis.pipeline.judge.stress.jumps import STEEP
 from pandis.pipeline.judge.stress.suite import PROXY_QUESTIONS, QUESTIONS
+from pandis.pipeline.kinds.network.record import ModelRecord
+from pandis.pipeline.kinds.opening import open_field
 from pandis.pipeline.mesh.diagnosis import THICKNESS_RAYS
 from pandis.pipeline.report import figures, paper
 from pandis.pipeline.report.builds import build_seconds
@@ -31,7 +32,6 @@ from pandis.pipeline.run.records.choice import ChoiceRecord
 from pandis.pipeline.run.records.evaluation import EvaluationRecord
 from pandis.pipeline.run.records.hardware import HardwareRecord
 from pandis.pipeline.run.records.mesh import MeshRecord
-from pandis.pipeline.run.records.model import ModelRecord
 from pandis.pipeline.run.records.stress import StressRecord
 from pandis.pipeline.run.records.timing import TimingRecord
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 from pandis.base.frame import Frame
+from pandis.pipeline.kinds.network.record import ModelRecord
 from pandis.pipeline.report.picture import Picture
 from pandis.pipeline.run.records.evaluation import EvaluationRecord
 from pandis.pipeline.run.records.hardware import HardwareRecord
 from pandis.pipeline.run.records.mesh import MeshRecord
-from pandis.pipeline.run.records.model import ModelRecord
 from pandis.pipeline.run.records.stress import StressRecord
 from pandis.pipeline.run.records.timing import TimingRecord
 

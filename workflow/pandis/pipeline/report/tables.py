@@ -3,7 +3,7 @@
 import csv
 import io
 
-from pandis.pipeline.fields.controls import demand_failure
+from pandis.pipeline.judge.controls import demand_failure
 from pandis.pipeline.judge.errors.errors import UNNORMALISED
 from pandis.pipeline.judge.errors.front import AXES, may_be_used, pareto
 from pandis.pipeline.report.builds import build_seconds

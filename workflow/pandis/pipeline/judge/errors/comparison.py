@@ -4,9 +4,9 @@ import numpy as np
 
 from pandis.base.physical import Scale
 from pandis.base.streams import CONTACTS, generator
-from pandis.pipeline.fields.controls import controls
 from pandis.pipeline.geometry.measure import draw_contacts
 from pandis.pipeline.geometry.sampling import probes
+from pandis.pipeline.judge.controls import controls
 from pandis.pipeline.judge.errors.coverage import coverage
 from pandis.pipeline.judge.errors.errors import evaluate
 from pandis.pipeline.judge.errors.paths import over_paths, several
@@ -19,7 +19,7 @@ def compare(fields, trajectory, options, progress):
 
     Parameters
     ----------
-    fields : pandis.pipeline.fields.registry.Fields
+    fields : pandis.pipeline.kinds.opening.Fields
     trajectory : dict of str to ndarray
         ``points``, ``distance`` and ``normal`` along the probe's path: exact, unit frame.
     options : pandis.pipeline.run.ask.tasks.EvaluateTask

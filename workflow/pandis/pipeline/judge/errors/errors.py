@@ -4,9 +4,9 @@ import numpy as np
 
 from pandis.base.arrays import Points
 from pandis.base.forces import force_of, penalty_force
-from pandis.pipeline.fields.controls import demand_failure
 from pandis.pipeline.geometry.measure import contact_errors
 from pandis.pipeline.geometry.shares import MISSING_LIMIT, Probes, shares
+from pandis.pipeline.judge.controls import demand_failure
 
 #: Ending of the row with the paper's own force, in which Ψ keeps its length.
 UNNORMALISED = " (‖Ψ‖ kept)"
@@ -48,9 +48,9 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
 
     Parameters
     ----------
-    fields : list of pandis.pipeline.fields.base.Field
-    controls : list of pandis.pipeline.fields.base.Field
-        Measured on the contact sets beside the others: see `pandis.pipeline.fields.controls`.
+    fields : list of pandis.pipeline.kinds.field.Field
+    controls : list of pandis.pipeline.kinds.field.Field
+        Measured on the contact sets beside the others: see `pandis.pipeline.judge.controls`.
     trajectory : tuple (points, distance, normal)
         Exact, unit frame.
     probe_sets : dict of str to tuple

@@ -36,7 +36,7 @@ def repeats(models):
 
     Parameters
     ----------
-    models : dict of str to pandis.pipeline.run.records.model.ModelRecord
+    models : dict of str to pandis.pipeline.kinds.network.record.ModelRecord
         By recipe.
 
     Returns
@@ -77,7 +77,7 @@ def over_paths(fields, paths):
 
     Parameters
     ----------
-    fields : list of pandis.pipeline.fields.base.Field
+    fields : list of pandis.pipeline.kinds.field.Field
     paths : list of tuple (points, distance, normal)
         At least two; exact, unit frame.
 
@@ -114,7 +114,7 @@ def verdict(table, models):
     ----------
     table : dict of str to pandis.pipeline.run.records.evaluation.PathsRecord
         By field.
-    models : dict of str to pandis.pipeline.run.records.model.ModelRecord
+    models : dict of str to pandis.pipeline.kinds.network.record.ModelRecord
         By name.
 
     Returns

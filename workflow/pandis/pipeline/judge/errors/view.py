@@ -30,7 +30,7 @@ def surface_errors(fields, engine, vertices, faces, progress):
 
     Parameters
     ----------
-    fields : list of pandis.pipeline.fields.base.Field
+    fields : list of pandis.pipeline.kinds.field.Field
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     vertices, faces : ndarray

@@ -9,7 +9,6 @@ import numpy as np
 from pandis.base.forces import force_of
 from pandis.base.frame import UNIT_SIDE, Frame
 from pandis.base.physical import Scale
-from pandis.pipeline.fields.exported import ExportedField
 from pandis.pipeline.geometry.shares import missing
 from pandis.pipeline.judge.servo.attached import Span, run_attached
 from pandis.pipeline.judge.servo.devices import DEVICES
@@ -24,6 +23,7 @@ from pandis.pipeline.judge.servo.proxies import (
 )
 from pandis.pipeline.judge.servo.verdict import device_sentence, judge, machine_verdict, paragraph
 from pandis.pipeline.judge.servo.walls import compare, faults
+from pandis.pipeline.kinds.exported import ExportedField
 from pandis.pipeline.run.job.machine import describe, governor
 from pandis.pipeline.run.records.hardware import (
     DeviceVerdict,

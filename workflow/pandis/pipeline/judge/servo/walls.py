@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 from pandis.base.forces import force_of
 from pandis.base.streams import WALLS, generator
-from pandis.pipeline.fields.controls import controls, demand_failure
 from pandis.pipeline.geometry.measure import ContactSet, below, draw_contacts
 from pandis.pipeline.geometry.places import Stratified, stratify
 from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
@@ -18,6 +17,7 @@ from pandis.pipeline.geometry.shares import (
     missing,
     shares,
 )
+from pandis.pipeline.judge.controls import controls, demand_failure
 from pandis.pipeline.judge.stress.ghosts import far_ghosts
 from pandis.pipeline.run.records.hardware import WallVerdict
 
@@ -54,7 +54,7 @@ def open_walls(exact, surface, scale, seed):
 
     Parameters
     ----------
-    exact : pandis.pipeline.fields.exact.ExactField
+    exact : pandis.pipeline.kinds.exact.reference.ExactField
     surface : pandis.pipeline.geometry.sampling.Surface
     scale : pandis.base.physical.Scale
     seed : int
@@ -86,7 +86,7 @@ def compare(field, walls):
 
     Parameters
     ----------
-    field : pandis.pipeline.fields.base.Field
+    field : pandis.pipeline.kinds.field.Field
     walls : Walls
 
     Returns

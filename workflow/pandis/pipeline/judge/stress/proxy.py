@@ -260,7 +260,7 @@ def surface_error(field, contacts):
 
     Parameters
     ----------
-    field : pandis.pipeline.fields.base.Field
+    field : pandis.pipeline.kinds.field.Field
     contacts : pandis.pipeline.geometry.measure.ContactSet
     """
     probes = contacts.pressed

@@ -6,8 +6,8 @@ import numpy as np
 
 from pandis.base.forces import penalty_force
 from pandis.base.frame import UNIT_SIDE
-from pandis.pipeline.fields.base import OK
 from pandis.pipeline.judge.stress.probes import excess
+from pandis.pipeline.kinds.field import OK
 
 #: Points of a long run that are asked at once; and again at its end.
 CHUNK = 50_000
@@ -71,7 +71,7 @@ def invariance(field, shell):
 
     Parameters
     ----------
-    field : pandis.pipeline.fields.base.Field
+    field : pandis.pipeline.kinds.field.Field
     shell : pandis.pipeline.judge.stress.probes.Shell
 
     Returns

@@ -5,12 +5,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 from pandis.base import streams
-from pandis.pipeline.fields.controls import demand_failure
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.exported import ExportedField
 from pandis.pipeline.geometry.measure import draw_contacts
 from pandis.pipeline.geometry.places import stratify
 from pandis.pipeline.geometry.thickness import inscribed_radius
+from pandis.pipeline.judge.controls import demand_failure
 from pandis.pipeline.judge.stress.contact import absence, hold, otherness, wanted_force
 from pandis.pipeline.judge.stress.coupled import closed_loop, presses, stable_stiffness
 from pandis.pipeline.judge.stress.ghosts import ghosts
@@ -36,6 +34,8 @@ from pandis.pipeline.judge.stress.robust import (
 )
 from pandis.pipeline.judge.stress.stiffness import stiffness
 from pandis.pipeline.judge.stress.work import loops, work
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.exported import ExportedField
 from pandis.pipeline.run.host.processes import each
 from pandis.pipeline.run.records.stress import StressRecord
 
@@ -220,7 +220,7 @@ class Suite:
 
         Parameters
         ----------
-        field : pandis.pipeline.fields.base.Field
+        field : pandis.pipeline.kinds.field.Field
         progress : callable
             Makes a `pandis.pipeline.run.job.stage.Progress`.
         first : bool
@@ -294,9 +294,9 @@ def stress(fields, controls, suite, count, progress, proxies=True):
 
     Parameters
     ----------
-    fields : list of pandis.pipeline.fields.base.Field
-    controls : list of pandis.pipeline.fields.base.Field
-        From `pandis.pipeline.fields.controls.controls`: asked until they fail a question, as each
+    fields : list of pandis.pipeline.kinds.field.Field
+    controls : list of pandis.pipeline.kinds.field.Field
+        From `pandis.pipeline.judge.controls.controls`: asked until they fail a question, as each
         must.
     suite : Suite
     count : int

@@ -7,24 +7,24 @@ import numpy as np
 import torch
 
 from pandis.base.frame import Frame
-from pandis.pipeline.export.native import native_bytes
-from pandis.pipeline.fields.compact import CompactField
-from pandis.pipeline.fields.exact import ExactField
-from pandis.pipeline.fields.grids import open_field
-from pandis.pipeline.fields.siren import SirenField
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.grids.base import fit_base
-from pandis.pipeline.grids.compact import pack_body
-from pandis.pipeline.grids.dense import DenseGrid
-from pandis.pipeline.grids.spline import SplineFit, samples_for
+from pandis.pipeline.kinds.compact.build import pack_body
+from pandis.pipeline.kinds.compact.reference import CompactField
+from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.native import native_bytes
+from pandis.pipeline.kinds.network.base import fit_base
+from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.training.network import Siren, named_arrays
+from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
 from pandis.pipeline.run.ask.catalogue import COMPACT, DENSE_KINDS, GRID_FIELDS, parse_field
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.machine import describe
 from pandis.pipeline.run.job.stage import silent_progress
-from pandis.pipeline.training.network import Siren, named_arrays
 from pandis.runtime.field import NativeField
 
 #: What is timed: tessellations (faces), nodes per axis, bytes, units per layer.

@@ -7,9 +7,9 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
-from pandis.pipeline.export.check import FORCE
-from pandis.pipeline.export.session import Session
 from pandis.pipeline.judge.timing import libtorch
+from pandis.pipeline.kinds.check import FORCE
+from pandis.pipeline.kinds.session import Session
 from pandis.pipeline.run.job.machine import describe
 from pandis.pipeline.run.records.timing import TimingRecord
 from pandis.runtime.field import CACHES, NativeField
@@ -28,7 +28,7 @@ def time_fields(fields, exports, natives, body, points, options, progress):
 
     Parameters
     ----------
-    fields : list of pandis.pipeline.fields.base.Field
+    fields : list of pandis.pipeline.kinds.field.Field
         What is timed as it is called from Python.
     exports : list of Path
         ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.

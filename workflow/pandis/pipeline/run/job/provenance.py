@@ -37,20 +37,20 @@ _PYTHON = "python"
 
 #: Modules that one kind of recipe alone runs, though the trainer imports them all.
 _LOSSES = {
-    "paper": "pandis.pipeline.training.paper_loss",
-    "exact": "pandis.pipeline.training.exact_loss",
+    "paper": "pandis.pipeline.kinds.network.training.paper_loss",
+    "exact": "pandis.pipeline.kinds.network.training.exact_loss",
 }
 
 
 #: Modules that only a training on a GPU runs.
-ON_GPUS = ("pandis.pipeline.training.labels", "pandis.engine.cuda.steps")
+ON_GPUS = ("pandis.pipeline.kinds.network.training.labels", "pandis.engine.cuda.steps")
 
 
 #: Modules of the paper's other methods, and how the names of their fields begin.
 _METHODS = {
-    "pandis.pipeline.fields.implicit": "kim-",
-    "pandis.pipeline.fields.planes": "support-planes",
-    "pandis.pipeline.fields.proxy": "salisbury",
+    "pandis.pipeline.kinds.grid.implicit": "kim-",
+    "pandis.pipeline.kinds.paper.planes": "support-planes",
+    "pandis.pipeline.kinds.paper.proxy": "salisbury",
 }
 
 

@@ -30,7 +30,7 @@ def ask(path, points, queries):
     Parameters
     ----------
     path : path-like
-        A ``.pt2`` file of `pandis.pipeline.export.programs`.
+        A ``.pt2`` file of `pandis.pipeline.kinds.network.program`.
     points : ndarray, shape (n, 3), mesh units
     queries : int
 

@@ -1,4 +1,0 @@
-"""Everything that answers "distance and normal at these points".
-
-One module per family; `pandis.pipeline.fields.registry` opens any of them by name.
-"""

@@ -1,0 +1,172 @@
+"""Fields that every judgement must fail: what a verdict is tried on before it is believed.
+
+Neither is ever exported, chosen or configured. A judgement that passes one of them is blind, and
+ends its stage.
+"""
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.engine.bvh import Bvh
+from pandis.pipeline.geometry.distance import SURFACE_DISTANCE, MeshDistance
+from pandis.pipeline.geometry.measure import OF_RADIUS, too_thin
+from pandis.pipeline.geometry.places import THICKEST
+from pandis.pipeline.geometry.shares import JUDGED
+from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
+from pandis.pipeline.kinds.field import Field
+
+#: Share of the area on which a control has no force: four times what may be missing. Of the area
+#: judged for `control-gap`, of all area for `control-thin`; walls of less than the least share are
+#: too few for one.
+GAP, LEAST_WALLS = 0.02, 0.01
+#: Surface points that the radius is taken from below which the gap lies.
+_POOL = 20_000
+#: Radii that differ by less are the same: then the number of the face decides, then the place.
+_SAME_RADIUS = 1e-5
+
+
+class ControlZero(Field):
+    """No force anywhere: every place is out of contact."""
+
+    def __init__(self, exact):
+        super().__init__("control-zero", exact.frame, 0)
+
+    def answer(self, points):
+        """Answer a distance of 1 and an upward normal at points (n, 3); NaN where they are."""
+        distance = np.where(np.isfinite(points).all(axis=1), 1.0, np.nan)
+        normal = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+        return distance, np.where(np.isnan(distance)[:, None], np.nan, normal)
+
+
+class ControlGap(Field):
+    """The exact field, without force where the matter is thinnest.
+
+    Of the places that a filter lets through, those with the smallest inscribed radius at the
+    closest point of the surface; among equal radii the first by face and place in it, so that a
+    ball or a plate has a gap, too.
+
+    Parameters
+    ----------
+    name : str
+    exact : pandis.pipeline.kinds.exact.reference.ExactField
+    surface : pandis.pipeline.geometry.sampling.Surface
+    passes : callable
+        Tells from radii (n,), and from which of the places are walls (n,), which ones (n,) count.
+    of_all : bool
+        The gap is a share of all area, not of the places that count.
+
+    Attributes
+    ----------
+    counts : float
+        Share of the area that the filter lets through.
+    """
+
+    def __init__(self, name, exact, surface, passes, of_all=False):
+        super().__init__(name, exact.frame, exact.bytes)
+        self.engine, self.exact, self._passes = exact.engine, exact, passes
+        # a closed form has no faces: its tessellation's are asked
+        mesh = isinstance(self.engine, MeshDistance)
+        self._faces = None if mesh else Bvh(surface.corners.reshape(-1, 3), _every(surface))
+        feet, outward, _, _ = surface.draw(_POOL, np.random.default_rng(0))
+        radius = inscribed_radius(self.engine, feet, outward, THICKEST)
+        counts = self._count(radius, feet, outward)
+        keys = self._keys(radius, feet - SURFACE_DISTANCE * 10 * outward, feet)[counts]
+        keys = keys[np.lexsort(keys.T[::-1])]
+        self.counts = float(counts.mean())
+        last = int(GAP * (_POOL if of_all else len(keys)))
+        self._last = tuple(keys[min(last, len(keys) - 1)]) if len(keys) else None
+
+    def answer(self, points):
+        """Answer distance (n,), 0 in the gap, and normal (n, 3) at points (n, 3), unit frame."""
+        distance, normal = self.exact.answer(points)
+        inside = np.flatnonzero(distance < 0)
+        if self._last is None or not len(inside):
+            return distance, normal
+        feet = points[inside] - distance[inside, None] * normal[inside]
+        # a larger ball than that of the last place in the gap tells nothing more
+        most = min((self._last[0] + 1) * _SAME_RADIUS, THICKEST)
+        radius = inscribed_radius(self.engine, feet, normal[inside], most)
+        small = (radius < most) | (most == THICKEST)
+        inside, feet, radius = inside[small], feet[small], radius[small]
+        before = _before(self._keys(radius, points[inside], feet), self._last)
+        gap = before & self._count(radius, feet, normal[inside])
+        distance = distance.copy()
+        distance[inside[gap]] = 0.0
+        return distance, normal
+
+    def _count(self, radius, feet, outward):
+        """Tell which surface points (n,) count."""
+        return self._passes(radius, are_walls(self.engine, feet, outward, radius))
+
+    def _keys(self, radius, points, feet):
+        """Return what orders surface points (n, 4): radius, face, second and third weight."""
+        if self._faces is None:
+            labels = self.engine.label(points, ties=False, check=False)
+        else:
+            labels = self._faces.label(feet, SURFACE_DISTANCE, check=False)
+        step = np.rint(radius / _SAME_RADIUS)
+        return np.column_stack([step, labels.face, labels.barycentrics[:, 1:]])
+
+
+def controls(exact, surface, scale):
+    """Return the fields that every judgement of a mesh must fail.
+
+    ``control-zero`` has no force; ``control-gap`` has none on the thinnest two hundredths of the
+    area that is judged; ``control-thin`` none on the thinnest walls, two hundredths of all area:
+    so that what leaves thin places out has a control of its own. An object with walls on less than
+    a hundredth of its area has no ``control-thin``.
+
+    Parameters
+    ----------
+    exact : pandis.pipeline.kinds.exact.reference.ExactField
+    surface : pandis.pipeline.geometry.sampling.Surface
+    scale : pandis.base.physical.Scale
+    """
+
+    def is_wall(radius, wall):
+        return wall & ~too_thin(radius, wall, scale)
+
+    def is_judged(radius, wall):
+        return is_wall(radius, wall) | (OF_RADIUS * radius * scale.newtons >= JUDGED)
+
+    gap = ControlGap("control-gap", exact, surface, is_judged)
+    thin = ControlGap("control-thin", exact, surface, is_wall, of_all=True)
+    return [ControlZero(exact), gap, *([thin] if thin.counts >= LEAST_WALLS else [])]
+
+
+def demand_failure(judgement, passed):
+    """End a stage whose judgement is blind.
+
+    Parameters
+    ----------
+    judgement : str
+        What judged, as the subject of a sentence.
+    passed : iterable of str
+        Names of the controls that passed.
+
+    Raises
+    ------
+    PandisError
+        A control has passed.
+    """
+    passed = list(passed)
+    if passed:
+        raise PandisError(
+            f"{judgement} is blind on this mesh: it passes {' and '.join(passed)}, a field that "
+            "lacks the force on a part of the surface, so that it says nothing about other "
+            "fields either; this is a defect of pandis: please report it with the mesh"
+        )
+
+
+def _every(surface):
+    """Return faces (F, 3) over the corners of a surface, one after the other."""
+    return np.arange(3 * len(surface.faces), dtype=np.int32).reshape(-1, 3)
+
+
+def _before(keys, last):
+    """Tell which keys (n, 4) come before another, by their first column, then the next."""
+    before, equal = np.zeros(len(keys), bool), np.ones(len(keys), bool)
+    for column, value in zip(keys.T, last, strict=True):
+        before |= equal & (column < value)
+        equal &= column == value
+    return before

@@ -1,0 +1,135 @@
+"""The comparison that an export must pass before it is written."""
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.base.forces import penalty_force
+from pandis.base.frame import Frame
+
+POINTS = 100_000
+#: Bounds in the unit frame: force errors where the direction had at least a tenth of unit
+#: length, those of the normal where it had half of it; below, rounding turns it. The normal's is
+#: that of the direction before it was scaled, over whose length rounding turns a unit normal.
+DISTANCE, FORCE, NORMAL = 5e-6, 5e-6, 2e-5
+FORCE_LENGTH, NORMAL_LENGTH = 0.1, 0.5
+_UNIT = Frame((0.0, 0.0, 0.0), 1.0)
+
+
+def check_points(frame, seed=0):
+    """Return points (n, 3) in mesh units: three quarters in the box, the rest around it."""
+    rng = np.random.default_rng(seed)
+    unit = rng.uniform(-1, 1, (POINTS, 3))
+    unit[::4] *= 3
+    return frame.to_mesh(unit)
+
+
+def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
+    """Compare an exported model with its field.
+
+    Parameters
+    ----------
+    answer : callable
+        The exported model: distance and normal, float32, mesh units, at points in mesh units.
+    reference : callable
+        Answers (distance, normal, length) in the unit frame at points in the unit frame;
+        ``length`` (n,) is that of the direction before it was made a unit vector: ‖Ψ‖ of a
+        network.
+    frame : Frame
+    rounding : float
+        By how much more the force may differ: what a direction made from differences loses.
+    left_out : callable, optional
+        Tells at which points (n, 3) in mesh units nothing is compared.
+    double : callable, optional
+        Like the reference, in double precision: where rounding alone takes the reference farther
+        from it than half of a bound, the export may differ from the reference by twice as much.
+
+    Returns
+    -------
+    dict
+        Largest differences of distance, force and normal, unit frame; and of the
+        normal's length from 1.
+
+    Raises
+    ------
+    PandisError
+        They differ by more than the bounds, or something is not finite.
+    """
+    points = check_points(frame)
+    if left_out is not None:
+        points = points[~left_out(points)]
+    distance, normal = answer(points)
+    wanted = reference(frame.to_unit(points))
+    differences = _differences(distance.astype(np.float64) * frame.scale, normal, *wanted)
+    bounds = {"distance": DISTANCE, "force": FORCE * rounding, "normal": NORMAL, "length": 1e-5}
+    if double is not None and any(not differences[key] <= bounds[key] for key in bounds):
+        own = _differences(*wanted[:2], *double(frame.to_unit(points)))
+        bounds = {key: max(bound, 2 * own[key]) for key, bound in bounds.items()}
+    return _within(differences, bounds)
+
+
+def _differences(distance, normal, wanted_distance, wanted_normal, length):
+    """Return the largest differences between answers, unit frame, by what they are of."""
+    force, wanted = penalty_force(distance, normal), penalty_force(wanted_distance, wanted_normal)
+    force_off = np.linalg.norm(force - wanted, axis=1)
+    normal_off = np.linalg.norm(normal - wanted_normal, axis=1)
+    return {
+        "distance": float(np.abs(distance - wanted_distance).max()),
+        "force": float((force_off * (length >= FORCE_LENGTH)).max()),
+        "normal": float((normal_off * np.minimum(length, 1) * (length >= NORMAL_LENGTH)).max()),
+        "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),
+    }
+
+
+def check_nearest(field, engine, rounding):
+    """Check that answers lead to points of a surface than which none is nearer.
+
+    Directions are not compared: where faces are equally near, any of them may answer.
+
+    Parameters
+    ----------
+    field : pandis.pipeline.kinds.exported.ExportedField
+    engine : pandis.pipeline.geometry.distance.MeshDistance
+        Of the surface.
+    rounding : float
+        By how much a distance may be too large (unit frame).
+
+    Returns
+    -------
+    dict
+        Largest differences of the distance, and of the bounds of what is cut; of how many points
+        farther from the surface than rounding the side is not that of the winding number; how far
+        the points that answers lead to are from the surface; difference of the normal's length
+        from 1.
+
+    Raises
+    ------
+    PandisError
+        They are larger than rounding allows, or something is not finite.
+    """
+    points = check_points(_UNIT)
+    distance, normal, _ = field.query(points)
+    exact, _ = engine.distance_and_normal(points, check=False)
+    clear = field.clear(points)
+    cut = clear < np.abs(distance)  # outside of the box no flag tells
+    foot, _ = engine.distance_and_normal(points - distance[:, None] * normal, check=False)
+    far = np.abs(exact) > rounding
+    differences = {
+        "distance": float(np.abs(np.abs(distance) - np.abs(exact))[~cut].max()),
+        "side": float((engine.inside(points) != (distance < 0))[far].sum()),
+        # of what is cut the answer is not below the distance, and what is clear not above
+        "cut": float(np.maximum(clear - np.abs(exact), np.abs(exact) - np.abs(distance)).max()),
+        "foot": float(np.abs(foot).max()),
+        "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),
+    }
+    bounds = {"distance": rounding, "side": 0.0, "cut": rounding, "foot": 1e-9, "length": 1e-9}
+    return _within(differences, bounds)
+
+
+def _within(differences, bounds):
+    for key, bound in bounds.items():
+        if not differences[key] <= bound:  # NaN fails too
+            raise PandisError(
+                f"the exported model differs from its field: {key} by {differences[key]:.3g}, "
+                f"allowed is {bound:.3g}; this is a defect of the export: please report it"
+            )
+    return differences

@@ -1,0 +1,89 @@
+"""How far a field's distances can be trusted to keep a probe out of contact.
+
+A scene asks an object again only when the probe may touch it: a field at distance d cannot be
+touched before the probe has gone d, less the error of that distance. Measured against the exact
+distance.
+"""
+
+import numpy as np
+
+from pandis.pipeline.kinds.field import BOUND, OK
+
+#: Points in the box, and as many next to the surface outside.
+POINTS = 60_000
+#: Heights above the surface of the latter (unit frame), spread by logarithm.
+HEIGHTS = 1e-4, 0.5
+#: Sampling can miss the worst case: its result is multiplied by MORE, and ROUNDING is added.
+MORE, ROUNDING = 1.5, 1e-9
+#: Likewise for heights, by this factor; no point of the box is farther from a surface in it.
+LESS, _FARTHEST = 0.98, 4.0
+#: The worst points are starts of a search for worse ones nearby: how many, rounds, tries in each,
+#: and how far away they lie at first and how much nearer from round to round.
+_STARTS, _ROUNDS, _TRIES, _FAR, _NEARER = 64, 10, 12, 0.03, 0.6
+
+
+def clearance(answer, engine, seed=0):
+    """Measure where contacts of a field can be, and the error of its distance in free space.
+
+    Parameters
+    ----------
+    answer : callable
+        The field: distances (n,) and flags (n,) at points (n, 3), unit frame.
+    engine : pandis.pipeline.geometry.distance.MeshDistance or ShapeDistance
+
+    Returns
+    -------
+    ndarray, shape (9,)
+        Lowest and highest corner of the surface's box, two margins, and a height (unit frame). No
+        contact lies further outside of the surface than the first margin, or nearer to a point than
+        its distance less a margin: the first, or the second where the distance is flagged as a
+        bound. No surface is nearer than the height to a point of the box whose distance is flagged
+        as a bound and positive. All three are measured, not proved: at the points that were looked
+        at, and those that a search from the worst of them has found, with something to spare.
+    """
+    rng = np.random.default_rng(seed)
+    box = rng.uniform(-1, 1, (POINTS, 3))
+    far, direction = engine.distance_and_normal(box, check=False)
+    height = np.exp(rng.uniform(*np.log(HEIGHTS), POINTS))
+    near = box + (height - far)[:, None] * direction
+    near = near[(np.abs(near) <= 1).all(axis=1)]
+    exact = np.concatenate([far, engine.distance_and_normal(near, check=False)[0]])
+    distance, flag = answer(np.concatenate([box, near]))
+    every = np.concatenate([box, near])
+
+    def measure(points, known=None):
+        """Return by what each margin is passed at points, and how near bounds are: (n, 4)."""
+        exact, distance, flag = known or (
+            engine.distance_and_normal(points, check=False)[0],
+            *answer(points),
+        )
+        free = (exact > 0) & np.isfinite(distance)
+        off = [np.where(free & (flag == kind), distance - exact, 0.0) for kind in (OK, BOUND)]
+        bound = free & (flag == BOUND) & (distance > 0)
+        near = np.where(bound, _FARTHEST - exact, 0.0)
+        return np.column_stack([np.where(free & (distance < 0), exact, 0.0), *off, near])
+
+    excess = measure(every, (exact, distance, flag))
+    ghost, *over, near = (_worst(measure, every, column, index, rng)
+                          for index, column in enumerate(excess.T))  # fmt: skip
+    margins = (MORE * (ghost + most) + ROUNDING for most in over)
+    return np.array([*engine.bounds.ravel(), *margins, LESS * (_FARTHEST - near)])
+
+
+def _worst(measure, points, excess, index, rng):
+    """Return the largest excess of one margin: the worst of the points, and of those near them."""
+    first = np.argsort(-excess, kind="stable")[:_STARTS]
+    if not excess[first[0]] > 0:
+        return 0.0
+    best, value, reach = points[first], excess[first], _FAR
+    for _ in range(_ROUNDS):
+        tries = best[:, None] + rng.normal(0, reach, (len(best), _TRIES, 3))
+        tries = np.clip(tries, -1, 1)
+        reached = measure(tries.reshape(-1, 3))[:, index].reshape(len(best), _TRIES)
+        pick = reached.argmax(axis=1)
+        each = np.arange(len(best))
+        better = reached[each, pick] > value
+        best = np.where(better[:, None], tries[each, pick], best)
+        value = np.where(better, reached[each, pick], value)
+        reach *= _NEARER
+    return float(value.max())

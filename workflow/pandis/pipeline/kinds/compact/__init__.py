@@ -1,0 +1,1 @@
+"""The mesh with its vertices on a lattice."""

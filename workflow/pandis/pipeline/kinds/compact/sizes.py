@@ -1,0 +1,220 @@
+"""Compact meshes of which the user names the bytes, or the error, not bits and faces."""
+
+from functools import cached_property
+from itertools import chain
+from math import inf
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.geometry.measure import promise
+from pandis.pipeline.kinds.compact.build import (
+    bound_deviation,
+    compare_sides,
+    limit_queries,
+    pack_body,
+    size_of,
+    told,
+)
+from pandis.pipeline.kinds.compact.reference import CompactField
+from pandis.pipeline.kinds.sizing import Candidate
+from pandis.pipeline.mesh.tools import ToolError, call
+from pandis.pipeline.mesh.topology import EdgeTable
+from pandis.pipeline.run.ask.catalogue import COMPACT, COMPACT_BITS
+from pandis.pipeline.run.job.artifact import Artifact
+
+#: With so many bits rounding is far below what leaving out faces costs.
+ENOUGH_BITS = 14
+#: With fewer faces so many bits are tried first, then two more as long as that helps.
+_FEWEST_BITS = 12
+#: Bytes that are tried, from few to many, where an error is asked for.
+_BYTES = tuple(12_500 * 2**k for k in range(16))
+#: Simplifications in which the bytes that are asked for must be met.
+_ROUNDS = 6
+#: What one simplification may take.
+_LIMITS = {"seconds": 900.0, "memory_gb": 8.0}
+
+
+class Packer:
+    """Makes compact meshes of one body.
+
+    Parameters
+    ----------
+    body : pandis.pipeline.geometry.body.Body
+    points : pandis.pipeline.judge.errors.points.Points
+        Of that body: what its candidates are chosen by.
+    seed : int
+        Of the points at which sides are compared.
+    log : callable
+    """
+
+    def __init__(self, body, points, seed, log):
+        self.body, self.points, self.seed, self.log = body, points, seed, log
+        self._whole = {}
+
+    def within(self, budget):
+        """Return the `Candidate` of least error that fits into so many bytes; None if none does.
+
+        A budget of None takes what there is.
+
+        Where all faces fit with bits enough that is the one with the most bits whose sides are
+        right: very fine lattices keep sheets apart that single precision cannot tell apart.
+        Elsewhere it competes with meshes of fewer faces, which quadrics leave out where the
+        surface is flat.
+        """
+        budget = inf if budget is None else budget
+        most = self._most_bits(budget)
+        if most and most.field.record.bits >= ENOUGH_BITS:
+            fewer = range(most.field.record.bits - 1, ENOUGH_BITS - 1, -1)
+            packed = filter(None, map(self._packed, fewer))
+            tried = ((inf, self._candidate(*one)) for one in packed)
+            return self._first_sound(chain([(self._error(most), most)], tried))
+        tried = [(self._error(most), most)] if most else []
+        tried += self._climb(budget)
+        return self._first_sound(sorted(tried, key=lambda one: one[0]))
+
+    def _error(self, candidate):
+        return promise(candidate.force, self.points.choosing)[0]["mean"]
+
+    def _climb(self, budget):
+        """Return errors and candidates of fewer faces, with bits as long as more of them help."""
+        tried = []
+        for bits in range(_FEWEST_BITS, COMPACT_BITS[1] + 1, 2):
+            candidate = self._fewer_faces(bits, budget)
+            if candidate is None:
+                continue
+            tried.append((self._error(candidate), candidate))
+            if len(tried) > 1 and tried[-1][0] >= tried[-2][0]:
+                break
+        return tried
+
+    def _first_sound(self, tried):
+        """Return the first candidate whose sides are right; None if there is none."""
+        for error, candidate in tried:
+            record = bound_deviation(self.body, candidate.arrays, candidate.field.record)
+            known = f"; mean error of the force {error:.2g}" if error < inf else ""
+            self.log(f"{told(candidate.arrays, record)}{known}")
+            record = limit_queries(candidate.arrays, record)
+            try:
+                compare_sides(self.body, candidate.arrays, record, self.seed)
+            except PandisError as wrong:
+                self.log(f"turned down: {wrong}")
+                continue
+            return self._candidate(candidate.arrays, record)
+        return None
+
+    def _candidate(self, arrays, record):
+        attributes = record.attributes()
+        artifact = Artifact(
+            None, COMPACT, arrays, attributes | self.body.frame.attributes(), {}, ""
+        )
+        return Candidate(CompactField(f"{COMPACT}-auto", artifact), arrays, attributes)
+
+    def _packed(self, bits):
+        """Return arrays and record of all faces on a lattice of so many bits; None if none is."""
+        if bits not in self._whole:
+            try:
+                self._whole[bits] = pack_body(self.body, bits)
+            except PandisError:
+                self._whole[bits] = None
+        return self._whole[bits]
+
+    def _most_bits(self, budget):
+        """Return the candidate of all faces with the most bits that fit; None if none do."""
+        low, high = COMPACT_BITS[0] - 1, COMPACT_BITS[1]
+        while low < high:  # more bits take more bytes
+            bits = (low + high + 1) // 2
+            packed = self._packed(bits)
+            if packed is None or size_of(packed[0]) <= budget:
+                low = bits
+            else:
+                high = bits - 1
+        packed = self._packed(low) if low >= COMPACT_BITS[0] else None
+        return self._candidate(*packed) if packed else None
+
+    def _fewer_faces(self, bits, budget):
+        """Return a candidate of as many faces as fit with so many bits; None if there is none."""
+        packed, surface = self._packed(bits), (self.body.corners, self.body.faces)
+        for rounds in range(_ROUNDS + 1):
+            if packed is None:
+                return None
+            size = size_of(packed[0])
+            if size <= budget:
+                return self._candidate(*packed)
+            if rounds == _ROUNDS:
+                return None
+            # fewer faces are larger, and need bits more each
+            count = int(0.995 * len(surface[1]) * budget / size)
+            try:
+                surface = call("simplify", *surface, count=count, **_LIMITS)
+                if not EdgeTable(surface[1]).balanced:
+                    self.log(f"simplified to {len(surface[1]):,} faces it is not closed any more")
+                    return None
+                packed = pack_body(self.body, bits, surface)
+            except (ToolError, PandisError) as error:
+                self.log(f"simplified to {count:,} faces: {error}")
+                return None
+
+
+class CompactSizing:
+    """Searches bits and faces of a compact mesh, for `compact-auto`.
+
+    Parameters
+    ----------
+    body : pandis.pipeline.geometry.body.Body
+    points : pandis.pipeline.judge.errors.points.Points
+    options : pandis.pipeline.run.ask.tasks.BakeCompactAutoTask
+    log : callable
+    """
+
+    def __init__(self, body, points, options, log):
+        self.body, self.points, self.options, self.log = body, points, options, log
+        self.packer = Packer(body, points, options.seed, log)
+
+    @cached_property
+    def _limits(self):
+        return self.points.limits(self.options)
+
+    def find(self):
+        """Return arrays and attributes of the compact mesh; ``sizing`` says what was tried.
+
+        Raises
+        ------
+        PandisError
+            Nothing fits into the bytes, or meets the error.
+        """
+        tried = []
+        budgets = _BYTES if self.options.bytes is None else [self.options.bytes]
+        for budget in budgets:
+            candidate = self.packer.within(budget)
+            if candidate is None:
+                continue
+            asked = self._limits if self.options.bytes is None else None
+            measured = self.points.measure(candidate.force, asked)
+            tried.append((size_of(candidate.arrays), measured))
+            self.log(f"compact-auto: {self.points.told(measured.figures)}")
+            if not measured.why:
+                return candidate.arrays, candidate.attributes | {"sizing": self._sizing(tried)}
+            record = candidate.field.record
+            if record.bits == COMPACT_BITS[1] and record.faces == len(self.body.faces):
+                break  # nothing is nearer than all faces with all bits
+        raise PandisError(self._refusal(tried))
+
+    def _sizing(self, tried):
+        figures = tried[-1][1].figures
+        return {
+            "asked": self.options.model_dump(include={"force_error", "tail", "missed", "bytes"}),
+            "tried": [{"size": size, "force_error": one.figures["mean"]} for size, one in tried],
+            "held_out_error": figures["mean"],
+            "held_out": figures,
+        }
+
+    def _refusal(self, tried):
+        what = "compact-auto (bake.auto.compact)"
+        if not tried:
+            asked = self.options.bytes
+            fits = f" that fits into {asked:,} bytes" if asked else ""
+            return f"{what}: no compact mesh{fits} has every point on its right side"
+        size, best = min(tried, key=lambda one: one[1].excess)
+        return (
+            f"{what}: no compact mesh meets {self.points.told_limits(self._limits)}; the nearest, "
+            f"{size:,} bytes, {best.why}: ask for less"
+        )

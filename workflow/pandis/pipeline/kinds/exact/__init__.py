@@ -1,0 +1,1 @@
+"""The mesh itself, or its closed form."""

@@ -1,0 +1,1 @@
+"""Values at the nodes of a regular grid."""

@@ -1,0 +1,119 @@
+"""Networks of which the user names what they should achieve, not how large they are."""
+
+from typing import NamedTuple
+
+from pandis.base.errors import PandisError
+from pandis.pipeline.kinds.network.training.trainer import Trainer
+
+#: Widths that are tried, from fast to slow; bytes grow with their square.
+WIDTHS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
+
+
+class Tried(NamedTuple):
+    """A network of so many units per layer: its bytes, its error, why it was not taken."""
+
+    size: int
+    bytes: int
+    force_error: float
+    excess: float
+    why: str
+
+
+def train(task, samples, strata, points, checkpoint, progress, log):
+    """Train one network, or the smallest that meets the error that is asked for.
+
+    Without ``force_error`` in the recipe it is one run.
+
+    Parameters
+    ----------
+    task : pandis.pipeline.run.ask.tasks.TrainTask
+    samples, strata, checkpoint, log
+        See `pandis.pipeline.kinds.network.training.trainer.Trainer`.
+    points : pandis.pipeline.judge.errors.points.Points
+        What the error that is asked for is measured on.
+    progress : callable
+        Makes a `pandis.pipeline.run.job.stage.Progress`.
+
+    Returns
+    -------
+    arrays, attributes : dict
+        As stored in ``model-….zarr.zip``, except the frame.
+    finish : callable
+        Removes the checkpoints; to be called once the artifact is written.
+
+    Raises
+    ------
+    PandisError
+        No network meets the error, or a run diverged again and again.
+    """
+    if task.recipe.loss == "paper" or task.recipe.force_error is None:
+        trainer = Trainer(task, samples, strata, checkpoint, log)
+        return *trainer.run(progress), trainer.finish
+    recipe = task.recipe
+    limits = points.limits(recipe)
+    network, tried, finish = narrowest(
+        task, widths_up_to(recipe.width), samples, strata, checkpoint, progress, log,
+        lambda trainer, arrays, attributes: points.measure(trainer.force_at, limits),
+    )  # fmt: skip
+    if network is None:
+        finish()
+        best = min(tried, key=lambda one: one.excess)
+        raise PandisError(
+            f"train.{task.name}: no network meets {points.told_limits(limits)}; of "
+            f"{len(tried)}, up to {recipe.width} units per layer, the nearest, of "
+            f"{best.size}, {best.why}: ask for less, or give more steps or width"
+        )
+    arrays, attributes, measured = network
+    sizing = {
+        "asked": recipe.model_dump(include={"force_error", "tail", "missed"}),
+        "tried": [one._asdict() for one in tried],
+        "held_out_error": measured.figures["mean"],
+        "held_out": measured.figures,
+    }
+    return arrays, attributes | {"sizing": sizing}, finish
+
+
+def widths_up_to(width):
+    """Return the widths that are tried, the last of them the one given."""
+    return [w for w in WIDTHS if w < width] + [width]
+
+
+def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
+    """Train networks, from the narrowest on, until one is taken.
+
+    Each has the whole budget of steps: all before the one that is taken cost together about as
+    much as that one does.
+
+    Parameters
+    ----------
+    task, samples, strata, checkpoint, progress, log
+        As for `train`.
+    widths : list of int
+    judge : callable
+        Returns a `pandis.pipeline.judge.errors.points.Measured` for trainer, arrays and
+        attributes: taken if its ``why`` is empty.
+
+    Returns
+    -------
+    network : tuple (arrays, attributes, measured), or None
+        What was taken.
+    tried : list of Tried
+    finish : callable
+        Removes the checkpoints of all.
+    """
+    tried, finish = [], lambda: None
+    for width in widths:
+        state = checkpoint.with_name(f"{checkpoint.stem}.{width}.pt")
+        recipe = task.recipe.model_copy(update={"width": width})
+        trainer = Trainer(task.model_copy(update={"recipe": recipe}), samples, strata, state, log)
+        arrays, attributes = trainer.run(progress)
+        trainer.keep()
+        finish = trainer.finish
+        measured = judge(trainer, arrays, attributes)
+        size = sum(arrays[key].nbytes for key in arrays if key != "curve")
+        error = measured.figures["mean"]
+        tried.append(Tried(width, size, error, measured.excess, measured.why))
+        log(f"network of {width} units per layer: {measured.why or 'meets what is asked'}")
+        if not measured.why:
+            return (arrays, attributes, measured), tried, finish
+    return None, tried, finish

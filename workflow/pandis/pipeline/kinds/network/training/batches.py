@@ -1,0 +1,151 @@
+"""What a network is shown at a step: it depends on the seed and the step's number alone."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import torch
+
+from pandis.base.streams import BOX, ORDER, generator
+from pandis.pipeline.run.records.samples import SamplesRecord
+
+#: Points drawn at once, to be shown once.
+FRESH = 1 << 18
+#: Blocks that are made while a GPU uses one: it is faster than any one of them is made.
+AHEAD = 5
+
+
+class Batches:
+    """Cuts blocks of rows into batches.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the rows of a block, ndarray (at least ``per_block * size``, c), by its number.
+    size : int
+        Rows of a batch.
+    per_block : int
+        Batches of a block.
+    device : str
+        Where the batches shall lie. For a GPU the next blocks are made while one is in use.
+    """
+
+    def __init__(self, make, size, per_block, device):
+        self.size, self.per_block, self.device = size, per_block, device
+        self._make, self._number, self._rows = make, None, None
+        self._pool = ThreadPoolExecutor(AHEAD) if device == "cuda" else None
+        self._ahead = {}
+
+    def batch(self, step):
+        """Return the rows (size, c) of a step, float32."""
+        number, position = divmod(step, self.per_block)
+        if number != self._number:
+            self._number, self._rows = number, self._load(number)
+        return self._rows[position * self.size : (position + 1) * self.size]
+
+    def _load(self, number):
+        if self._pool is None:
+            return torch.from_numpy(self._make(number))
+        kept, following = self._ahead, range(number + 1, number + 1 + AHEAD)
+        # alone at first: of many that are begun at once none is ready soon
+        rows = kept[number].result() if number in kept else self._pinned(number)
+        self._ahead = {k: kept.get(k) or self._pool.submit(self._pinned, k) for k in following}
+        return rows.to(self.device, non_blocking=True)
+
+    def _pinned(self, number):
+        return torch.from_numpy(self._make(number)).pin_memory()
+
+
+def surface_batches(places, base, size, seed, device):
+    """Return the batches of the paper's recipe: an epoch is a block.
+
+    A row is a point of the surface, distance and normal there, and a point of the box; with a
+    base, what it says at the one and the other, value and gradient.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n, 7), float32
+        From `area_points` or `vertex_points`.
+    base : pandis.pipeline.kinds.network.base.BaseSpline or None
+    """
+    size = min(size, len(places))
+    per_block = len(places) // size
+
+    def make(epoch):
+        order = generator(seed, ORDER, epoch).permutation(len(places))
+        rows = places[order[: per_block * size]]
+        rng = generator(seed, BOX, epoch)
+        box = rng.random((len(rows), 3), dtype=np.float32) * 2 - 1
+        here = with_base(rows, base)[:, rows.shape[1] :]
+        there = with_base(box, base)[:, box.shape[1] :]
+        return np.concatenate([rows, box, here, there], axis=1)
+
+    return Batches(make, size, per_block, device)
+
+
+def area_points(samples):
+    """Return the stored points of the surface, distance and normal (n, 7): even by area."""
+    low, high = SamplesRecord.of(samples).strata["surface"]
+    columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
+    return np.column_stack(columns).astype(np.float32)
+
+
+def vertex_points(surface, engine):
+    """Return the vertices, their distance, zero, and their normals (n, 7), float32.
+
+    The normal of a mesh's vertex is that of its faces, weighted by their angles there (Thürmer
+    and Wüthrich 1998); the vertices of a closed form's tessellation lie on it.
+    """
+    points = surface.vertices
+    normal = engine.distance_and_normal(points)[1]
+    return np.column_stack([points, np.zeros(len(points)), normal]).astype(np.float32)
+
+
+def fresh_batches(strata, base, size, seed, device):
+    """Return batches of points that are drawn and labelled for them, and shown once.
+
+    A label costs a thirtieth of what learning from it does, and a network that sees the
+    same points again learns them by heart: docs/training.md.
+
+    Parameters
+    ----------
+    strata : pandis.pipeline.geometry.strata.Strata
+    base : pandis.pipeline.kinds.network.base.BaseSpline or None
+        See `with_base`.
+    """
+    per_block = max(1, FRESH // size)
+
+    def make(block):
+        rows = strata.fresh(block, per_block * size + 16)  # rounding may take a few away
+        order = generator(seed, ORDER, block).permutation(len(rows))
+        return np.take(with_base(rows, base), order, axis=0)
+
+    return Batches(make, size, per_block, device)
+
+
+def with_base(rows, base):
+    """Append to rows, points first, what the base says there, value and gradient: four columns.
+
+    It is no part of what is learnt, so that it need be known at the points of a batch alone.
+    """
+    if base is None:
+        return rows
+    value, gradient = base.evaluate(rows[:, :3].astype(np.float64))
+    return np.column_stack([rows, value, gradient]).astype(np.float32)
+
+
+def answer(output, gradient, rows):
+    """Return Φ (n,) and the direction (n, 3), not yet of unit length.
+
+    Parameters
+    ----------
+    output : Tensor, shape (n, 4) or (n, 1)
+    gradient : Tensor, shape (n, 3), or None
+        What the network says at the points of the rows; without a gradient the direction is
+        what it puts out.
+    rows : Tensor, shape (n, 7) or (n, 11)
+        Of `fresh_batches`: the latter with a base.
+    """
+    direction = output[:, 1:] if gradient is None else gradient
+    if rows.shape[1] == 7:
+        return output[:, 0], direction
+    return output[:, 0] + rows[:, 7], direction + rows[:, 8:]

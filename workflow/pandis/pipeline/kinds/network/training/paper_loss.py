@@ -1,0 +1,99 @@
+"""The paper's loss. Each of its seven terms is one function; means are over the points given.
+
+Four of the terms hold on the surface or off it only. SIREN's code sets them to zero at the
+other points and averages over the whole batch; the paper does not say. Both can be chosen.
+
+Readings where the print cannot be meant (see ``docs/architecture.md``): inner
+products are cosines, for raw products are unbounded below; ‖·‖ − 1 has an
+absolute value, for without it a vanishing Ψ is rewarded.
+"""
+
+import torch
+
+from pandis.pipeline.kinds.network.training.tensors import (
+    Loss,
+    OffOutputs,
+    OffVectors,
+    Outputs,
+    Vectors,
+)
+from pandis.pipeline.kinds.network.training.vectors import cosine, length
+
+
+def eikonal(gradient):
+    """Eq. 3, term 1: | ‖∇Φ‖ − 1 |."""
+    return (length(gradient) - 1).abs().mean()
+
+
+def normal_alignment(gradient, normal):
+    """Eq. 3, term 2, on the surface: 1 − cos(∇Φ, n)."""
+    return (1 - cosine(gradient, normal)).mean()
+
+
+def surface(phi):
+    """Eq. 3, term 3, on the surface: |Φ|."""
+    return phi.abs().mean()
+
+
+def off_surface(phi, alpha):
+    """Eq. 3, term 4, off the surface: exp(−a |Φ|)."""
+    # 80 is where the result stops mattering (1e-35) and before float32 turns subnormal
+    return torch.exp(-(alpha * phi.abs()).clamp(max=80.0)).mean()
+
+
+def unit_length(psi):
+    """Eq. 4, term 1: | ‖Ψ‖ − 1 |."""
+    return (length(psi) - 1).abs().mean()
+
+
+def psi_on_surface(psi, normal):
+    """Eq. 4, term 2, on the surface: 1 − cos(Ψ, n)."""
+    return (1 - cosine(psi, normal)).mean()
+
+
+def psi_off_surface(psi, gradient):
+    """Eq. 4, term 3, off the surface: 1 − cos(Ψ, ∇Φ)."""
+    return (1 - cosine(psi, gradient)).mean()
+
+
+def paper_loss(
+    on: Outputs,
+    on_gradient: Vectors,
+    off: OffOutputs,
+    off_gradient: OffVectors,
+    normal: Vectors,
+    options,
+) -> Loss:
+    """Return the paper's total loss, Eq. 5, with its seven weights.
+
+    Parameters
+    ----------
+    on, off : Tensor, shape (n, 4) or (n, 1)
+        (Φ, Ψ) on the surface and in the box; of Φ alone only the terms of Eq. 3 count.
+    on_gradient, off_gradient : Tensor, shape (n, 3)
+        ∇Φ there.
+    normal : Tensor, shape (n, 3)
+        The mesh's normal at the surface points.
+    options : pandis.pipeline.run.ask.recipes.PaperRecipe
+        ``weights``, ``alpha``, ``stop_gradient``, ``weighting`` of
+        `pandis.pipeline.run.ask.recipes.PaperRecipe`.
+    """
+    here, there = 1.0, 1.0
+    if options.weighting == "batch":
+        here, there = len(on) / (len(on) + len(off)), len(off) / (len(on) + len(off))
+    gradient = torch.cat([on_gradient, off_gradient])
+    terms = [
+        eikonal(gradient),
+        here * normal_alignment(on_gradient, normal),
+        here * surface(on[:, 0]),
+        there * off_surface(off[:, 0], options.alpha),
+    ]
+    if on.shape[1] > 1:
+        target = off_gradient.detach() if options.stop_gradient else off_gradient
+        terms += [
+            unit_length(torch.cat([on[:, 1:], off[:, 1:]])),
+            here * psi_on_surface(on[:, 1:], normal),
+            there * psi_off_surface(off[:, 1:], target),
+        ]
+    weights = options.weights[: len(terms)]
+    return sum(weight * term for weight, term in zip(weights, terms, strict=True))

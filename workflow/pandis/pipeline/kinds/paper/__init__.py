@@ -1,0 +1,1 @@
+"""Other methods that the paper compares with."""

@@ -1,0 +1,1 @@
+"""Banded, refined, quantised tricubic splines."""
