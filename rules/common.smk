@@ -13,7 +13,7 @@ except ModuleNotFoundError as error:
         "the library pandis lies beside its Snakefile, and this one was fetched without it: clone "
         "the repository (git submodule add) and name the Snakefile of the clone by its path"
     ) from None
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, MESH_NAME
+from pandis.pipeline.run.ask.catalogue import MESH_NAME
 from pandis.pipeline.run.plan.plan import open_plan
 
 # the library of this file's own repository: another workflow may have taken it in as a module
@@ -38,10 +38,7 @@ wildcard_constraints:
     mesh="|".join([*plan.meshes, *plan.refused]),
     scene="|".join(plan.scenes) or "no-scene",
     recipe="|".join(plan.recipes) or "no-recipe",
-    field=rf"({'|'.join(GRID_FIELDS)})-(\d+|auto)",
-    name=MESH_NAME,
-    kind="|".join(GRID_FIELDS),
-    content="|".join(sorted(set(GRID_FIELDS.values()) - {"spline"})),
-    size=r"\d+",
-    bits=r"\d+",
+    artifact="|".join(plan.baked) or "no-artifact",
+    field=MESH_NAME,
+    ending="onnx|pt2",
     extension=r"[A-Za-z0-9.]+",

@@ -1,53 +1,29 @@
-rule export_network:
+rule export_graph:
     input:
-        model="<results>/{mesh}/model-{recipe}.zarr.zip",
+        artifact=plan.field_artifact,
     output:
-        "<results>/{mesh}/export/{recipe}.onnx",
-        "<results>/{mesh}/export/{recipe}.pt2",
+        "<results>/{mesh}/export/{field}.{ending}",
     log:
-        "<results>/logs/{mesh}/export-{recipe}.log",
+        "<results>/logs/{mesh}/export-{field}-{ending}.log",
     benchmark:
-        "<results>/benchmarks/{mesh}/export-{recipe}.jsonl"
+        "<results>/benchmarks/{mesh}/export-{field}-{ending}.jsonl"
     conda:
         "../workflow/envs/exports.yaml"
     resources:
         mem_mb=5000,
         runtime=15,
     params:
-        options=plan.options("export_network"),
-        code=plan.code("export_network"),
+        options=plan.options("export_graph"),
+        code=plan.code("export_graph"),
     message:
-        "{wildcards.mesh}: export {wildcards.recipe}, compare it with PyTorch"
+        "{wildcards.mesh}: export {wildcards.field} as {wildcards.ending} and compare it"
     script:
-        "../scripts/export_network.py"
-
-
-rule export_grid:
-    input:
-        grid=plan.grid_artifact,
-    output:
-        "<results>/{mesh}/export/{field}.onnx",
-    log:
-        "<results>/logs/{mesh}/export-{field}.log",
-    benchmark:
-        "<results>/benchmarks/{mesh}/export-{field}.jsonl"
-    conda:
-        "../workflow/envs/exports.yaml"
-    resources:
-        mem_mb=4000,
-        runtime=15,
-    params:
-        options=plan.options("export_grid"),
-        code=plan.code("export_grid"),
-    message:
-        "{wildcards.mesh}: export {wildcards.field} and compare it with the library"
-    script:
-        "../scripts/export_grid.py"
+        "../scripts/export_graph.py"
 
 
 rule export_vti:
     input:
-        grid=plan.grid_artifact,
+        artifact=plan.field_artifact,
     output:
         "<results>/{mesh}/export/{field}.vti",
     log:
@@ -186,14 +162,14 @@ rule export_vdb:
 
 rule export_native:
     input:
-        held=plan.native_artifact,
+        artifact=plan.field_artifact,
         mesh="<results>/{mesh}/mesh.zarr.zip",
     output:
-        "<results>/{mesh}/export/{name}.pandis",
+        "<results>/{mesh}/export/{field}.pandis",
     log:
-        "<results>/logs/{mesh}/export-{name}-native.log",
+        "<results>/logs/{mesh}/export-{field}-native.log",
     benchmark:
-        "<results>/benchmarks/{mesh}/export-{name}-native.jsonl"
+        "<results>/benchmarks/{mesh}/export-{field}-native.jsonl"
     conda:
         "../workflow/envs/exports.yaml"
     resources:
@@ -203,6 +179,6 @@ rule export_native:
         options=plan.options("export_native"),
         code=plan.code("export_native"),
     message:
-        "{wildcards.mesh}: export {wildcards.name} for pandis.h and compare it with the library"
+        "{wildcards.mesh}: export {wildcards.field} for pandis.h and compare it with the library"
     script:
         "../scripts/export_native.py"

@@ -1,14 +1,10 @@
-"""Fill one grid. Reads mesh.zarr.zip, writes grid-{content}-{size}.zarr.zip."""
+"""Build what a field is answered from. Reads mesh.zarr.zip, writes {artifact}.zarr.zip."""
 
-from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.grid.build import DenseGrid
-from pandis.pipeline.run.ask.tasks import BakeTask
+from pandis.pipeline.run.ask.kind import SearchTask
+from pandis.pipeline.run.ask.kinds import build_task, kind_module
 from pandis.pipeline.run.job.stage import stage
 
-with stage(snakemake, BakeTask) as job:
-    mesh = job.read("mesh", "mesh")
-    body, task = Body.open(mesh), job.options
-    grid = DenseGrid(body.distance, task.content, task.size, task.band, job.progress)
-    attributes = grid.attributes() | body.frame.attributes()
-    slabs = ({"values": slab} for slab in grid.slabs(task.chunk))
-    job.write_pieces("grid", {"values": grid.column(task.chunk)}, slabs, attributes)
+with stage(snakemake, build_task) as job:
+    kind, searched = job.options.kind, isinstance(job.options, SearchTask)
+    module = kind_module(kind, "search") if searched else kind_module(kind, "build")
+    module.build(job)

@@ -2,8 +2,8 @@
 
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.judge.choice import Chooser
-from pandis.pipeline.judge.errors.points import Points
 from pandis.pipeline.run.ask.tasks import ChooseTask
 from pandis.pipeline.run.job.stage import stage
 from pandis.pipeline.run.plan.query_times import QueryTimes

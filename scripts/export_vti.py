@@ -5,5 +5,5 @@ from pandis.pipeline.run.ask.tasks import ExportTask
 from pandis.pipeline.run.job.stage import stage
 
 with stage(snakemake, ExportTask) as job:
-    grid = job.read("grid", "grid")
+    grid = job.read("artifact", "grid")
     job.write_file(export_vti(job.options.field, grid, job.provenance()))

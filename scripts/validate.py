@@ -5,7 +5,7 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.servo.passes import Oracle
 from pandis.pipeline.judge.servo.validation import validate_exports
 from pandis.pipeline.judge.servo.walls import open_walls
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.run.ask.tasks import ValidateTask
 from pandis.pipeline.run.job.stage import stage
 

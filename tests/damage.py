@@ -11,8 +11,7 @@ import numpy as np
 
 from pandis.pipeline.geometry.places import THICKEST
 from pandis.pipeline.geometry.thickness import inscribed_radius
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.field import Field, normalise
+from pandis.pipeline.kinds.field import ExactField, Field, normalise
 
 #: Surface points that shares of area are counted on.
 POOL = 20_000

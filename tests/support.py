@@ -11,6 +11,9 @@ import numpy as np
 import yaml
 
 from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.kinds.opening import open_field
+from pandis.pipeline.run.ask.catalogue import KIND_OF
+from pandis.pipeline.run.ask.kind import FieldSpec
 from pandis.pipeline.run.job.artifact import Artifact
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -157,3 +160,8 @@ def sample(surface, engine, options, seed, progress):
     """Return the arrays and attributes of a samples artifact."""
     strata = Strata(surface, engine, options, seed)
     return strata.arrays(progress), strata.attributes()
+
+
+def open_as(form, artifact, name=None):
+    """Open a field of a form from its artifact, whatever its size."""
+    return open_field(FieldSpec(name or form, KIND_OF[form].name, form, ""), artifact)

@@ -3,7 +3,8 @@
 import re
 from pathlib import Path
 
-from pandis.pipeline.run.job.provenance import DISTRIBUTIONS, ON_GPUS, CodeDigests
+from pandis.pipeline.run.ask.kinds import KINDS
+from pandis.pipeline.run.job.provenance import DISTRIBUTIONS, CodeDigests, Needs
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVS = ROOT / "workflow" / "envs"
@@ -11,6 +12,8 @@ ENVS = ROOT / "workflow" / "envs"
 _ALWAYS = {"pydantic", "jaxtyping"}
 #: Stages that train, on a GPU if they are told to.
 _TRAIN = {"train", "choose"}
+#: Kinds that are trained: `train` builds these, and `bake` all others.
+_TRAINED = ("network",)
 
 
 def environments():
@@ -18,14 +21,20 @@ def environments():
     digests, pins, texts = CodeDigests(ROOT / "workflow"), _pins(), {}
     for rules in sorted((ROOT / "rules").glob("*.smk")):
         names = re.findall(r'"\.\./scripts/(\w+)\.py"', rules.read_text(encoding="utf-8"))
-        unused = {name: () if name in _TRAIN else ON_GPUS for name in names}
-        keys = {key for name in names for key in digests.modules(name, unused[name])}
+        keys = {key for name in names for key in digests.modules(name, _needs(name))}
         packages = {key.removeprefix("package ") for key in keys if key.startswith("package ")}
         packages |= _ALWAYS
         wanted = sorted(pins[_key(DISTRIBUTIONS.get(name, name))] for name in packages)
         if names:
             texts[ENVS / f"{rules.stem}.yaml"] = _text(rules.name, wanted)
     return texts
+
+
+def _needs(stage):
+    kinds = tuple(kind for kind in KINDS if kind not in _TRAINED)
+    kinds = {"bake": kinds, "train": _TRAINED}.get(stage, tuple(KINDS))
+    unused = () if stage in _TRAIN else KINDS["network"].unused({})
+    return Needs(kinds, tuple(unused))
 
 
 def _pins():

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import tables
 from environments import environments
-from pandis.pipeline.run.ask import config, contacts, options, recipes
+from pandis.pipeline.run.ask import config, contacts, options, recipes, targets
 from pandis.pipeline.run.job.machine import describe
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -73,12 +73,12 @@ PARTS = (
 END = "<!-- end of generated -->"
 
 _SECTIONS = {
-    "device": options.DeviceOptions,
+    "device": targets.DeviceOptions,
     "mesh": options.MeshOptions,
     "samples": options.SampleOptions,
     "train.{recipe}, loss: exact": recipes.ExactRecipe,
     "train.{recipe}, loss: paper": recipes.PaperRecipe,
-    "budget": options.BudgetOptions,
+    "budget": targets.BudgetOptions,
     "bake": options.BakeOptions,
     "export": options.ExportOptions,
     "trajectory": options.TrajectoryOptions,

@@ -111,9 +111,9 @@ _SPHERE = {
     "kim-ray-100": (0.23, ""),
     "kim-cell-100": (33, ""),
     "kim-algebraic-100": (95, ""),
-    "support-planes-only": (7.3, "0.296"),
+    "support-planes-only": (7.3, ""),
     "support-planes-distance": (5.4, ""),
-    "support-planes": (0.27, ""),
+    "support-planes": (0.27, "0.296"),
     "pandis": ("", "0.162"),
 }
 

@@ -9,13 +9,15 @@ import numpy as np
 
 from pandis.base.frame import Frame
 from pandis.pipeline.kinds.clearance import clearance
-from pandis.pipeline.kinds.compact.build import file_parts, pack_body
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.grid.build import DenseGrid
-from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.compact.file import file_parts
+from pandis.pipeline.kinds.compact.packing import pack_body
+from pandis.pipeline.kinds.field import ExactField
+from pandis.pipeline.kinds.grid.dense import DenseGrid
+from pandis.pipeline.kinds.grid.spec import CONTENTS
 from pandis.pipeline.kinds.native import native_bytes
-from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.kinds.opening import open_field
+from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
+from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import COMPACT, NativeField
@@ -48,7 +50,7 @@ def file_of(body, name):
     engine = body.distance
     if name == "exact":
         field = ExactField("exact", body)
-        return native_bytes(field, "exact", {}, safe=_safe(field, engine))
+        return native_bytes(field, {}, safe=_safe(field, engine))
     kind, size = re.fullmatch(r"(.*)-(\d+)K?", name).groups()
     if kind == "compact":
         return pack(COMPACT, UNIT, *file_parts(*pack_body(body, int(size))), {}, 3)
@@ -58,12 +60,12 @@ def file_of(body, name):
         budget = 1000 * int(size)
         fit = SplineFit(engine, body.surface, BAND, 0, samples_for(budget=budget))
         made = fit.build(fit.choose_size(budget), budget, silent_progress)
-        field, rule = _opened("spline-auto", *made), "spline"
+        field = _opened("spline-auto", *made)
     else:
-        grid = DenseGrid(engine, GRID_FIELDS[kind], int(size), WIDE, silent_progress)
+        grid = DenseGrid(engine, CONTENTS[kind], int(size), WIDE, silent_progress)
         values = np.concatenate(list(grid.slabs(32)))
-        field, rule = _opened(name, {"values": values}, grid.attributes()), kind
-    return native_bytes(field, rule, {}, safe=_safe(field, engine))
+        field = _opened(name, {"values": values}, grid.attributes())
+    return native_bytes(field, {}, safe=_safe(field, engine))
 
 
 def _network_of(body, steps):

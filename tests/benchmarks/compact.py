@@ -22,9 +22,9 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
 from pandis.pipeline.geometry.sampling import probes
 from pandis.pipeline.geometry.trajectories import trace
-from pandis.pipeline.kinds.compact.build import build_compact, file_parts
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.field import CUT
+from pandis.pipeline.kinds.compact.file import file_parts
+from pandis.pipeline.kinds.compact.packing import build_compact
+from pandis.pipeline.kinds.field import CUT, ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.job.stage import silent_progress
@@ -75,7 +75,7 @@ def main(count):
         options = TrajectoryOptions()
         path, _ = trace(body.surface, body.distance, options, 1, silent_progress)
         box = np.random.default_rng(2).uniform(-1, 1, (2000, 3))
-        exact = NativeField(native_bytes(ExactField("exact", body), "exact", {}))
+        exact = NativeField(native_bytes(ExactField("exact", body), {}))
         for bits in BITS:
             start = time.perf_counter()
             arrays, record = build_compact(body, bits, 0, lambda text: None)

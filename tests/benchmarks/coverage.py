@@ -1,15 +1,14 @@
-"""Say which branches of the C code the tests take, by gcov.
+"""Say which branches of the C code the tests take, by clang's own counters.
 
 Usage: .venv/bin/python tests/benchmarks/coverage.py [TEST…]
-Every C file is compiled with gcov's counters, in a cache of its own, and what ran is summed up over
-all that was compiled of a file. Printed are the share of branches taken in pandis.h, the contacts,
-the guard and the client, and the lines with branches that were not, with the reason where one is
-known. Nothing is inlined, and copies of a function for several processors count as one. Processes
-that raise a signal count before; those that are killed count nothing. Without TEST it is
-tests/native, and what else asks fields.
+Needs Debian's clang and llvm. Every C file is compiled with counters for each condition of the
+source, in a cache of its own, and what ran is summed up over all that was compiled of a file, with
+copies for several processors and inlined ones. Printed are the share of outcomes taken in pandis.h,
+the contacts, the guard and the client, and the lines with conditions that were never true or never
+false, with the reason where one is known. Processes that raise a signal count before; those that
+are killed count nothing. Without TEST it is tests/native, and what else asks fields.
 """
 
-import gzip
 import json
 import os
 import shutil
@@ -24,17 +23,23 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "workflow" / "pandis"
 LIBRARY = ("test_compact", "test_spline", "test_fields_and_export", "test_stress_proxy")
 TESTS = ("tests/native", *(f"tests/library/{name}.py" for name in LIBRARY))
-#: Written for gcc; the name of a library's counters is that of its process.
+#: Stands for the compiler. What it links is put by, for tests remove theirs.
 COMPILER = """#!/bin/sh
 case " $* " in
-*" -c "*) ;;
-*) set -- "$@" "{raising}" -Wl,--wrap=raise ;;
+*" -c "*|*" -E "*|*" -dM "*|*" --version "*) exec {clang} "$@" {flags} ;;
 esac
-exec {gcc} "$@" -O1 -fno-inline --coverage -fprofile-update=atomic -dumpdir "{counts}/$$-"
+{clang} "$@" {flags} "{raising}" -Wl,--wrap=raise || exit $?
+made=a.out
+while [ $# -gt 0 ]; do
+    [ "$1" = -o ] && made=$2
+    shift
+done
+cp "$made" "{binaries}/$$"
 """
+FLAGS = "-Wno-everything -O1 -fprofile-instr-generate -fcoverage-mapping"
 #: A signal that ends a process would take its counts along.
-RAISING = """void __gcov_dump(void); int __real_raise(int), __wrap_raise(int);
-int __wrap_raise(int number) { __gcov_dump(); return __real_raise(number); }
+RAISING = """int __llvm_profile_write_file(void); int __real_raise(int), __wrap_raise(int);
+int __wrap_raise(int number) { __llvm_profile_write_file(); return __real_raise(number); }
 """
 #: What is reported, of workflow/pandis.
 FILES = ("engine/pandis.h", "runtime/contact/contact.c", *(f"runtime/device/{name}" for name in (
@@ -57,45 +62,46 @@ REASONS = {
 
 
 def counted(tests):
-    """Run the tests; return per file the count of each branch, by line and number in it."""
+    """Run the tests; return per file how often each outcome was met, by its condition's place."""
     with tempfile.TemporaryDirectory() as place:
-        counts = Path(place) / "counts"
-        counts.mkdir()
+        binaries, counts = Path(place) / "binaries", Path(place) / "counts"
+        binaries.mkdir()
         raising, compiler = Path(place) / "raising.c", Path(place) / "gcc"
         raising.write_text(RAISING)
-        text = COMPILER.format(gcc=shutil.which("gcc"), counts=counts, raising=raising)
-        compiler.write_text(text)
-        compiler.chmod(compiler.stat().st_mode | stat.S_IXUSR)
-        path = f"{place}{os.pathsep}{os.environ['PATH']}"  # tests compile programs of their own
+        text = COMPILER.format(
+            clang=shutil.which("clang"), flags=FLAGS, raising=raising, binaries=binaries
+        )
+        for name in (compiler, compiler.with_name("clang")):  # tests compile with both
+            name.write_text(text)
+            name.chmod(name.stat().st_mode | stat.S_IXUSR)
+        path = f"{place}{os.pathsep}{os.environ['PATH']}"
         extra = {"CC": str(compiler), "PATH": path, "XDG_CACHE_HOME": place}
+        extra["LLVM_PROFILE_FILE"] = f"{counts}/%m.profraw"  # processes add theirs up
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
         subprocess.run(command, env=os.environ | extra, cwd=ROOT, check=False)
-        found = defaultdict(lambda: defaultdict(int))
-        for notes in counts.glob("*.gcno"):
-            if not notes.with_suffix(".gcda").exists():
-                continue
-            command = ["gcov", "--branch-probabilities", "--json-format", "--stdout", notes]
-            done = subprocess.run(command, cwd=place, capture_output=True, check=True)
-            data = gzip.decompress(done.stdout) if done.stdout[:2] == b"\x1f\x8b" else done.stdout
-            for part in data.splitlines():
-                _add(json.loads(part), found)
-    return found
+        return _summed(list(binaries.iterdir()), list(counts.glob("*.profraw")), place)
 
 
-def _add(report, found):
-    for file in report["files"]:
-        path = Path(os.path.normpath(ROOT / file["file"]))
-        if not path.is_relative_to(PACKAGE):
-            continue
-        seen = defaultdict(int)
-        for line in file["lines"]:
-            for branch in line["branches"]:
-                if branch["throw"]:
-                    continue
-                key = line["line_number"], line.get("function_name", "").split(".")[0]
-                number = seen[key]
-                seen[key] += 1
-                found[str(path.relative_to(PACKAGE))][key[0], number] += branch["count"]
+def _summed(binaries, counts, place):
+    profile, outcomes = f"{place}/all.profdata", defaultdict(lambda: defaultdict(int))
+    merge = ["llvm-profdata", "merge", "-sparse", "-o", profile, *map(str, counts)]
+    subprocess.run(merge, check=True, capture_output=True)
+    for binary in binaries:
+        export = ["llvm-cov", "export", f"-instr-profile={profile}", str(binary)]
+        done = subprocess.run(export, check=False, capture_output=True)
+        for report in json.loads(done.stdout)["data"] if not done.returncode else ():
+            for function in report["functions"]:
+                _add(function, outcomes)
+    return outcomes
+
+
+def _add(function, outcomes):
+    for line, column, _, _, met, unmet, file, *_ in function["branches"]:
+        path = Path(os.path.normpath(ROOT / function["filenames"][file]))
+        if path.is_relative_to(PACKAGE):
+            counts = outcomes[str(path.relative_to(PACKAGE))]
+            counts[line, column, True] += met
+            counts[line, column, False] += unmet
 
 
 def main(tests):
@@ -108,7 +114,7 @@ def main(tests):
         taken = sum(count > 0 for count in branches.values())
         print(f"{name}: {100 * taken / len(branches):.1f} % of {len(branches):,} branches")
         lines = (PACKAGE / name).read_text().splitlines()
-        missed = sorted({line for (line, _), count in branches.items() if not count})
+        missed = sorted({line for (line, *_), count in branches.items() if not count})
         for line in missed:
             text = lines[line - 1].strip()
             reason = next((why for begin, why in REASONS.items() if text.startswith(begin)), "")

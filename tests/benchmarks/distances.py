@@ -20,7 +20,7 @@ from common import SCANS, load, write
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.strata import Strata
-from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grid.dense import DenseGrid
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.job.artifact import ArtifactWriter
 from pandis.pipeline.run.job.stage import silent_progress

@@ -17,10 +17,11 @@ from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface, probes
-from pandis.pipeline.kinds.grid.build import DenseGrid
-from pandis.pipeline.kinds.grids import GRID_OPENERS
-from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS
+from pandis.pipeline.kinds.grid.dense import DenseGrid
+from pandis.pipeline.kinds.grid.spec import CONTENTS
+from pandis.pipeline.kinds.opening import open_field
+from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
+from pandis.pipeline.run.ask.catalogue import known_field
 from pandis.pipeline.run.job.artifact import Artifact, ArtifactWriter, write_artifact
 from pandis.pipeline.run.job.stage import silent_progress
 
@@ -39,7 +40,7 @@ SPLINES = (100_000, 200_000, 400_000, 800_000, 1_600_000)
 
 def dense(vertices, faces, kind, size, path):
     """Bake a grid as the workflow does; return its arrays and attributes."""
-    grid = DenseGrid(MeshDistance(vertices, faces), GRID_FIELDS[kind], size, BAND, silent_progress)
+    grid = DenseGrid(MeshDistance(vertices, faces), CONTENTS[kind], size, BAND, silent_progress)
     with ArtifactWriter(path, "grid") as writer:
         writer.declare("values", **grid.column(32))
         slabs = list(grid.slabs(32))
@@ -79,7 +80,8 @@ def main(names):
             row = {"mesh": name, "field": field, "build_s": time.perf_counter() - start}
             row["disk_bytes"] = path.stat().st_size
             attributes = attributes | Frame((0.0, 0.0, 0.0), 1.0).attributes()
-            made = GRID_OPENERS[kind](field, Artifact(None, "grid", arrays, attributes, {}, ""))
+            held = Artifact(None, "grid", arrays, attributes, {}, "")
+            made = open_field(known_field(field if kind != "spline" else "spline-auto"), held)
             row |= {"bytes": made.bytes, "flagged": 0}
             for where, (points, distance, normal) in sets.items():
                 found = made.query(points)

@@ -25,10 +25,12 @@ from pandis.base.frame import Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.measure import contact_errors, draw_contacts
 from pandis.pipeline.geometry.trajectories import trace
-from pandis.pipeline.kinds.grids import GRID_OPENERS
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.kinds.network.training.network import usual_omega
-from pandis.pipeline.run.ask.options import DeviceOptions, TrajectoryOptions
+from pandis.pipeline.kinds.opening import open_field
+from pandis.pipeline.run.ask.catalogue import known_field
+from pandis.pipeline.run.ask.options import TrajectoryOptions
+from pandis.pipeline.run.ask.targets import DeviceOptions
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
 
@@ -85,7 +87,8 @@ def grid(name, engine):
         made = (
             spline(*mesh, 800_000, path) if size == "auto" else dense(*mesh, kind, int(size), path)
         )
-    return GRID_OPENERS[kind](name, Artifact(None, "grid", made[0], made[1] | UNIT, {}, ""))
+    held = Artifact(None, "grid", made[0], made[1] | UNIT, {}, "")
+    return open_field(known_field(name), held)
 
 
 def network(path):

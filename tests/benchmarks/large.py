@@ -36,7 +36,7 @@ STAGES = {
     "export-compact-16-native": ("writes and checks the file", "export/compact-16.pandis"),
     "export-exact-native": ("writes and checks the file", "export/exact.pandis"),
 }
-RULES = "mesh", "sample", "bake_compact", "export_native"
+RULES = "mesh", "sample", "bake", "export_native"
 COLUMNS = "stage", "what", "faces", "seconds", "peak_mib", "mb", "bytes_per_face"
 #: Seconds between two looks at the memory.
 EVERY = 0.2

@@ -29,17 +29,18 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.trajectories import trace
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.grid.build import DenseGrid
-from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.field import ExactField
+from pandis.pipeline.kinds.grid.dense import DenseGrid
+from pandis.pipeline.kinds.grid.spec import CONTENTS
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.kinds.network.graph import network_graph
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.kinds.network.training.network import Siren, named_arrays
+from pandis.pipeline.kinds.opening import open_field
 from pandis.pipeline.kinds.session import Session
-from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
+from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
 from pandis.pipeline.mesh.build import build as build_mesh
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.pipeline.run.job.artifact import Artifact
@@ -68,7 +69,7 @@ def fields(vertices, faces):
     held = Artifact(None, "mesh", arrays, UNIT | {"shape": None}, {}, "")
     yield "exact", "exact", ExactField("exact", Body.open(held))
     for kind in ("nearest", "trilinear", "tricubic"):
-        made = DenseGrid(engine, GRID_FIELDS[kind], 64, (0.045, 0.02), silent_progress)
+        made = DenseGrid(engine, CONTENTS[kind], 64, (0.045, 0.02), silent_progress)
         values = {"values": np.concatenate(list(made.slabs(64)))}
         held = Artifact(None, "grid", values, made.attributes() | UNIT, {}, "")
         yield f"{kind}-64", kind, open_field(parse_field(f"{kind}-64", ()), held)
@@ -156,7 +157,7 @@ def ways(vertices, faces):
         points = path["points"]
         network = not isinstance(kind, str)
         for bits in (32, 16) if network else (32,):
-            data = native_bytes(field, "network" if network else kind, {}, bits)
+            data = native_bytes(field, {}, bits)
             native = NativeField(data)
             way = "pandis.h" if bits == 32 else "pandis.h, 16-bit weights"
             yield name, way, len(data), lambda n=native, p=points: n.time(p, QUERIES)

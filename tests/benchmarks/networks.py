@@ -27,14 +27,14 @@ from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.judge.servo.walls import compare, open_walls
 from pandis.pipeline.kinds.clearance import clearance
-from pandis.pipeline.kinds.exact.reference import ExactField
 from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.spec import TrainTask
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe
-from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import NativeField
@@ -65,7 +65,7 @@ def train(body, recipe, checkpoint):
     strata = Strata(body.surface, body.distance, SampleOptions(), 0)
     arrays = strata.arrays(silent_progress)
     samples = Artifact(None, "samples", arrays, strata.attributes(), {}, "")
-    task = TrainTask(name=RECIPE, recipe=recipe, seed=SEED)
+    task = TrainTask(kind="network", name=RECIPE, recipe=recipe, seed=SEED)
     trainer = Trainer(task, samples, strata, checkpoint, lambda text: None)
     arrays, attributes = trainer.run(silent_progress)
     model = Artifact(None, "model", arrays, attributes | UNIT.attributes(), {}, "")
@@ -74,9 +74,9 @@ def train(body, recipe, checkpoint):
 
 def export(field, body):
     """Return the file of a network, with 32-bit weights and the margins of its distances."""
-    file = NativeField(native_bytes(field, "network", {}))
+    file = NativeField(native_bytes(field, {}))
     safe = clearance(lambda points: file.query(points)[::2], body.distance)
-    return native_bytes(field, "network", {}, safe=safe)
+    return native_bytes(field, {}, safe=safe)
 
 
 def missing_share(body, size, data):

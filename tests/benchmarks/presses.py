@@ -27,8 +27,8 @@ from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.passes import ABOVE, Oracle, draw, free_starts, judge, run
 from pandis.pipeline.judge.servo.walls import compare, open_walls
-from pandis.pipeline.kinds.exact.reference import ExactField
 from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.runtime.contact import Feel
 from pandis.runtime.field import NativeField
 

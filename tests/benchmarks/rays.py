@@ -22,7 +22,7 @@ from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.thickness import inscribed_radius
-from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
+from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
 from pandis.pipeline.kinds.spline.reference import SplineField
 from pandis.pipeline.run.ask.sourcing import source_path
 from pandis.pipeline.run.job.artifact import Artifact

@@ -15,8 +15,9 @@ from common import SCANS, load
 from pandis.base.frame import Frame
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.trajectories import trace
-from pandis.pipeline.kinds.compact.build import file_parts, pack_body
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.compact.file import file_parts
+from pandis.pipeline.kinds.compact.packing import pack_body
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.job.stage import silent_progress
@@ -50,7 +51,7 @@ def main():
         body = Body(*load(source), UNIT)
         path, fast = path_of(body, 0.004), path_of(body, 0.009)
         box = np.random.default_rng(2).uniform(-1, 1, (4000, 3))
-        exact = NativeField(native_bytes(ExactField("exact", body), "exact", {}))
+        exact = NativeField(native_bytes(ExactField("exact", body), {}))
         packed = NativeField(pack(COMPACT, UNIT, *file_parts(*pack_body(body, 16)), {}, 3))
         cases = {
             "path": (path, {}),

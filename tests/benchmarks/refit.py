@@ -16,7 +16,7 @@ from common import SCANS, load, write
 
 from pandis.base.frame import Frame
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.mesh.tools import call
 from pandis.runtime.field import NativeField
@@ -56,7 +56,7 @@ def shape_at(vertices, share):
 
 def fresh(vertices, faces):
     """Return the field of a tree that is built anew."""
-    return NativeField(native_bytes(ExactField("exact", Body(vertices, faces, UNIT)), "exact", {}))
+    return NativeField(native_bytes(ExactField("exact", Body(vertices, faces, UNIT)), {}))
 
 
 def beside(vertices, count, rng):

@@ -48,12 +48,12 @@ def native_fields():
     """Yield name and opened file of the fields, with their clearance."""
     vertices, faces = bunny()
     engine = None
-    for name, kind, field in fields(vertices, faces):
+    for name, _, field in fields(vertices, faces):
         engine = engine or field.engine
         if name in ("exact", "spline-auto"):
             safe = clearance(lambda p, f=field: f.query(p)[::2], engine)
             print(f"{name}: margins {safe[6]:.2g}, {safe[7]:.2g}", file=sys.stderr)
-            yield name, NativeField(native_bytes(field, kind, {}, safe=safe))
+            yield name, NativeField(native_bytes(field, {}, safe=safe))
 
 
 def in_contact(field):

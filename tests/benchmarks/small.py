@@ -18,11 +18,11 @@ from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.geometry.sampling import probes
-from pandis.pipeline.judge.errors.points import Points
-from pandis.pipeline.kinds.compact.build import size_of
-from pandis.pipeline.kinds.compact.sizes import Packer
-from pandis.pipeline.kinds.sizing import Grids
+from pandis.pipeline.kinds.compact.packing import size_of
+from pandis.pipeline.kinds.compact.search import Packer
+from pandis.pipeline.kinds.spline.search import SplineMaker
 from pandis.pipeline.run.job.stage import silent_progress
 
 COLUMNS = (
@@ -45,7 +45,7 @@ def packed(body, points, budget):
 
 def splined(body, points, budget):
     """Return a spline of so many bytes at most, and what is told of it."""
-    made = Grids(points, body.frame, BAND, silent_progress, budget).make("spline", budget)
+    made = SplineMaker(points, body.frame, BAND, silent_progress, budget).make(budget)
     return (made.force, {"bytes": made.field.bytes}) if made else (None, {})
 
 

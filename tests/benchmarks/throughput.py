@@ -21,11 +21,11 @@ import torch
 from common import notes
 from training import Scan, log
 
+from pandis.pipeline.kinds.network.spec import TrainTask
 from pandis.pipeline.kinds.network.training.exact_loss import exact_loss
 from pandis.pipeline.kinds.network.training.products import product
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.recipes import ExactRecipe
-from pandis.pipeline.run.ask.tasks import TrainTask
 
 TURNS = 7
 #: Products per step: forward, gradient, and four backward through both; two operations each.
@@ -121,7 +121,7 @@ def main(folder, table, device="cpu"):
     """Measure, and write the table."""
     scan = Scan(Path(folder) / "bunny.npz")
     options = ExactRecipe(steps=10**6, device=device, threads=2)
-    task = TrainTask(name="pandis-exact", recipe=options, seed=1)
+    task = TrainTask(kind="network", name="pandis-exact", recipe=options, seed=1)
     trainer = Trainer(task, scan.samples, scan.strata, Path(table).with_suffix(".pt"), log)
     batch, per_block = options.batch, trainer.batches.per_block
     works = works_of(trainer, options, device)

@@ -43,10 +43,10 @@ from pandis.pipeline.geometry.sampling import Surface, probes
 from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.spec import TrainTask
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions, TrajectoryOptions
 from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe, PaperRecipe
-from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
 
@@ -132,7 +132,7 @@ class Training:
         own = {k: v for k, v in self.changes.items() if k not in ("seed", "law")}
         model = PaperRecipe if (base | own)["loss"] == "paper" else ExactRecipe
         seed, recipe = self.changes.get("seed", 1), model(**base | own)
-        self.task = TrainTask(name=self.recipe, recipe=recipe, seed=seed)
+        self.task = TrainTask(kind="network", name=self.recipe, recipe=recipe, seed=seed)
         self.options = recipe.model_dump() | {"seed": seed, "recipe": self.recipe}
         named = self.options | ({"law": "paper"} if "law" in self.changes else {})
         key = hashlib.sha256(repr(named).encode()).hexdigest()[:12]

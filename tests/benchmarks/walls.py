@@ -32,13 +32,14 @@ from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.judge.choice import Chooser
-from pandis.pipeline.judge.errors.points import Points
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import export_native
-from pandis.pipeline.kinds.opening import kind_of, open_field
+from pandis.pipeline.kinds.opening import open_field
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.config import MeshEntry
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.pipeline.run.host.processes import each
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
@@ -195,9 +196,9 @@ def choose(combination, mesh, body, folder):
     held = Artifact(Path("choice.zarr.zip"), "choice", arrays, attributes, {}, "")
     spec = parse_field("auto", ["auto"])
     # exact is kept with the mesh's vertices and faces, as the mesh is
-    field, kind = open_field(spec, held), kind_of(spec, held)
+    field, options = open_field(spec, held), NativeOptions(weight_bits=task.weight_bits)
     path = Path(folder) / "auto.pandis"
-    path.write_bytes(export_native(field, kind, {}, task.weight_bits, body, lambda text: None))
+    path.write_bytes(export_native(field, body, options, {}, lambda text: None))
     chosen = attributes["choice"]
     return NativeField(path), f"{chosen['field']}, {chosen['bytes']:,} bytes", task
 
@@ -306,7 +307,9 @@ def measure(combination, presses):
         some = thick[:presses]
         feet, outward = feet[some], outward[some]
         rooms = [wall.room(*place) for place in zip(feet, outward, strict=True)]
-        exact = export_native(ExactField("exact", body), "exact", {}, 32, body, lambda text: None)
+        exact = export_native(
+            ExactField("exact", body), body, NativeOptions(), {}, lambda text: None
+        )
         files = {"told": (field, error), "exact": (NativeField(exact), 0.0)}
         for key, (file, off) in files.items():
             placed = Placed.at(file, SIZE, combination.stiffness)

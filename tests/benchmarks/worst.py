@@ -19,8 +19,9 @@ from pandis.base.frame import Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import draw_contacts
-from pandis.pipeline.kinds.compact.build import build_compact, file_parts
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.compact.file import file_parts
+from pandis.pipeline.kinds.compact.packing import build_compact
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import COMPACT, NativeField
 from pandis.runtime.field.files import pack
@@ -112,7 +113,7 @@ def main():
         contacts, many = contact_points(body, rng), rng.uniform(-1, 1, (BOX, 3))
         packed = file_parts(*build_compact(body, 16, 0, lambda text: None))
         fields = {
-            "exact": native_bytes(ExactField("exact", body), "exact", {}),
+            "exact": native_bytes(ExactField("exact", body), {}),
             "compact-16": pack(COMPACT, UNIT, *packed, {}, 3),
         }
         for name, data in fields.items():

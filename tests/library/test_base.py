@@ -7,9 +7,9 @@ from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.pipeline.kinds.network.base import fit_base
 from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.kinds.network.spec import TrainTask
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.recipes import ExactRecipe
-from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.stage import silent_progress
 from support import artifact
 from test_training import samples  # noqa: F401  (a fixture)
@@ -47,7 +47,7 @@ def test_it_answers_up_to_the_faces_of_the_box():
 def field(samples, tmp_path, **options):  # noqa: F811
     """Train a small network on the sphere; open it as a field."""
     small = {"width": 32, "depth": 2, "steps": 200, "batch": 1024, "threads": 1}
-    own = TrainTask(name="r", recipe=ExactRecipe(**small | options), seed=7)
+    own = TrainTask(kind="network", name="r", recipe=ExactRecipe(**small | options), seed=7)
     trainer = Trainer(own, *samples, tmp_path / "c.pt", log=lambda text: None)
     arrays, attributes = trainer.run(silent_progress)
     attributes |= Frame((0.0, 0.0, 0.0), 1.0).attributes()

@@ -11,9 +11,8 @@ from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.sampling import Surface, probes
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.field import BOUND, OK
-from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grid.dense import DenseGrid
 from pandis.pipeline.kinds.grid.graph import grid_graph
-from pandis.pipeline.kinds.grids import GRID_OPENERS
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.kinds.session import Session
 from pandis.pipeline.mesh.build import build
@@ -21,7 +20,7 @@ from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import NativeField
-from support import box_mesh
+from support import box_mesh, open_as
 
 FRAME = Frame((3.0, -2.0, 0.5), 0.6)
 BAND = (0.045, 0.02)
@@ -51,7 +50,7 @@ def baked(kind, engine, size, band):
     grid = DenseGrid(engine, "force-box", size, band, silent_progress)
     values = np.concatenate(list(grid.slabs(16)))
     attributes = grid.attributes() | FRAME.attributes()
-    return GRID_OPENERS[kind](kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
+    return open_as(kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
 
 
 def naive(kind, engine, vertices, size, points):
@@ -111,13 +110,13 @@ def compare(kind, engine, vertices, size, count):
         if band is BAND:
             deep = ~outside & ~sure & (engine.distance_and_normal(points)[0] < 0)
             assert (ours[deep] != 0).any(axis=1).mean() > 0.99 if deep.any() else True
-        native = NativeField(native_bytes(field, kind, {}))
+        native = NativeField(native_bytes(field, {}))
         found = native.query(FRAME.to_mesh(points))
         force = penalty_force(found.distance * FRAME.scale, found.normal)
         assert np.abs(force - ours).max() < 1e-6
         on_face = (np.abs(np.stack([points - low, points - high])) < 1e-12).any(axis=(0, 2))
         assert (found.flag == answer.flag)[~on_face].all()  # there a rounding decides
-        model = grid_graph(field, kind).model(kind, {})
+        model = grid_graph(field).model(kind, {})
         distance, normal = Session(model).distance_and_normal(FRAME.to_mesh(points))
         force = penalty_force(distance * FRAME.scale, normal)
         assert np.abs(force - ours).max() < 1e-6
@@ -138,8 +137,8 @@ def test_outside_there_is_no_force_whatever_rounding_left_on_the_box():
     field.values[-1] = [0.0, 1e-3, 0.0]
     point = np.array([[1.0, 0.0, 0.0], [0.9, 0.0, 0.0]])
     assert np.linalg.norm(penalty_force(*field.answer(point)), axis=1) == pytest.approx([0, 1e-3])
-    native = NativeField(native_bytes(field, "trilinear-box", {})).query(FRAME.to_mesh(point))
-    model = Session(grid_graph(field, "trilinear-box").model("g", {}))
+    native = NativeField(native_bytes(field, {})).query(FRAME.to_mesh(point))
+    model = Session(grid_graph(field).model("g", {}))
     for distance in (native.distance, model.distance_and_normal(FRAME.to_mesh(point))[0]):
         assert distance[0] == 0
     assert native.flag[0] == BOUND
@@ -192,7 +191,7 @@ def test_the_same_bytes_err_less_on_the_box_than_on_the_cube():
     held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
     errors = {}
     for name, field in {
-        "cube": GRID_OPENERS["trilinear"]("trilinear", held),
+        "cube": open_as("trilinear", held),
         "box": baked("trilinear-box", engine, 48, BAND),
     }.items():
         off = penalty_force(*field.answer(points)) - exact
@@ -204,10 +203,10 @@ def test_older_readers_still_take_grids_on_the_cube():
     """A file says the first version that knows what it holds."""
     vertices, faces = mesh("torus")
     engine = MeshDistance(vertices, faces)
-    own = native_bytes(baked("trilinear-box", engine, 8, BAND), "trilinear-box", {})
+    own = native_bytes(baked("trilinear-box", engine, 8, BAND), {})
     cube = DenseGrid(engine, "force", 8, BAND, silent_progress)
     values = np.concatenate(list(cube.slabs(8)))
     attributes = cube.attributes() | FRAME.attributes()
     held = Artifact(None, "grid", {"values": values}, attributes, {}, "")
-    plain = native_bytes(GRID_OPENERS["trilinear"]("trilinear", held), "trilinear", {})
+    plain = native_bytes(open_as("trilinear", held), {})
     assert (plain[12], own[12]) == (1, 2)

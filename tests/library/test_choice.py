@@ -10,15 +10,18 @@ from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.measure import draw_contacts, promise
+from pandis.pipeline.geometry.points import _CHOOSING, _PROMISING, Points
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.judge import choice
 from pandis.pipeline.judge.choice import Chooser
-from pandis.pipeline.judge.errors.points import _CHOOSING, _PROMISING, Points
-from pandis.pipeline.kinds import sizing
+from pandis.pipeline.kinds.grid.search import GridMaker
+from pandis.pipeline.kinds.grid.spec import TRIED
 from pandis.pipeline.kinds.native import export_native, native_bytes
 from pandis.pipeline.kinds.opening import open_fields
-from pandis.pipeline.run.ask.catalogue import DENSE_KINDS
+from pandis.pipeline.kinds.spline.search import SplineMaker
+from pandis.pipeline.run.ask.catalogue import KIND_OF
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.options import SampleOptions, StressOptions
 from pandis.pipeline.run.ask.recipes import ExactRecipe
 from pandis.pipeline.run.ask.tasks import ChooseTask
@@ -89,18 +92,24 @@ def figures_of(held, found, seed=99):
     return promise(lambda points: penalty_force(*field.answer(points)), contacts)[0]
 
 
+def without(monkeypatch, *names):
+    """Let a choice pass over some kinds."""
+    left = {name: kind for name, kind in choice.KINDS.items() if name not in names}
+    monkeypatch.setattr(choice, "KINDS", left)
+
+
 @pytest.fixture
 def untrained(monkeypatch):
     def trained(*arguments):
         raise AssertionError("a network was trained")
 
-    monkeypatch.setattr(choice, "narrowest", trained)
+    monkeypatch.setattr("pandis.pipeline.kinds.network.choice.narrowest", trained)
 
 
 @pytest.fixture
 def without_compact(monkeypatch):
     """What comes after the compact mesh is looked at alone."""
-    monkeypatch.setattr(Chooser, "_compact", lambda self: None)
+    without(monkeypatch, "compact")
 
 
 @pytest.mark.usefixtures("untrained")
@@ -143,7 +152,7 @@ def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
     held = choose(TORUS, tmp_path, force_error=wanted, bytes=2_000_000)
     made, limits = held.attributes["choice"], held.attributes["limits"]
     kind, _, size = made["field"].rpartition("-")
-    assert kind in DENSE_KINDS
+    assert kind in TRIED
     assert made["bytes"] <= 2_000_000
     fresh = figures_of(held, TORUS)
     assert fresh["mean"] <= limits["mean"]
@@ -151,9 +160,10 @@ def test_a_smooth_part_needs_a_coarse_grid(tmp_path, wanted):
     assert fresh["missing"] <= limits["missed"]
     assert held.attributes["considered"][0]["field"] == "exact"
     # the next coarser one of this kind would not do
-    coarser = sizing.SIZES[sizing.SIZES.index(int(size)) - 1]
+    coarser = GridMaker.sizes[GridMaker.sizes.index(int(size)) - 1]
     again = chooser(TORUS, tmp_path, force_error=wanted, bytes=2_000_000)
-    assert again.measured(kind, coarser)[0].why
+    maker = GridMaker(kind, again.points, again.body.frame, again.options.band, silent_progress)
+    assert again.measured(maker, coarser)[0].why
 
 
 @pytest.mark.usefixtures("untrained")
@@ -161,7 +171,7 @@ def test_time_counts(tmp_path):
     """With a table that lacks compact meshes none is taken, and the reason is given."""
     table = tmp_path / "times.csv"
     rows = ["kind,size,microseconds", "exact,1000,20", "exact,100000,40", "spline,800000,60"]
-    rows += [f"{kind},64,{30 if kind == 'tricubic' else 50}" for kind in DENSE_KINDS]
+    rows += [f"{kind},64,{30 if kind == 'tricubic' else 50}" for kind in TRIED]
     table.write_text("\n".join([*rows, "network,64,500"]) + "\n")
     held = choose(TORUS, tmp_path, table, force_error=2e-3, query_time=31e-6)
     assert held.attributes["choice"]["field"].startswith("tricubic-")
@@ -182,10 +192,10 @@ def test_time_counts(tmp_path):
 
 @pytest.mark.usefixtures("without_compact")
 def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
-    monkeypatch.setattr(choice, "DENSE_KINDS", ("nearest",))
-    monkeypatch.setattr(choice, "SIZES", (16,))
-    monkeypatch.setattr(choice, "SPLINE_BYTES", (400_000,))
-    monkeypatch.setattr(choice.Chooser, "_proved", lambda self, field, kind, measured: measured)
+    monkeypatch.setattr("pandis.pipeline.kinds.grid.choice.TRIED", ("nearest",))
+    monkeypatch.setattr(GridMaker, "sizes", (16,))
+    monkeypatch.setattr(SplineMaker, "sizes", (400_000,))
+    monkeypatch.setattr(Chooser, "proved", lambda self, field, measured: measured)
     lines, wanted = [], {"force_error": 2e-3, "tail": 0.05, "bytes": 60_000}
     made = chooser(TORUS, tmp_path, log=lines.append, **wanted)
     arrays, attributes, finish = made.choose()
@@ -194,7 +204,7 @@ def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
     assert chosen["field"] == "pandis-exact"
     held = artifact("choice", arrays, attributes | Frame.of(TORUS.mesh).attributes())
     (network,) = open_fields(["auto"], TORUS.mesh, [held])
-    file = native_bytes(network, "network", {})
+    file = native_bytes(network, {})
     assert chosen["bytes"] == NativeField(file).bytes <= wanted["bytes"]
     held = artifact("choice", arrays, attributes | Frame.of(TORUS.mesh).attributes())
     assert figures_of(held, TORUS)["mean"] <= 2e-3
@@ -207,8 +217,8 @@ def test_a_network_is_the_last_resort(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("untrained", "without_compact")
 def test_it_names_the_nearest_where_nothing_will_do(tmp_path, monkeypatch):
-    monkeypatch.setattr(choice, "SIZES", (16, 24))
-    monkeypatch.setattr(choice.Chooser, "_network", lambda self: None)
+    monkeypatch.setattr(GridMaker, "sizes", (16, 24))
+    without(monkeypatch, "network")
     said = r"no field meets the budget of .* mN .* on average.*The nearest is .* which has a force "
     said += "error of .*mN"
     with pytest.raises(PandisError, match=said):
@@ -220,16 +230,16 @@ def test_it_names_the_nearest_where_nothing_will_do(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("untrained", "without_compact")
 def test_what_fails_the_stress_suite_or_its_export_is_not_chosen(tmp_path, monkeypatch):
     first = choose(TORUS, tmp_path, force_error="40 mN", bytes=2_000_000).attributes["choice"]
-    proved, seen = Chooser._proved, []
+    proved, seen = Chooser.proved, []
 
-    def once(self, field, kind, measured):
-        found = proved(self, field, kind, measured)
+    def once(self, field, measured):
+        found = proved(self, field, measured)
         if not found.why and not seen:
             seen.append(field)
             return measured._replace(why="cannot be exported: by this test", excess=1.0)
         return found
 
-    monkeypatch.setattr(Chooser, "_proved", once)
+    monkeypatch.setattr(Chooser, "proved", once)
     second = choose(TORUS, tmp_path, force_error="40 mN", bytes=2_000_000).attributes["choice"]
     assert second["bytes"] >= first["bytes"]
     assert second["field"] != first["field"]
@@ -245,9 +255,8 @@ def test_the_file_is_what_must_keep_to_the_budget(tmp_path, monkeypatch):
         field.values = np.full_like(field.values, 0.01)
         return export_native(field, *arguments)
 
-    for other in ("_spline", "_network"):
-        monkeypatch.setattr(Chooser, other, lambda self: None)
-    monkeypatch.setattr(choice, "DENSE_KINDS", ("trilinear-normal",))
+    without(monkeypatch, "spline", "network")
+    monkeypatch.setattr("pandis.pipeline.kinds.grid.choice.TRIED", ("trilinear-normal",))
     wanted = {"force_error": "40 mN", "bytes": 2_000_000}
     assert choose(TORUS, tmp_path, **wanted).attributes["choice"]["field"].startswith("trilinear")
     monkeypatch.setattr(choice, "export_native", forceless)
@@ -293,8 +302,9 @@ def test_a_damaged_table_is_an_error(tmp_path, text):
 
 def test_the_table_that_comes_along_knows_every_kind():
     times = QueryTimes(TABLE)
-    for kind in ("exact", "compact", "spline", "network", *DENSE_KINDS):
-        assert 1e-8 < times.seconds(kind, 64) < 1e-3
+    forms = [form for kind in KINDS.values() if kind.chosen for form in kind.forms]
+    for form in TRIED + tuple(form for form in forms if KIND_OF[form].name != "grid"):
+        assert 1e-8 < times.seconds(form, 64) < 1e-3
 
 
 def test_every_stream_of_random_numbers_is_another_one():

@@ -20,25 +20,25 @@ from pandis.engine.packing import (
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.hausdorff import distance_to_triangles
-from pandis.pipeline.kinds.compact.build import (
+from pandis.pipeline.kinds.compact.file import file_parts
+from pandis.pipeline.kinds.compact.lattice import snap, step_of, to_unit
+from pandis.pipeline.kinds.compact.packing import (
     bound_deviation,
     build_compact,
-    file_parts,
     limit_queries,
     pack_body,
 )
-from pandis.pipeline.kinds.compact.lattice import snap, step_of, to_unit
 from pandis.pipeline.kinds.compact.reference import CompactField
 from pandis.pipeline.kinds.compact.sides import find_sides
 from pandis.pipeline.kinds.compact.unpacking import unpack
-from pandis.pipeline.kinds.exact.reference import ExactField
 from pandis.pipeline.kinds.exported import ExportedField
-from pandis.pipeline.kinds.field import CUT
+from pandis.pipeline.kinds.field import CUT, ExactField
 from pandis.pipeline.kinds.limits import near_surface
 from pandis.pipeline.kinds.native import export_native, native_bytes
 from pandis.pipeline.mesh.tools import call
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.faults import near_field
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.runtime.field import COMPACT, NativeField
 from pandis.runtime.field.files import pack
 from shapes import cone, open_shape, plate
@@ -326,7 +326,7 @@ def test_a_needle_that_shrinks_to_a_line_is_in_the_bound():
 def test_wrong_sides_are_refused_with_their_number(monkeypatch):
     """Break what tells the sides, and the bake must see it."""
     vertices, faces = crown(1500)
-    monkeypatch.setattr("pandis.pipeline.kinds.compact.build.find_sides", without_sides)
+    monkeypatch.setattr("pandis.pipeline.kinds.compact.packing.find_sides", without_sides)
     with pytest.raises(PandisError, match=r"of 1,000,000 points are on the wrong side.*more bits"):
         build_compact(Body(vertices, faces, UNIT), 16, 0, lambda text: None)
 
@@ -422,14 +422,14 @@ def test_the_export_is_checked_where_it_is_cut_too():
     arrays, record = build_compact(body, 14, 0, lambda text: None)
     held = artifact("compact", arrays, record.attributes() | UNIT.attributes())
     field, said = CompactField("compact-14", held), []
-    data = export_native(field, "compact", {}, 32, body, said.append)
+    data = export_native(field, body, NativeOptions(), {}, said.append)
     assert "answers as the library does" in said[0]
     safe = ExportedField("compact-14", data)
     assert (safe.query(np.zeros((1, 3))).flag == CUT).all()
     other = snap(vertices, faces, 11)
     field.engine = MeshDistance(to_unit(other.vertices, 11), other.faces)
     with pytest.raises(PandisError, match="the exported model differs from its field: distance"):
-        export_native(field, "compact", {}, 32, body, said.append)
+        export_native(field, body, NativeOptions(), {}, said.append)
 
 
 def test_a_lens_that_the_lattice_folds_is_answered_and_exported_with_its_sides():
@@ -447,7 +447,7 @@ def test_a_lens_that_the_lattice_folds_is_answered_and_exported_with_its_sides()
     assert ((by_faces < 0) != inside)[far].sum() > 100
     rising = field.answer(points + 1e-4 * normal)[0] > distance
     assert rising[far].mean() > 0.999  # a step along the normal may cross to another wall
-    export_native(field, "compact", {}, 32, body, said.append)
+    export_native(field, body, NativeOptions(), {}, said.append)
     assert "side 0" in said[0]
 
 
@@ -462,9 +462,11 @@ def test_a_file_says_on_which_face_of_the_mesh_a_closest_point_lies(fewer):
     arrays, record = pack_body(body, 16, surface)
     record = bound_deviation(body, arrays, record)
     held = artifact("compact", arrays, record.attributes() | UNIT.attributes())
-    field, asked = CompactField("compact-16", held), (32, body, lambda text: None)
-    plain = export_native(field, "compact", {}, *asked)
-    data = export_native(field, "compact", {}, *asked, original_faces=True)
+    field = CompactField("compact-16", held)
+    plain, data = (
+        export_native(field, body, NativeOptions(original_faces=said), {}, lambda text: None)
+        for said in (False, True)
+    )
     native = NativeField(data)
     assert native.bytes == NativeField(plain).bytes < len(plain) < len(data)
     points = near_surface(vertices, faces, 5000, np.random.default_rng(1))
@@ -483,7 +485,7 @@ def test_a_file_says_on_which_face_of_the_mesh_a_closest_point_lies(fewer):
 def test_an_exact_mesh_says_on_which_face_a_closest_point_lies():
     vertices, faces = hull(3000)
     body = Body(vertices, faces, UNIT)
-    native = NativeField(native_bytes(ExactField("exact", body), "exact", {}))
+    native = NativeField(native_bytes(ExactField("exact", body), {}))
     points = np.random.default_rng(1).uniform(-1, 1, (5000, 3))
     whole = native.query(points).flag != CUT  # in the middle
     assert whole.mean() > 0.99

@@ -9,14 +9,15 @@ from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.distance import MeshDistance
 from pandis.pipeline.geometry.hausdorff import distance_to_triangles, farthest
+from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.judge.errors.points import Points
-from pandis.pipeline.kinds.compact.build import size_of
-from pandis.pipeline.kinds.compact.sizes import ENOUGH_BITS, CompactSizing, Packer
+from pandis.pipeline.kinds.compact.packing import size_of
+from pandis.pipeline.kinds.compact.search import ENOUGH_BITS, CompactSizing, Packer
 from pandis.pipeline.kinds.sizing import Candidate
 from pandis.pipeline.run.ask.catalogue import parse_field
-from pandis.pipeline.run.ask.tasks import BakeCompactAutoTask
+from pandis.pipeline.run.ask.kind import SearchTask
+from pandis.pipeline.run.ask.targets import GridTarget
 from support import box_mesh
 from test_compact import UNIT, crown, fitted, hull
 
@@ -45,7 +46,7 @@ def body_and_points(mesh):
 @pytest.fixture(autouse=True)
 def _fewer_sides(monkeypatch):
     """Sides at a million points take longer than all else here."""
-    monkeypatch.setattr("pandis.pipeline.kinds.compact.build.SIDES", 50_000)
+    monkeypatch.setattr("pandis.pipeline.kinds.compact.packing.SIDES", 50_000)
 
 
 @pytest.fixture(scope="module")
@@ -138,8 +139,10 @@ def test_the_same_mesh_gives_the_same_bytes(waves):
 def sized(waves, **target):
     """Return attributes of a compact mesh that was asked for by a target."""
     body, points = waves
-    options = BakeCompactAutoTask(seed=1, **target)
-    return CompactSizing(body, points, options, silent).find()
+    task = SearchTask(
+        kind="compact", form="compact", target=target, device={}, band=(0.045, 0.02), seed=1
+    )
+    return CompactSizing(body, points, task, silent).find()
 
 
 def test_an_error_takes_the_first_bytes_that_meet_it(waves):
@@ -148,7 +151,7 @@ def test_an_error_takes_the_first_bytes_that_meet_it(waves):
     assert [one["size"] for one in tried] == sorted(one["size"] for one in tried)
     assert tried[-1]["size"] == size_of(arrays)
     assert len(tried) > 1
-    limits = waves[1].limits(BakeCompactAutoTask(seed=1, force_error="10 mN"))
+    limits = waves[1].limits(GridTarget(force_error="10 mN"))
     assert tried[-1]["force_error"] <= limits.mean < tried[-2]["force_error"]
 
 
@@ -172,7 +175,7 @@ def test_a_candidate_on_the_wrong_side_gives_way_to_the_next(waves, monkeypatch)
         if len(seen) == 1:
             raise PandisError("one of them on the wrong side")
 
-    monkeypatch.setattr("pandis.pipeline.kinds.compact.sizes.compare_sides", refused_once)
+    monkeypatch.setattr("pandis.pipeline.kinds.compact.search.compare_sides", refused_once)
     second = Packer(body, points, 1, told.append).within(15_000)
     assert isinstance(second, Candidate)
     assert second.field.record.bits != best.field.record.bits
@@ -196,7 +199,7 @@ def test_a_lattice_too_fine_for_its_sides_gives_way_to_a_coarser_one(waves, monk
         if record.bits > 17:
             raise PandisError("one of them on the wrong side")
 
-    monkeypatch.setattr("pandis.pipeline.kinds.compact.sizes.compare_sides", refused_beyond_17)
+    monkeypatch.setattr("pandis.pipeline.kinds.compact.search.compare_sides", refused_beyond_17)
     made = Packer(body, points, 1, silent).within(None)
     assert made.field.record.bits == 17
     assert made.field.record.faces == len(body.faces)

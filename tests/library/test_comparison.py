@@ -9,8 +9,7 @@ from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.judge.controls import ControlGap
 from pandis.pipeline.judge.errors.comparison import compare
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.field import Field
+from pandis.pipeline.kinds.field import ExactField, Field
 from pandis.pipeline.kinds.opening import Fields
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.ask.tasks import EvaluateTask

@@ -8,8 +8,8 @@ from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.servo.walls import compare, faults, open_walls
 from pandis.pipeline.judge.stress.suite import Suite, failures
-from pandis.pipeline.kinds.exact.reference import ExactField
 from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.run.ask.options import StressOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from shapes import open_shape

@@ -14,19 +14,19 @@ from pandis.pipeline.geometry.distance import ShapeDistance
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.check import DISTANCE, FORCE, check, check_points
 from pandis.pipeline.kinds.field import Field, clamp_to_box, normalise
-from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grid.dense import DenseGrid
 from pandis.pipeline.kinds.grid.graph import export_grid
-from pandis.pipeline.kinds.grid.reference import GridField
-from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.grid.interpolation import GridField
+from pandis.pipeline.kinds.grid.spec import CONTENTS
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.kinds.network.base import fit_base
 from pandis.pipeline.kinds.network.graph import export_network, torch_network
 from pandis.pipeline.kinds.network.program import export_program
 from pandis.pipeline.kinds.network.reference import SirenField
 from pandis.pipeline.kinds.network.training.network import Siren
-from pandis.pipeline.kinds.opening import open_fields
+from pandis.pipeline.kinds.opening import open_field, open_fields
 from pandis.pipeline.kinds.session import Session, read_export, read_program_metadata
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.job.artifact import read_artifact
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import NativeField
@@ -135,7 +135,7 @@ def exported(kind):
     if kind.startswith("network"):
         held, _ = model(32, 3, outputs=1 if "one" in kind else 4, base="base" in kind)
         return export_network("s", held, {"stage": "x"}, print), SirenField("s", held)
-    held = grid(GRID_FIELDS[kind.removesuffix("-12")], 12)
+    held = grid(CONTENTS[kind.removesuffix("-12")], 12)
     field = open_field(parse_field(kind, ()), held)
     return export_grid(kind, held, {"stage": "x"}, print), field
 
@@ -283,12 +283,12 @@ def test_what_single_precision_loses_in_a_sharp_network_is_no_defect_and_a_wrong
 
         return reference
 
-    file = NativeField(native_bytes(field, "network", {}))
+    file = NativeField(native_bytes(field, {}))
     with pytest.raises(PandisError, match="normal by"):
         check(file.distance_and_normal, told(field), FRAME)
     check(file.distance_and_normal, told(field), FRAME, double=told(double))
     held.arrays["weight_1"][3, 4] += 1e-3
-    wrong = NativeField(native_bytes(SirenField("s", held), "network", {}))
+    wrong = NativeField(native_bytes(SirenField("s", held), {}))
     with pytest.raises(PandisError, match="differs from its field"):
         check(wrong.distance_and_normal, told(field), FRAME, double=told(double))
 
@@ -325,7 +325,7 @@ def test_what_has_a_file_is_answered_by_it(tmp_path):
     held = {n: grid("force", n) for n in (8, 24)}
     coarse, fine = (open_field(parse_field(f"trilinear-{n}", ()), held[n]) for n in held)
     path = tmp_path / "trilinear-24.pandis"
-    path.write_bytes(native_bytes(coarse, "trilinear", {}))
+    path.write_bytes(native_bytes(coarse, {}))
     (field,) = open_fields(["trilinear-24"], mesh, [named(held[24]), path])
     points = np.random.default_rng(0).uniform(-0.6, 0.6, (500, 3))
     assert np.allclose(field.answer(points)[0], coarse.answer(points)[0], rtol=0, atol=1e-12)

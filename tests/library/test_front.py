@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from pandis.pipeline.judge.errors.front import ERRORS, PRICES, pareto, recommend
+from pandis.pipeline.kinds.paper.spec import PLANES
 from pandis.pipeline.report.figures import colour
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.pipeline.run.ask.catalogue import SIZED, parse_field
 
 KEYS = ("contact_percent", *PRICES)
 #: What may be used: nothing failed, nothing missing.
@@ -90,8 +91,8 @@ def test_what_failed_a_question_or_lacks_surface_is_neither_unbeaten_nor_recomme
 
 def test_every_kind_of_field_has_a_colour():
     recipes = {"pandis"}
-    names = ["exact", "auto", "salisbury", "kim-algebraic-64", "pandis", *PLANE_FIELDS]
-    names += [f"{kind}-64" for kind in GRID_FIELDS]
+    names = ["exact", "auto", "salisbury", "kim-algebraic-64", "pandis", *PLANES]
+    names += [f"{form}-{16 if form == 'compact' else 64}" for form in SIZED]
     colours = [colour(parse_field(name, recipes), ["pandis"]) for name in names]
     assert all(c.startswith("#") for c in colours)
     assert len(set(colours)) == len(colours)

@@ -9,20 +9,21 @@ from pandis.base.frame import Frame
 from pandis.base.physical import Scale
 from pandis.pipeline.export.vti import export_vti, read_note, read_vti
 from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
+from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.judge.errors.points import Points
 from pandis.pipeline.kinds.band import Band, find_cells, needed_nodes
 from pandis.pipeline.kinds.field import BOUND, INVALID, OK, normalise
-from pandis.pipeline.kinds.grid.build import CHANNELS, DenseGrid
-from pandis.pipeline.kinds.grids import GRID_OPENERS
-from pandis.pipeline.kinds.sizing import Sizing, grid_bytes
-from pandis.pipeline.kinds.spline import build as splines
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS
-from pandis.pipeline.run.ask.tasks import BakeAutoTask
+from pandis.pipeline.kinds.grid.dense import CHANNELS, DenseGrid
+from pandis.pipeline.kinds.grid.search import GridMaker, grid_bytes
+from pandis.pipeline.kinds.grid.spec import CONTENTS
+from pandis.pipeline.kinds.sizing import search
+from pandis.pipeline.kinds.spline import lattices as splines
+from pandis.pipeline.kinds.spline.search import SplineMaker
+from pandis.pipeline.run.ask.kind import SearchTask
 from pandis.pipeline.run.job.artifact import Artifact, ArtifactWriter, read_artifact
 from pandis.pipeline.run.job.stage import silent_progress
-from support import box_mesh
+from support import box_mesh, open_as
 
 FRAME = Frame((100.0, -2.0, 0.5), 0.9)
 SCALE = Scale(0.1, 400.0)
@@ -52,7 +53,7 @@ def field(kind, engine, size, band=BAND):
     grid = DenseGrid(engine, CONTENT[kind], size, band, silent_progress)
     attributes = grid.attributes() | FRAME.attributes()
     values = np.concatenate(list(grid.slabs(7)))
-    return GRID_OPENERS[kind](kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
+    return open_as(kind, Artifact(None, "grid", {"values": values}, attributes, {}, ""))
 
 
 def in_band(engine, surface, count, seed=0, band=BAND):
@@ -190,7 +191,8 @@ def test_beyond_the_band_the_side_is_right_and_the_bound_holds(torus, kind):
     found = made.query(points)
     beyond = found.flag == BOUND
     assert beyond.mean() > 0.5
-    assert (np.abs(distance)[beyond] >= made.bound(points)[beyond]).all()
+    above = 0.0 if CONTENT.get(kind) == "force" else BAND.outside
+    assert (np.abs(distance) >= np.where(found.distance < 0, BAND.inside, above))[beyond].all()
     assert ((found.distance < 0) == (distance < 0))[beyond].all()
     within = (distance > -BAND.inside) & (distance < BAND.outside) & (np.abs(points) < 1).all(1)
     assert (found.flag[within] == OK).all()
@@ -346,7 +348,7 @@ def made_spline(engine, surface, budget):
 
 def open_spline(arrays, attributes):
     attributes = attributes | FRAME.attributes()
-    return GRID_OPENERS["spline"]("s", Artifact(None, "grid", arrays, attributes, {}, ""))
+    return open_as("spline", Artifact(None, "grid", arrays, attributes, {}, ""))
 
 
 def spline_field(engine, surface, budget):
@@ -449,8 +451,8 @@ def test_refinement_goes_where_the_error_is():
 # --- sizes by what they achieve -------------------------------------------------------------------
 
 
-def asked(kind, **target):
-    return BakeAutoTask(kind=kind, band=BAND, seed=1, **target)
+def asked(kind, form, **target):
+    return SearchTask(kind=kind, form=form, target=target, device={}, band=BAND, seed=1)
 
 
 def silent(text):
@@ -462,10 +464,11 @@ def silent(text):
     [("trilinear", {"force_error": 5e-3}), ("tricubic", {"bytes": 40_000})],
 )
 def test_sizing(torus, kind, target, monkeypatch):
-    monkeypatch.setattr("pandis.pipeline.kinds.sizing.SIZES", (16, 24, 32, 48))
+    monkeypatch.setattr(GridMaker, "sizes", (16, 24, 32, 48))
     engine, surface = torus
-    task, points = asked(kind, **target), Points(surface, engine, SCALE, 1)
-    arrays, attributes = Sizing(points, FRAME, task, silent_progress, silent).find()
+    task, points = asked("grid", kind, **target), Points(surface, engine, SCALE, 1)
+    maker = GridMaker(kind, points, FRAME, BAND, silent_progress)
+    arrays, attributes = search(maker, points, task, silent)
     sizing = attributes["sizing"]
     if "bytes" in target:
         # of pandis.h, which holds a node more on every side
@@ -483,13 +486,15 @@ def test_sizing(torus, kind, target, monkeypatch):
         assert max(tried[s] for s in coarser) > 5e-3
 
 
+@pytest.mark.slow
 def test_spline_sized_by_error_does_not_depend_on_what_was_tried(torus, monkeypatch):
     engine, surface = torus
     # the first covers no band at all, and the largest asks for more samples than drawn at first
-    monkeypatch.setattr("pandis.pipeline.kinds.sizing.SPLINE_BYTES", (8_000, 60_000, 120_000))
-    task, lines = asked("spline", force_error=2e-3), []
+    monkeypatch.setattr(SplineMaker, "sizes", (8_000, 60_000, 120_000))
+    task, lines = asked("spline", "spline", force_error=2e-3), []
     points = Points(surface, engine, SCALE, 1)
-    arrays, attributes = Sizing(points, FRAME, task, silent_progress, lines.append).find()
+    maker = SplineMaker(points, FRAME, BAND, silent_progress, 120_000)
+    arrays, attributes = search(maker, points, task, lines.append)
     assert attributes["sizing"]["held_out_error"] <= 2e-3
     assert any("does not cover the band" in line for line in lines)
     size = next(
@@ -511,7 +516,7 @@ def test_vti_says_what_the_field_says(torus, kind, tmp_path):
     if kind == "spline":
         arrays, attributes = made_spline(engine, surface, 60_000)
     else:
-        grid = DenseGrid(engine, GRID_FIELDS[kind], 20, BAND, silent_progress)
+        grid = DenseGrid(engine, CONTENTS[kind], 20, BAND, silent_progress)
         arrays, attributes = {"values": np.concatenate(list(grid.slabs(20)))}, grid.attributes()
     held = Artifact(None, "grid", arrays, attributes | FRAME.attributes(), {}, "")
     name = f"{kind}-{attributes['grid']['size']}"
@@ -521,7 +526,7 @@ def test_vti_says_what_the_field_says(torus, kind, tmp_path):
     origin, spacing, read = read_vti(path)
     size = attributes["grid"]["size"]
     index = np.random.default_rng(0).integers(0, size, (500, 3))
-    made = GRID_OPENERS[kind](name, held)
+    made = open_as(kind, held)
     distance, normal = made.distance_and_normal(origin + spacing * index)
     # a node on the border of the box, or of the band, may fall on either side
     assert (np.abs(read["distance"][tuple(index.T)] - distance) < 1e-5).mean() > 0.99

@@ -30,10 +30,9 @@ from pandis.pipeline.geometry.shares import (
 )
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 from pandis.pipeline.judge.controls import GAP, controls, demand_failure
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.field import Field
+from pandis.pipeline.kinds.field import ExactField, Field
 from pandis.pipeline.run.ask.budget import Limits, amount
-from pandis.pipeline.run.ask.options import BudgetOptions
+from pandis.pipeline.run.ask.targets import BudgetOptions
 from shapes import SHAPES, open_shape
 
 SCALE = Scale(0.1, 400.0)

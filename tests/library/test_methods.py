@@ -13,11 +13,13 @@ from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.kinds.field import BOUND
-from pandis.pipeline.kinds.grid.build import DenseGrid
+from pandis.pipeline.kinds.grid.dense import DenseGrid
+from pandis.pipeline.kinds.grid.spec import CONTENTS
 from pandis.pipeline.kinds.opening import open_field
 from pandis.pipeline.kinds.paper.maps import build_planes
 from pandis.pipeline.kinds.paper.proxy import ProxyField
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, PLANE_FIELDS, parse_field
+from pandis.pipeline.kinds.paper.spec import PLANES
+from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.options import TrajectoryOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from support import artifact, box_mesh
@@ -49,18 +51,18 @@ def held(name):
     vertices, faces = SHAPES["sphere"].tessellation()
     if spec.artifact == "mesh":
         return artifact("mesh", {"vertices": vertices, "faces": faces}, AT | {"shape": "sphere"})
-    if spec.kind in PLANE_FIELDS:
+    if spec.form in PLANES:
         return artifact(
             "planes", build_planes(FRAME.to_unit(vertices), ENGINE, silent_progress), AT
         )
-    grid = DenseGrid(ENGINE, GRID_FIELDS[spec.kind], spec.size, (0.06, 0.02), silent_progress)
+    grid = DenseGrid(ENGINE, CONTENTS[spec.form], spec.size, (0.06, 0.02), silent_progress)
     values = {"values": np.concatenate(list(grid.slabs(32)))}
     return artifact("grid", values, grid.attributes() | AT)
 
 
 def opened(name):
     spec = parse_field(name, ())
-    key = name if spec.kind not in PLANE_FIELDS else "support-planes"
+    key = name if spec.form not in PLANES else "support-planes"
     return open_field(spec, held(key))
 
 
@@ -158,6 +160,7 @@ def test_kims_potential_is_refused_where_it_is_none():
         open_field(parse_field("kim-algebraic-20", ()), mesh)
 
 
+@pytest.mark.slow
 def test_planes_touch_a_box_and_maps_hold_the_depth_below_them():
     vertices, faces = box_mesh()
     vertices = vertices * 0.9 / np.abs(vertices).max()

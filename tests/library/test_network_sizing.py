@@ -5,7 +5,7 @@ import pytest
 
 from pandis.base.errors import PandisError
 from pandis.base.physical import Scale
-from pandis.pipeline.judge.errors.points import Points
+from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.kinds.network.build import WIDTHS, train
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.job.stage import silent_progress

@@ -97,11 +97,16 @@ def test_other_meshes_have_no_such_tables():
 
 def test_build_times_are_those_of_the_jobs(tmp_path):
     (tmp_path / "m").mkdir()
-    jobs = {"bake-force-32": 2.5, "bake-spline-auto": 20, "train-pandis": 100, "choose": 7}
-    for name, seconds in {**jobs, "support-planes": 3}.items():
+    jobs = {
+        "bake-grid-force-32": 2.5,
+        "bake-grid-spline-auto": 20,
+        "train-pandis": 100,
+        "choose": 7,
+    }
+    for name, seconds in {**jobs, "bake-method-support-planes": 3}.items():
         lines = [json.dumps({"s": s, "rule_name": "x"}) for s in (999.0, seconds)]
         (tmp_path / "m" / f"{name}.jsonl").write_text("\n".join(lines) + "\n")
-    (tmp_path / "m" / "bake-distance-64.jsonl").write_text("{")
+    (tmp_path / "m" / "bake-grid-distance-64.jsonl").write_text("{")
     fields = ["exact", "nearest-32", "trilinear-32", "spline-auto", "pandis", "auto"]
     fields += ["support-planes", "tricubic-64", "trilinear-64", "salisbury-pandis"]
     assert build_seconds("m", fields, tmp_path) == pytest.approx(

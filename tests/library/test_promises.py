@@ -15,18 +15,20 @@ from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 from pandis.pipeline.geometry.measure import draw_contacts, promise
+from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.judge import choice
 from pandis.pipeline.judge.choice import Chooser
 from pandis.pipeline.judge.controls import controls
-from pandis.pipeline.judge.errors.points import Points
 from pandis.pipeline.kinds.compact.reference import CompactField
+from pandis.pipeline.kinds.grid.search import GridMaker, grid_bytes
+from pandis.pipeline.kinds.grid.spec import TRIED
 from pandis.pipeline.kinds.network.reference import SirenField
-from pandis.pipeline.kinds.sizing import Grids, grid_bytes
-from pandis.pipeline.run.ask.catalogue import DENSE_KINDS
+from pandis.pipeline.kinds.spline.search import SplineMaker
 from pandis.pipeline.run.ask.options import SampleOptions
+from pandis.pipeline.run.job.stage import silent_progress
 from shapes import open_shape, opened
 from support import artifact
-from test_choice import SCALE, TORUS, chooser
+from test_choice import SCALE, TORUS, chooser, without
 
 #: Takes long: `make test-slow`.
 pytestmark = pytest.mark.slow
@@ -73,18 +75,21 @@ _MADE, _PROVED, _TRIED = {}, {}, {}
 @pytest.fixture
 def workshop(monkeypatch):
     """Grids and their proofs are made once for all budgets of a shape."""
-    make, proved = Grids.make, Chooser._proved
+    proved = Chooser.proved
 
-    def made_once(self, kind, size):
-        key = id(self.points.surface), kind, size
-        if key not in _MADE:
-            _MADE[key] = make(self, kind, size)
-        return _MADE[key]
+    def once(make):
+        def made_once(self, size):
+            key = id(self.points.surface), self.form, size
+            if key not in _MADE:
+                _MADE[key] = make(self, size)
+            return _MADE[key]
 
-    def proved_once(self, field, kind, measured):
+        return made_once
+
+    def proved_once(self, field, measured):
         if id(field) not in _PROVED:
             # what does not depend on the budget: the suite, and the export
-            _PROVED[id(field)] = proved(self, field, kind, measured._replace(why="", excess=0.0))
+            _PROVED[id(field)] = proved(self, field, measured._replace(why="", excess=0.0))
         found = _PROVED[id(field)]
         return measured._replace(why=found.why, excess=max(found.excess, measured.excess))
 
@@ -94,12 +99,11 @@ def workshop(monkeypatch):
         return _TRIED[id(surface)]
 
     monkeypatch.setattr(choice, "controls", tried_once)
-    monkeypatch.setattr(Grids, "make", made_once)
-    monkeypatch.setattr(Chooser, "_proved", proved_once)
-    monkeypatch.setattr(Chooser, "_compact", lambda self: None)
-    monkeypatch.setattr(Chooser, "_network", lambda self: None)
-    monkeypatch.setattr(choice, "SIZES", SIZES)
-    monkeypatch.setattr(choice, "SPLINE_BYTES", SPLINES)
+    for maker, sizes in ((GridMaker, SIZES), (SplineMaker, SPLINES)):
+        monkeypatch.setattr(maker, "make", once(maker.make))
+        monkeypatch.setattr(maker, "sizes", sizes)
+    monkeypatch.setattr(Chooser, "proved", proved_once)
+    without(monkeypatch, "compact", "network")
 
 
 def figures(field, name):
@@ -111,19 +115,21 @@ def every(name, tmp_path):
     own = shape(name)
     made = chooser(own, tmp_path, points=points_of(name), force_error=1.0)
     listed = []
-    sizes = sorted((grid_bytes(k, n), k, n) for k in DENSE_KINDS for n in SIZES)
+    sizes = sorted((grid_bytes(k, n), k, n) for k in TRIED for n in SIZES)
     sizes += [(size, "spline", size) for size in SPLINES]
     for bytes_, kind, size in sizes:
-        candidate = made.grids.make(kind, size)
+        where = made.points, made.body.frame, made.options.band, silent_progress
+        maker = SplineMaker(*where) if kind == "spline" else GridMaker(kind, *where)
+        candidate = maker.make(size)
         if candidate is not None:
             listed.append((bytes_, kind, size, candidate, figures(candidate.field, name)))
     return made, listed
 
 
-def proof(made, candidate, kind):
+def proof(made, candidate):
     """Tell whether a field passes the suite and its export, whatever the budget."""
     measured = made.points.measure(candidate.force)
-    return not made._proved(candidate.field, kind, measured).why
+    return not made.proved(candidate.field, measured).why
 
 
 def kept(found, limits, missed):
@@ -147,7 +153,7 @@ def test_promises_are_kept_where_the_exact_field_does_not_fit(name, tmp_path):
     exact, held = shape(name).engine.tree_bytes, []
     able = [
         (kind, size, found) for bytes_, kind, size, candidate, found in listed
-        if bytes_ < exact and found["missing"] <= 0.004 and proof(made, candidate, kind)
+        if bytes_ < exact and found["missing"] <= 0.004 and proof(made, candidate)
     ]  # fmt: skip
     for mean, tail in SLACK:
         for kind, size, found in able:
@@ -174,7 +180,7 @@ def _keeps(name, listed, made, budget, tmp_path):
         if own == chosen and (kind != "spline" or size == bytes_):
             assert found["missing"] <= 2 * missed
             return kept(found, limits, missed)
-        if kept(found, limits, missed) and proof(made, candidate, kind):
+        if kept(found, limits, missed) and proof(made, candidate):
             return False  # it would have done
     raise AssertionError(f"{chosen} is none of the list")
 
@@ -221,8 +227,7 @@ def test_promises_of_compact_meshes_are_kept(name, tmp_path):
 @pytest.mark.parametrize("name", SMOOTH)
 def test_promises_of_networks_are_kept(name, tmp_path, monkeypatch):
     """With nothing but networks to choose from: what is chosen keeps every limit elsewhere, too."""
-    for other in ("_compact", "_dense", "_spline"):
-        monkeypatch.setattr(Chooser, other, lambda self: None)
+    without(monkeypatch, "compact", "grid", "spline")
     chosen, said = 0, []
     for error in ("3 %", "6 %", "12 %"):
         log = said.append

@@ -288,6 +288,7 @@ def test_flat_hole_is_filled_flat_and_a_folded_one_without_crossing():
     assert not diagnose(vertices, filled).self_intersections
 
 
+@pytest.mark.slow
 def test_large_hole_is_refused_with_the_option_that_would_fill_it():
     vertices, faces = box_mesh()
     top = (vertices[faces][:, :, 2] == 0.5).all(axis=1)
@@ -303,6 +304,7 @@ def test_large_hole_is_refused_with_the_option_that_would_fill_it():
         fix(vertices, faces[~top], small_hole=3.0, max_hole_edges=3)
 
 
+@pytest.mark.slow
 def test_a_sheet_is_refused_and_made_a_wall_on_request():
     n = 12
     x, y = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0), indexing="ij")
@@ -355,6 +357,7 @@ def test_rungs_are_the_users_choice():
         fix(vertices, faces[1:], rungs=[])
 
 
+@pytest.mark.slow
 def test_a_result_beyond_the_budget_is_not_kept(monkeypatch):
     """A spike that a remesh would cut off: with the budget at zero, no rung may."""
     monkeypatch.setattr(ladder, "REMESH_LEVELS", (7,))
@@ -396,6 +399,7 @@ def test_a_rung_out_of_memory_fails_and_names_the_option(monkeypatch):
         fix(*copies(ball(1), ball(1, centre=(1.0, 0, 0))))
 
 
+@pytest.mark.slow
 def test_a_crash_of_a_rung_is_recorded_and_passed(monkeypatch):
     honest = tools.call
 
@@ -444,6 +448,7 @@ def test_origin_of_every_face():
 # --- as a whole ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_shift_and_scale_change_nothing():
     vertices, faces = box_mesh()
     broken = np.delete(faces, [0, 16], axis=0)
@@ -483,6 +488,7 @@ def real(path):
     return read_mesh(path.name, path)[0][:2]
 
 
+@pytest.mark.slow
 def test_sound_real_meshes_pass_bit_identical(meshes):
     """After the exact weld that STL needs; `tooth_2comp` is nested and handled as documented."""
     passed = 0
@@ -501,6 +507,7 @@ def test_sound_real_meshes_pass_bit_identical(meshes):
     assert passed == 8
 
 
+@pytest.mark.slow
 def test_the_original_bunny_is_closed_and_untouched(meshes):
     vertices, faces = real(meshes / "stanford/bunny_35947v_69451f_binary.ply")
     fixed, fixed_faces, record, kept = fix(vertices, faces)
@@ -510,6 +517,7 @@ def test_the_original_bunny_is_closed_and_untouched(meshes):
     assert record["deviation"]["untouched"] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -233,6 +233,7 @@ def test_trajectory_is_seeded(torus):
     assert np.array_equal(one["points"], other["points"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_path_follows_the_thickness_of_what_is_too_thin_for_it(name):
     """A sheet-metal part got no report at all: its walls are thinner than the usual depth."""

@@ -23,11 +23,10 @@ from pandis.pipeline.judge.stress.stiffness import jacobians
 from pandis.pipeline.judge.stress.suite import QUESTIONS, Suite, stress
 from pandis.pipeline.judge.stress.work import DEPTHS, loop_work, loops
 from pandis.pipeline.kinds.field import OK, Answer, Field
-from pandis.pipeline.kinds.grid.build import DenseGrid
-from pandis.pipeline.kinds.grids import GRID_OPENERS
+from pandis.pipeline.kinds.grid.dense import DenseGrid
 from pandis.pipeline.run.ask.options import StressOptions
 from pandis.pipeline.run.job.stage import silent_progress
-from support import artifact, box_mesh
+from support import artifact, box_mesh, open_as
 
 R = 0.9
 FRAME = Frame((0.0, 0.0, 0.0), R)
@@ -195,6 +194,7 @@ def test_a_suite_that_passes_a_control_ends_its_stage(sphere):
         stress([Exact()], [blind], sphere, 1, silent_progress)
 
 
+@pytest.mark.slow
 def test_two_at_a_time_find_what_one_does(sphere):
     fields = [Exact(), grid("tricubic", "distance", 24), Exact("again")]
     alone, beside = (stress(fields, [], sphere, count, silent_progress)[1] for count in (1, 2))
@@ -233,7 +233,7 @@ def grid(kind, content, size):
     made = DenseGrid(ENGINE, content, size, (0.09, 0.02), silent_progress)
     values = np.concatenate(list(made.slabs(8)))
     held = artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
-    return GRID_OPENERS[kind](f"{kind}-{size}", held)
+    return open_as(kind, held, f"{kind}-{size}")
 
 
 def test_loop_work_is_that_of_the_literature_notes(sphere):

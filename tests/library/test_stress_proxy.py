@@ -8,9 +8,10 @@ from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.judge.stress import suite as suites
 from pandis.pipeline.judge.stress.proxy import Felt, nothing
 from pandis.pipeline.judge.stress.suite import PROXY_QUESTIONS, Suite, failures, stress
-from pandis.pipeline.kinds.exact.reference import ExactField
 from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import export_native
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from test_stress import FRAME, OPTIONS, SCALE, Exact
 
@@ -29,7 +30,9 @@ def sphere(ball):
 @pytest.fixture(scope="module")
 def field(ball):
     exact = ExactField("exact", ball)
-    return ExportedField("exact", export_native(exact, "exact", {}, 32, ball, lambda text: None))
+    return ExportedField(
+        "exact", export_native(exact, ball, NativeOptions(), {}, lambda text: None)
+    )
 
 
 def cap(points):

@@ -11,6 +11,7 @@ from pandis.pipeline.geometry.distance import MeshDistance, ShapeDistance
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.geometry.strata import Strata
+from pandis.pipeline.kinds.network.spec import TrainTask
 from pandis.pipeline.kinds.network.training import exact_loss, vectors
 from pandis.pipeline.kinds.network.training import paper_loss as losses
 from pandis.pipeline.kinds.network.training import trainer as trainer_module
@@ -22,7 +23,6 @@ from pandis.pipeline.kinds.network.training.products import product
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 from pandis.pipeline.run.ask.options import SampleOptions
 from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
-from pandis.pipeline.run.ask.tasks import TrainTask
 from pandis.pipeline.run.job.stage import silent_progress
 from support import artifact, sample
 
@@ -48,7 +48,7 @@ def recipe(loss="exact", **options):
 
 
 def task(seed=7, **options):
-    return TrainTask(name="r", recipe=recipe(**options), seed=seed)
+    return TrainTask(kind="network", name="r", recipe=recipe(**options), seed=seed)
 
 
 def trainer(samples, tmp_path, **options):

@@ -11,16 +11,18 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.sampling import Surface
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.clearance import clearance
-from pandis.pipeline.kinds.compact.build import build_compact
+from pandis.pipeline.kinds.compact.packing import build_compact
 from pandis.pipeline.kinds.compact.reference import CompactField
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.grid.build import DenseGrid
-from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.field import ExactField
+from pandis.pipeline.kinds.grid.dense import DenseGrid
+from pandis.pipeline.kinds.grid.spec import CONTENTS
 from pandis.pipeline.kinds.native import export_native, native_bytes
 from pandis.pipeline.kinds.network.base import fit_base
 from pandis.pipeline.kinds.network.reference import SirenField
-from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.kinds.opening import open_field
+from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
+from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import RULES
 from support import artifact
@@ -71,27 +73,27 @@ def meshes():
 
 @pytest.fixture(scope="session")
 def fields(meshes):
-    """Return (field, kind) by name: everything that has a native file."""
-    found = {"exact": (ExactField("exact", Body.open(meshes["exact"])), "exact")}
-    engine = found["exact"][0].engine
+    """Return a field by name: everything that has a native file."""
+    found = {"exact": ExactField("exact", Body.open(meshes["exact"]))}
+    engine = found["exact"].engine
     surface = Surface(engine.vertices, engine.faces)
     arrays, record = build_compact(Body.open(meshes["exact"]), 14, 0, lambda text: None)
     held = artifact("compact", arrays, record.attributes() | FRAME.attributes())
-    found["compact"] = CompactField("compact-14", held), "compact"
+    found["compact"] = CompactField("compact-14", held)
     for rule in (*RULES, "nearest-box", "trilinear-box"):
-        made = DenseGrid(engine, GRID_FIELDS[rule], 20, (0.2, 0.1), silent_progress)
+        made = DenseGrid(engine, CONTENTS[rule], 20, (0.2, 0.1), silent_progress)
         values = np.concatenate(list(made.slabs(32)))
         held = artifact("grid", {"values": values}, made.attributes() | FRAME.attributes())
-        found[rule] = open_field(parse_field(f"{rule}-20", ()), held), rule
+        found[rule] = open_field(parse_field(f"{rule}-20", ()), held)
     fitted = SplineFit(engine, surface, (0.2, 0.1), 0, samples_for(budget=60_000))
     arrays, attributes = fitted.build(fitted.choose_size(60_000), 60_000, silent_progress)
     held = artifact("grid", arrays, attributes | FRAME.attributes())
-    found["spline"] = open_field(parse_field("spline-auto", ()), held), "spline"
-    found["network"] = network(engine, 64, 4, 4, 0), "network"
-    found["gradient"] = network(engine, 50, 4, 1, 8), "network"
-    found["shallow"] = network(engine, 17, 1, 1, 0), "network"
+    found["spline"] = open_field(parse_field("spline-auto", ()), held)
+    found["network"] = network(engine, 64, 4, 4, 0)
+    found["gradient"] = network(engine, 50, 4, 1, 8)
+    found["shallow"] = network(engine, 17, 1, 1, 0)
     for shape in SHAPES:
-        found[shape] = ExactField("exact", Body.open(meshes[shape])), "exact"
+        found[shape] = ExactField("exact", Body.open(meshes[shape]))
     return found
 
 
@@ -100,18 +102,18 @@ def files(fields, meshes, tmp_path_factory):
     """Return the path of every field's file."""
     folder = tmp_path_factory.mktemp("native")
     paths = {}
-    for name, (field, kind) in fields.items():
+    for name, field in fields.items():
         paths[name] = folder / f"{name}.pandis"
         engine = Body.open(meshes[name]).distance
         safe = clearance(lambda points, f=field: f.query(points)[::2], engine)
-        paths[name].write_bytes(native_bytes(field, kind, {"of": name}, safe=safe))
+        paths[name].write_bytes(native_bytes(field, {"of": name}, safe=safe))
     for name in ("network", "gradient"):  # for what is asked of bytes, not of answers
         paths[f"{name}-16"] = folder / f"{name}-16.pandis"
-        paths[f"{name}-16"].write_bytes(native_bytes(*fields[name], {"of": name}, 16))
-    asked = {"of": "compact"}, 32, Body.open(meshes["compact"]), lambda text: None
+        paths[f"{name}-16"].write_bytes(native_bytes(fields[name], {"of": name}, 16))
+    body, options = Body.open(meshes["compact"]), NativeOptions(original_faces=True)
     paths["compact-faces"] = folder / "compact-faces.pandis"
     paths["compact-faces"].write_bytes(
-        export_native(*fields["compact"], *asked, original_faces=True)
+        export_native(fields["compact"], body, options, {"of": "compact"}, lambda text: None)
     )
     return paths
 

@@ -8,7 +8,7 @@ from conftest import FRAME
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE, Frame
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.contact import (  # fmt: skip
     STICKING,
@@ -67,7 +67,7 @@ def mesh_field(vertices, faces):
     frame = Frame.of_bounds(vertices.min(axis=0), vertices.max(axis=0))
     held = artifact("mesh", {"vertices": vertices, "faces": faces},
                     {**frame.attributes(), "shape": None})  # fmt: skip
-    return NativeField(native_bytes(ExactField("exact", Body.open(held)), "exact", {}))
+    return NativeField(native_bytes(ExactField("exact", Body.open(held)), {}))
 
 
 def box_mesh(low, high):

@@ -9,8 +9,9 @@ from test_contact import approach, gain_near, metres, placed, surface_of
 
 from pandis.base.frame import UNIT_SIDE
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.compact.build import file_parts, pack_body
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.compact.file import file_parts
+from pandis.pipeline.kinds.compact.packing import pack_body
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.mesh.build import build
 from pandis.pipeline.run.ask.tasks import MeshTask
@@ -33,7 +34,7 @@ def real_bunny():
     body = Body(arrays["vertices"], arrays["faces"])
     packed, record = pack_body(body, 16)
     compact = pack(COMPACT, body.frame, *file_parts(packed, record), {}, 3)
-    return NativeField(native_bytes(ExactField("exact", body), "exact", {})), NativeField(compact)
+    return NativeField(native_bytes(ExactField("exact", body), {})), NativeField(compact)
 
 
 def test_at_rest_on_a_scan_the_proxy_is_a_local_minimum_of_the_distance(real_bunny):

@@ -7,8 +7,9 @@ from test_header import points_for
 
 from pandis.base.frame import Frame
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.compact.build import file_parts, pack_body
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.compact.file import file_parts
+from pandis.pipeline.kinds.compact.packing import pack_body
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import COMPACT, SHAPES, NativeField
 from pandis.runtime.field.files import pack
@@ -87,7 +88,7 @@ def mesh_of(kind, half):
     box = trimesh.creation.box(2 * half)
     body = Body(box.vertices, box.faces, Frame.of_bounds(-half, half))
     if kind == "exact":
-        return NativeField(native_bytes(ExactField("exact", body), "exact", {}, safe=(1, 0)))
+        return NativeField(native_bytes(ExactField("exact", body), {}, safe=(1, 0)))
     return NativeField(pack(COMPACT, body.frame, *file_parts(*pack_body(body, 16)), {}, 3))
 
 

@@ -10,9 +10,10 @@ from test_textures import heights
 
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.scenes import try_scene
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import export_native
 from pandis.pipeline.run.ask.contacts import SurfaceOptions, TextureOptions
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.pipeline.run.ask.tasks import SceneTask
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.contact import NativeContact
@@ -32,7 +33,7 @@ def plain(shape):
     """Return the file of a mesh that has lost its regions."""
     body = Body.open(shape)
     bare = Body(body.vertices, body.faces, body.frame)
-    return export_native(ExactField("exact", bare), "exact", {}, 32, bare, lambda text: None)
+    return export_native(ExactField("exact", bare), bare, NativeOptions(), {}, lambda text: None)
 
 
 def test_every_region_has_its_own_texture_and_one_beyond_them_the_first():

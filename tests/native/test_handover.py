@@ -16,7 +16,7 @@ SHAPES = 400
 @pytest.fixture(scope="module")
 def mesh(fields, files):
     """Return the field of an exact mesh, points around it, and many shapes of its vertices."""
-    field, _ = fields["exact"]
+    field = fields["exact"]
     vertices = field.frame.to_mesh(field.engine.vertices)
     points = points_around(field.frame, vertices, 200)
     shapes = [bent(vertices, angle) for angle in np.linspace(0, 1.5, SHAPES)]

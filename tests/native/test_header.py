@@ -22,8 +22,10 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.exported import ExportedField
 from pandis.pipeline.kinds.field import BOUND, INVALID
-from pandis.pipeline.kinds.native import export_native, native_bytes, network_bytes
+from pandis.pipeline.kinds.native import export_native, native_bytes
+from pandis.pipeline.kinds.network.file import network_bytes
 from pandis.pipeline.kinds.network.reference import SirenField
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.files import pack, read_provenance
 from pandis.runtime.servo import run_ticks
@@ -60,7 +62,7 @@ def closeness(name, field):
 @pytest.mark.parametrize("name", NAMES)
 def test_it_answers_as_the_library_does(name, fields, files):
     """To the last bit but one, where no float32 sums or comparisons are in another order."""
-    field, _ = fields[name]
+    field = fields[name]
     points = points_for(field)
     native, wanted = NativeField(files[name]), field.query(field.frame.to_unit(points))
     found = native.query(points)
@@ -103,7 +105,7 @@ def test_many_points_get_the_bits_that_each_gets_alone(name, files):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_field_is_asked_in_the_unit_frame_through_its_file(name, fields, files):
-    (field, _), exported = fields[name], ExportedField("field", files[name])
+    field, exported = fields[name], ExportedField("field", files[name])
     points = field.frame.to_unit(points_for(field))
     close = 2e-6 if field.keeps_length else closeness(name, field)
     found, wanted = exported.query(points), field.query(points)
@@ -144,10 +146,10 @@ def test_points_of_another_shape_are_refused_in_words(files):
 def test_a_file_weighs_what_its_answers_are_made_of(fields, files):
     """Without what only flags, scenes and readers of the provenance look at."""
     for name in ("exact", "compact", "nearest", "trilinear-normal", "spline", *SHAPES):
-        assert NativeField(files[name]).bytes == fields[name][0].bytes
+        assert NativeField(files[name]).bytes == fields[name].bytes
     assert NativeField(files["tricubic"]).bytes == 4 * 22**3
     for name in ("network", "gradient", "shallow", "network-16", "gradient-16"):
-        own = fields[name.removesuffix("-16")][0]
+        own = fields[name.removesuffix("-16")]
         cells = len(own.base.coefficients) - 3 if own.base else None
         shape = len(own.layers[0][0]), len(own.layers) - 1, len(own.layers[-1][0])
         bits = 16 if name.endswith("-16") else 32
@@ -156,7 +158,7 @@ def test_a_file_weighs_what_its_answers_are_made_of(fields, files):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_no_place_gets_a_flag_and_no_force(name, fields, files):
-    field, _ = fields[name]
+    field = fields[name]
     bad = [np.nan, np.inf, -np.inf, 1e300, -1e300]
     centre = field.frame.to_mesh(np.full(3, 0.1))
     points = np.array([np.where(np.arange(3) == k, b, centre) for k in range(3) for b in bad])
@@ -235,7 +237,7 @@ SETS = (
 def points_file(fields, tmp_path_factory):
     """Return raw points for `probe`, of the torus's frame."""
     path = tmp_path_factory.mktemp("points") / "points.bin"
-    path.write_bytes(points_for(fields["exact"][0], 500).astype(np.float64).tobytes())
+    path.write_bytes(points_for(fields["exact"], 500).astype(np.float64).tobytes())
     return path
 
 
@@ -248,7 +250,7 @@ def test_every_compiler_and_vector_width_gives_the_same_bits(files, points_file,
 def test_every_compiler_and_vector_width_gives_the_same_ten_million_bits(files, fields, tmp_path):
     """Ten million answers of each, over all kinds of files."""
     path = tmp_path / "points.bin"
-    points = points_for(fields["exact"][0], -(-10_000_000 // len(files)))
+    points = points_for(fields["exact"], -(-10_000_000 // len(files)))
     path.write_bytes(points.astype(np.float64).tobytes())
     same_bits(files, path, tmp_path)
 
@@ -514,7 +516,7 @@ def test_other_machines_give_the_same_bits(target, files, points_file, tmp_path)
 @pytest.mark.parametrize("target", TARGETS)
 def test_other_machines_give_the_same_bits_100_000_times(target, files, fields, tmp_path):
     path = tmp_path / "points.bin"
-    points = points_for(fields["exact"][0], 100_000)
+    points = points_for(fields["exact"], 100_000)
     path.write_bytes(points.astype(np.float64).tobytes())
     other_machine(target, files, path, tmp_path)
 
@@ -579,7 +581,7 @@ def test_what_a_program_may_ask_of_a_field(name, files, fields, tmp_path):
     kind, size, longest, *bounds = lines[1].split()
     assert int(kind) == {"box": 5, "sphere": 5, "trilinear": 2, "spline": 3, "network": 1}[name]
     assert int(size) == files[name].stat().st_size
-    frame = fields[name][0].frame
+    frame = fields[name].frame
     assert float(longest) == pytest.approx(1.8 / frame.scale)
     low, high = np.array(bounds, float).reshape(3, 2).T
     assert (low < high).all()
@@ -681,10 +683,12 @@ def test_libfuzzer_finds_nothing_in_a_quarter_of_an_hour(files, tmp_path):
 
 
 def test_sixteen_bits_cost_little(fields, meshes):
-    field, kind = fields["gradient"]
+    field = fields["gradient"]
     said = []
-    data = export_native(field, kind, {}, 16, Body.open(meshes["exact"]), said.append)
-    whole = export_native(field, kind, {}, 32, Body.open(meshes["exact"]), said.append)
+    data = export_native(
+        field, Body.open(meshes["exact"]), NativeOptions(weight_bits=16), {}, said.append
+    )
+    whole = export_native(field, Body.open(meshes["exact"]), NativeOptions(), {}, said.append)
     assert len(data) < 0.75 * len(whole)
     points = points_for(field)
     one, other = NativeField(data), NativeField(whole)
@@ -694,23 +698,23 @@ def test_sixteen_bits_cost_little(fields, meshes):
 
 
 def test_a_broken_sixteen_bit_export_is_refused(fields, meshes, monkeypatch):
-    field, kind = fields["gradient"]
-    data = native_bytes(field, kind, {}, 16)
+    field = fields["gradient"]
+    data = native_bytes(field, {}, 16)
     broken = resealed(data, section(data, b"SCAL"), "<f", 0.1)
-    monkeypatch.setattr("pandis.pipeline.kinds.native._file", lambda *_: broken)
+    monkeypatch.setattr("pandis.pipeline.kinds.native.pack", lambda *_: broken)
     with pytest.raises(pandis.base.errors.PandisError, match="differs from its field"):
-        export_native(field, kind, {}, 16, Body.open(meshes["exact"]), print)
+        export_native(field, Body.open(meshes["exact"]), NativeOptions(weight_bits=16), {}, print)
 
 
 def test_an_export_that_differs_from_its_field_is_refused(fields, meshes, monkeypatch):
     """The check must notice: here a bias is lost on the way."""
-    field, kind = fields["network"]
-    data = native_bytes(field, kind, {})
+    field = fields["network"]
+    data = native_bytes(field, {})
     at = section(data, b"BIAS")
     broken = resealed(data, at, "<f", 3.0)
-    monkeypatch.setattr("pandis.pipeline.kinds.native._file", lambda *_: broken)
+    monkeypatch.setattr("pandis.pipeline.kinds.native.pack", lambda *_: broken)
     with pytest.raises(pandis.base.errors.PandisError, match="differs from its field"):
-        export_native(field, kind, {}, 32, Body.open(meshes["exact"]), print)
+        export_native(field, Body.open(meshes["exact"]), NativeOptions(), {}, print)
 
 
 def test_provenance_travels_with_the_file(files, tmp_path):
@@ -726,7 +730,7 @@ def test_a_user_loads_a_field_and_asks_for_forces(files, fields):
     assert field.force([0.0, 0.0, 1.1]).tolist() == [[0, 0, 0]]
     taken = field.time(np.zeros((3, 3)), 500)
     assert (taken >= 0).all()
-    assert fields["sphere"][0].bytes == 0
+    assert fields["sphere"].bytes == 0
 
 
 def test_the_format_is_as_documented():

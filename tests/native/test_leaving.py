@@ -16,10 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.compact.build import build_compact
+from pandis.pipeline.kinds.compact.packing import build_compact
 from pandis.pipeline.kinds.compact.reference import CompactField
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import export_native
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.runtime.contact import Material, NativeContact
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
@@ -56,7 +57,9 @@ def corner(kind, turned):
         arrays, record = build_compact(body, 16, 0, lambda text: None)
         attributes = record.attributes() | body.frame.attributes()
         field = CompactField("compact-16", artifact("compact", arrays, attributes))
-    return Corner(NativeField(export_native(field, kind, {}, 32, body, lambda text: None)), turn)
+    return Corner(
+        NativeField(export_native(field, body, NativeOptions(), {}, lambda text: None)), turn
+    )
 
 
 def way(*places):
@@ -168,7 +171,7 @@ def test_a_step_in_a_sharp_corner_ends(tilt):
     arrays = [(np.asarray(m.vertices, float), np.asarray(m.faces, np.int64)) for m in (block, cone)]
     vertices, faces, _ = mesh_boolean(*arrays[0], *arrays[1], "minus")
     body = Body.open(opened(trimesh.Trimesh(vertices, faces, process=False)).mesh)
-    data = export_native(ExactField("exact", body), "exact", {}, 32, body, lambda text: None)
+    data = export_native(ExactField("exact", body), body, NativeOptions(), {}, lambda text: None)
     placed = Placed(NativeField(data), np.eye(3), np.zeros(3), 1e-3, 400.0)
     rng = np.random.default_rng(0)
     for _ in range(20):

@@ -24,7 +24,7 @@ from pandis.bridges.mujoco.asking import asker
 from pandis.engine.compiler import find_compiler
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.kinds.clearance import clearance
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
@@ -216,7 +216,7 @@ def plate(thickness, path, more=()):
     body = Body.open(made)
     field = ExactField("exact", body)
     safe = clearance(lambda points: field.query(points)[::2], body.distance)
-    path.write_bytes(native_bytes(field, "exact", {}, safe=safe))
+    path.write_bytes(native_bytes(field, {}, safe=safe))
     box.vertices = vertices
     return box
 

@@ -10,9 +10,9 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import Box
 from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.passes import ABOVE, MARGIN, Oracle, draw, free_starts, judge, run
-from pandis.pipeline.kinds.compact.build import build_compact
+from pandis.pipeline.kinds.compact.packing import build_compact
 from pandis.pipeline.kinds.compact.reference import CompactField
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.contact import Feel, Material
 from pandis.runtime.field import NativeField
@@ -33,10 +33,10 @@ def plate():
     arrays, record = build_compact(body, 16, 0, lambda text: None)
     packed = artifact("compact", arrays, record.attributes() | frame.attributes())
     made = {
-        "exact": (ExactField("exact", body), "exact"),
-        "compact": (CompactField("compact-16", packed), "compact"),
+        "exact": ExactField("exact", body),
+        "compact": CompactField("compact-16", packed),
     }
-    fields = {name: NativeField(native_bytes(*given, {})) for name, given in made.items()}
+    fields = {name: NativeField(native_bytes(field, {})) for name, field in made.items()}
     return fields, Oracle(vertices * SIZE / UNIT_SIDE, faces)
 
 

@@ -65,6 +65,7 @@ def test_a_feel_is_of_the_configuration_and_fits_into_the_deadline(files):
     assert feel_for(exact, None, penalty, SIZE, 1e-6, 8e-4)[0] is None
 
 
+@pytest.mark.slow
 def test_a_ball_lets_no_hand_through_and_a_smaller_one_does(files, ball):
     places, truth, way = ball
     field = NativeField(files["sphere"])

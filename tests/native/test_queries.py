@@ -8,11 +8,10 @@ import trimesh
 from test_header import NAMES, points_for
 
 from pandis.base.frame import Frame
-from pandis.pipeline.kinds import native as export
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.field import CUT
+from pandis.pipeline.kinds import native as export
+from pandis.pipeline.kinds.field import CUT, ExactField
 from pandis.pipeline.kinds.limits import least_limit, near_surface
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.binding import library
@@ -108,8 +107,8 @@ def ball(most, monkeypatch, shell=False):
         faces = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
         vertices = np.concatenate([vertices, 0.98 * vertices])
     body = Body(0.9 * vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
-    monkeypatch.setattr(export, "least_limit", lambda *given: most)
-    return NativeField(export.native_bytes(ExactField("exact", body), "exact", {})), body
+    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *given: most)
+    return NativeField(export.native_bytes(ExactField("exact", body), {})), body
 
 
 def middle(count, spread):
@@ -168,7 +167,7 @@ def limit_of(data):
 def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     """What is cut there could be wrong by the size of the object."""
     body = Body(*cone(1000), Frame((0.0, 0.0, 0.0), 1.0))
-    data = export.native_bytes(ExactField("exact", body), "exact", {})
+    data = export.native_bytes(ExactField("exact", body), {})
     assert export.MOST < limit_of(data) <= 8 * export.MOST
     field, rng = NativeField(data), np.random.default_rng(2)
     base = rng.normal(0, (0.01, 0.01, 0.001), (2000, 3)) - (0, 0, 0.9)
@@ -195,7 +194,7 @@ def test_one_small_corner_of_a_large_mesh_makes_the_limit_larger():
     vertices = np.concatenate([ball.vertices, 0.002 * small[0] + (0.8, 0, 0)])
     faces = np.concatenate([ball.faces, small[1] + len(ball.vertices)])
     body = Body(vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
-    field = NativeField(export.native_bytes(ExactField("exact", body), "exact", {}))
+    field = NativeField(export.native_bytes(ExactField("exact", body), {}))
     base = np.random.default_rng(4).normal(0, (2e-6, 2e-6, 2e-7), (500, 3)) + (0.8, 0, -0.0018)
     found = field.query(base)
     assert not (found.flag == CUT).any()
@@ -205,7 +204,7 @@ def test_one_small_corner_of_a_large_mesh_makes_the_limit_larger():
 def test_the_middle_of_a_ball_does_not_make_the_limit_larger():
     vertices, faces = SHAPES["sphere"].tessellation()
     body = Body(0.9 * vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
-    data = export.native_bytes(ExactField("exact", body), "exact", {})
+    data = export.native_bytes(ExactField("exact", body), {})
     assert limit_of(data) == export.MOST
     assert (NativeField(data).query(middle(100, 1e-9)).flag == CUT).all()
 
@@ -221,5 +220,5 @@ def test_without_a_limit_nothing_is_cut(monkeypatch):
 
 def test_an_exact_mesh_takes_few_bytes(fields, files):
     """Vertices, their normals, faces and neighbours take 48 a face; the rest is the tree."""
-    field, _ = fields["exact"]
+    field = fields["exact"]
     assert files["exact"].stat().st_size <= 120 * len(field.engine.faces)

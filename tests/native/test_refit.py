@@ -7,8 +7,7 @@ import pytest
 from test_queries import same
 
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.exact.reference import ExactField
-from pandis.pipeline.kinds.field import CUT
+from pandis.pipeline.kinds.field import CUT, ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.runtime.field import NativeField
 from pandis.runtime.field.binding import library
@@ -30,7 +29,7 @@ def bent(vertices, angle, squeeze=1.0):
 @pytest.fixture(scope="module")
 def mesh(fields, files):
     """Return the field of an exact mesh, its body, and its vertices and faces."""
-    field, _ = fields["exact"]
+    field = fields["exact"]
     vertices = field.frame.to_mesh(field.engine.vertices)
     return NativeField(files["exact"]), field.frame, vertices, field.engine.faces
 
@@ -38,7 +37,7 @@ def mesh(fields, files):
 def fresh(frame, vertices, faces):
     """Return the field of a tree that is built anew."""
     body = Body(vertices, faces, frame)
-    return NativeField(native_bytes(ExactField("exact", body), "exact", {}))
+    return NativeField(native_bytes(ExactField("exact", body), {}))
 
 
 def points_around(frame, vertices, count=4000):
@@ -85,7 +84,7 @@ def test_it_comes_back_and_the_field_that_lends_its_faces_stays(mesh):
 def test_of_random_vertices_far_apart_nothing_is_cut(mesh, monkeypatch):
     """The worst a refit can get: boxes that all overlap, for which the limit was not made."""
     _, frame, vertices, faces = mesh
-    monkeypatch.setattr("pandis.pipeline.kinds.native.least_limit", lambda *given: 300)
+    monkeypatch.setattr("pandis.pipeline.kinds.exact.file.least_limit", lambda *given: 300)
     field = fresh(frame, vertices, faces)
     shape = np.random.default_rng(1).uniform(vertices.min(), vertices.max(), vertices.shape)
     moving = field.moving()

@@ -11,12 +11,13 @@ from test_header import resealed, section
 
 from pandis.base.errors import ArtifactError, PandisError
 from pandis.pipeline.geometry.body import Body
-from pandis.pipeline.kinds.compact.build import build_compact
+from pandis.pipeline.kinds.compact.packing import build_compact
 from pandis.pipeline.kinds.compact.reference import CompactField
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import export_native
 from pandis.pipeline.mesh.build import build
 from pandis.pipeline.mesh.regions import carry
+from pandis.pipeline.run.ask.options import NativeOptions
 from pandis.pipeline.run.ask.sourcing import SourceDigests, source_digest, source_files
 from pandis.pipeline.run.ask.tasks import MeshTask
 from pandis.runtime.contact import Material, NativeContact
@@ -143,7 +144,7 @@ def file_of(mesh, kind):
         arrays, record = build_compact(body, 16, 0, lambda text: None)
         packed = artifact("compact", arrays, record.attributes() | body.frame.attributes())
         field = CompactField("compact-16", packed)
-    return export_native(field, kind, {}, 32, body, lambda text: None)
+    return export_native(field, body, NativeOptions(), {}, lambda text: None)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +170,7 @@ def test_a_proxy_rubs_as_the_region_does_in_which_it_lies(mesh):
     rough, smooth = Material(2.0, 2.0, 0.0, 0.0), Material()
     shape = Body.open(mesh)
     bare = Body(shape.vertices, shape.faces, shape.frame)
-    plain = export_native(ExactField("exact", bare), "exact", {}, 32, bare, lambda text: None)
+    plain = export_native(ExactField("exact", bare), bare, NativeOptions(), {}, lambda text: None)
     beside, plain = exported(mesh, "compact"), NativeField(plain)
     assert plain.region_names == ()
     for field, regions in ((exported(mesh, "exact"), None), (beside, None), (plain, beside)):
@@ -285,7 +286,7 @@ def test_a_file_with_too_many_materials_is_told_so(tmp_path):
 @pytest.mark.parametrize("mesh", ["balls.glb"], indirect=True)
 def test_a_file_whose_regions_have_no_name_is_refused(mesh):
     body = Body.open(mesh)
-    data = export_native(ExactField("exact", body), "exact", {}, 32, body, lambda text: None)
+    data = export_native(ExactField("exact", body), body, NativeOptions(), {}, lambda text: None)
     assert NativeField(data).region_names == ("rubber", "steel")
     names = section(data, b"RNAM")
     for damaged in (

@@ -124,7 +124,7 @@ def test_the_margin_is_what_keeps_contacts(files):
 
 
 def test_a_file_that_says_nothing_is_always_asked(fields):
-    field = NativeField(native_bytes(*fields["tricubic"], {}))
+    field = NativeField(native_bytes(fields["tricubic"], {}))
     objects = [place(field, np.random.default_rng(9), 0.1, 0.0)]
     answer = compare(objects, walk(2_000, np.random.default_rng(10), 0.3))
     assert (answer.asked == 1).all()
@@ -151,7 +151,7 @@ def test_clearance_is_what_a_field_errs(fields, meshes):
     """Exact fields have none, the nearest node's has that of half its cell's diagonal, and more."""
     found = {}
     for name in ("exact", "sphere", "tricubic", "trilinear-normal", "nearest"):
-        field, mesh = fields[name][0], meshes[name]
+        field, mesh = fields[name], meshes[name]
         safe = clearance(lambda p, f=field: f.query(p)[::2], Body.open(mesh).distance)
         found[name] = safe[6]
         assert safe[:6] == pytest.approx([-0.9, -0.9, safe[2], 0.9, 0.9, -safe[2]], abs=1e-12)
@@ -185,7 +185,7 @@ def twisted(vertices, angle):
 
 def test_a_shape_that_moves_is_felt_where_it_is(files, fields):
     """Also where it reaches out of the box that it had; forces are those of asking every object."""
-    field = fields["exact"][0]
+    field = fields["exact"]
     vertices = field.frame.to_mesh(field.engine.vertices)
     moving, rng = NativeField(files["exact"]).moving(), np.random.default_rng(21)
     objects = [*room(files, ["torus", "spline"], 4, 22), place(moving, rng, 0.1)]

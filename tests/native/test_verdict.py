@@ -22,7 +22,7 @@ from pandis.pipeline.judge.servo.verdict import (
     machine_verdict,
 )
 from pandis.pipeline.judge.servo.walls import compare, open_walls
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.run.ask.options import AttachedOptions, TrajectoryOptions
 from pandis.pipeline.run.ask.tasks import ValidateTask
 from pandis.pipeline.run.job.stage import silent_progress
@@ -44,11 +44,11 @@ def task(**options):
 @pytest.fixture(scope="module")
 def surface(fields):
     """Return where the torus is pressed on: as `trajectory` gives it."""
-    field = fields["exact"][0]
+    field = fields["exact"]
     engine = field.engine
     own = Surface(engine.vertices, engine.faces)
     held, _ = trace(own, engine, TrajectoryOptions(samples=400), 2, silent_progress)
-    walls = open_walls(fields["exact"][0], own, SCALE, 3)
+    walls = open_walls(fields["exact"], own, SCALE, 3)
     return contact(held, walls.pressed, walls.thin, SIZE)
 
 

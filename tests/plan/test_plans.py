@@ -25,12 +25,23 @@ def native(*names, meshes=BOTH):
     return {("export_native", mesh, name) for mesh in meshes for name in names}
 
 
+def graphs(*names, meshes=BOTH):
+    """The jobs that write graphs, and of networks programs, too."""
+    return {
+        ("export_graph", mesh, name, ending)
+        for mesh in meshes
+        for name in names
+        for ending in ("onnx", "pt2")
+        if ending == "onnx" or name.startswith("pandis")
+    }
+
+
 FIELDS = ("exact", "trilinear-24", "pandis-exact")
 EVERYTHING = (
     {(stage, mesh) for stage in ("mesh", "sample", "trajectory", *DEPENDENT) for mesh in BOTH}
-    | {(stage, mesh, "pandis-exact") for stage in ("train", "export_network") for mesh in BOTH}
-    | {("bake", mesh, "force", "24") for mesh in BOTH}
-    | {("export_grid", mesh, "trilinear-24") for mesh in BOTH}
+    | {("train", mesh, "pandis-exact") for mesh in BOTH}
+    | {("bake", mesh, "grid-force-24") for mesh in BOTH}
+    | graphs("trilinear-24", "pandis-exact")
     | native(*FIELDS)
     | LAST
 )
@@ -66,7 +77,7 @@ def test_training_option_of_one_mesh(rerun):
         rerun,
         meshes={"torus": {"source": "analytic:torus", "train": {"pandis-exact": {"steps": 301}}}},
     )
-    network = {("train", "torus", "pandis-exact"), ("export_network", "torus", "pandis-exact")}
+    network = {("train", "torus", "pandis-exact")} | graphs("pandis-exact", meshes=["torus"])
     network |= native("pandis-exact", meshes=["torus"])
     assert plan(rerun) == network | all_of(*DEPENDENT, meshes=["torus"]) | LAST
 
@@ -74,8 +85,8 @@ def test_training_option_of_one_mesh(rerun):
 def test_new_mesh(rerun):
     change(rerun, meshes={"box": {"source": "analytic:box"}})
     own = all_of("mesh", "sample", "trajectory", *DEPENDENT, meshes=["box"])
-    own |= {("train", "box", "pandis-exact"), ("export_network", "box", "pandis-exact")}
-    own |= {("bake", "box", "force", "24"), ("export_grid", "box", "trilinear-24")}
+    own |= {("train", "box", "pandis-exact"), ("bake", "box", "grid-force-24")}
+    own |= graphs("trilinear-24", "pandis-exact", meshes=["box"])
     own |= native(*FIELDS, meshes=["box"])
     assert plan(rerun) == own | LAST
 
@@ -85,6 +96,7 @@ def test_auto_builds_one_field_and_trains_nothing_beside_it(rerun):
     assert plan(rerun) == all_of("choose", *DEPENDENT) | native("auto") | LAST
 
 
+@pytest.mark.slow
 def test_query_times_are_an_input_of_the_choice(rerun):
     change(rerun, fields="auto", budget={"force_error": 1e-3})
     snakemake(rerun, "-j2", "all", "--configfile", FAST)
@@ -162,25 +174,25 @@ def test_field_module_edited_restales_no_other_field(rerun):
         "QUICK = 4000",
         "QUICK = 4001",
     )
-    network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
+    network = {("train", m, "pandis-exact") for m in BOTH} | graphs("pandis-exact")
     network |= native("pandis-exact")
     assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
 
 
 def test_baking_module_edited_trains_nothing(rerun):
-    edit(rerun / "workflow/pandis/pipeline/kinds/grid/build.py", "(1 << 18)", "(1 << 17)")
-    grids = {("bake", m, "force", "24") for m in BOTH}
-    grids |= {("export_grid", m, "trilinear-24") for m in BOTH} | native(*FIELDS)
+    edit(rerun / "workflow/pandis/pipeline/kinds/grid/dense.py", "(1 << 18)", "(1 << 17)")
+    grids = {("bake", m, "grid-force-24") for m in BOTH}
+    grids |= graphs("trilinear-24") | native("trilinear-24")
     assert plan(rerun) == grids | all_of(*DEPENDENT) | LAST
 
 
 def test_grid_module_edited_bakes_and_trains_nothing(rerun):
     edit(
-        rerun / "workflow/pandis/pipeline/kinds/grid/reference.py",
+        rerun / "workflow/pandis/pipeline/kinds/grid/interpolation.py",
         "Lattice.around_box(len(self.values) - 1)",
         "Lattice.around_box(+len(self.values) - 1)",
     )
-    grids = {("export_grid", m, "trilinear-24") for m in BOTH} | native(*FIELDS)
+    grids = graphs("trilinear-24") | native("trilinear-24")
     assert plan(rerun) == grids | all_of(*DEPENDENT) | LAST
 
 
@@ -188,7 +200,7 @@ def test_network_module_edited_bakes_nothing(rerun):
     edit(
         rerun / "workflow/pandis/pipeline/kinds/network/reference.py", "h = np.sin(", "h = +np.sin("
     )
-    networks = {("export_network", m, "pandis-exact") for m in BOTH} | native(*FIELDS)
+    networks = graphs("pandis-exact") | native("pandis-exact")
     assert plan(rerun) == networks | all_of(*DEPENDENT) | LAST
 
 
@@ -204,7 +216,7 @@ def test_one_loss_edited_trains_the_other_recipe_not_again(rerun):
         "off + options",
         "+off + options",
     )
-    network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
+    network = {("train", m, "pandis-exact") for m in BOTH} | graphs("pandis-exact")
     network |= native("pandis-exact")
     assert plan(rerun) == network | all_of(*DEPENDENT) | LAST
 
@@ -259,7 +271,7 @@ def test_swapped_values_are_noticed(rerun):
     samples = config["samples"]
     samples["offsets"], samples["box"] = samples["box"], samples["offsets"]
     (rerun / FAST).write_text(yaml.safe_dump(config))
-    network = {(s, m, "pandis-exact") for s in ("train", "export_network") for m in BOTH}
+    network = {("train", m, "pandis-exact") for m in BOTH} | graphs("pandis-exact")
     network |= native("pandis-exact")
     assert plan(rerun) == all_of("sample", *DEPENDENT) | network | LAST
 
@@ -268,12 +280,8 @@ def test_field_added(rerun):
     change(
         rerun, fields=["exact", "trilinear-24", "pandis-exact", "nearest-24", "trilinear-normal-8"]
     )
-    own = {("bake", m, "normal", "8") for m in ("sphere", "torus")}
-    own |= {
-        ("export_grid", m, f)
-        for m in ("sphere", "torus")
-        for f in ("nearest-24", "trilinear-normal-8")
-    }
+    own = {("bake", m, "grid-normal-8") for m in BOTH}
+    own |= graphs("nearest-24", "trilinear-normal-8")
     own |= native("nearest-24", "trilinear-normal-8")
     assert plan(rerun) == own | all_of(*DEPENDENT) | LAST
 
@@ -287,13 +295,13 @@ def test_field_taken_off(rerun, field):
 
 def test_no_network_means_no_samples(workspace):
     change(workspace, fields=["exact", "trilinear-24"])
-    assert not {job[0] for job in plan(workspace)} & {"sample", "train", "export_network"}
+    assert not {job[0] for job in plan(workspace)} & {"sample", "train"}
 
 
 def test_upstream_missing_reruns_what_follows(rerun):
     (rerun / "results/torus/samples.zarr.zip").unlink()
     own = all_of("sample", *DEPENDENT, meshes=["torus"])
-    own |= {(s, "torus", "pandis-exact") for s in ("train", "export_network")}
+    own |= {("train", "torus", "pandis-exact")} | graphs("pandis-exact", meshes=["torus"])
     own |= native("pandis-exact", meshes=["torus"])
     assert plan(rerun) == own | LAST
 
@@ -307,7 +315,7 @@ def test_upstream_missing_reruns_what_follows(rerun):
         ("grids", {"mesh", "bake"}),
         (
             "exports",
-            {"mesh", "sample", "train", "bake", "export_grid", "export_network", "export_native"},
+            {"mesh", "sample", "train", "bake", "export_graph", "export_native"},
         ),
     ],
 )
@@ -322,7 +330,7 @@ SCENE = {"objects": {"a": {"mesh": "torus", "field": "trilinear-24"}}}
 def test_a_scene_builds_what_its_objects_need(workspace):
     """No other mesh, no other field, and no stage besides."""
     change(workspace, scenes={"table": SCENE})
-    wanted = {("mesh", "torus"), ("bake", "torus", "force", "24"), ("scene", None, "table")}
+    wanted = {("mesh", "torus"), ("bake", "torus", "grid-force-24"), ("scene", None, "table")}
     assert plan(workspace) == wanted | native("trilinear-24", meshes=["torus"])
 
 
@@ -330,7 +338,8 @@ def test_a_scene_may_ask_for_a_field_that_is_not_listed(workspace):
     objects = {"a": {"mesh": "torus", "field": "spline-auto"}, "b": SCENE["objects"]["a"]}
     objects["c"] = {"mesh": "sphere", "field": "pandis-exact"}
     change(workspace, scenes={"table": {"objects": objects}, "other": SCENE})
-    wanted = all_of("mesh") | {("bake", "torus", "force", "24"), ("bake_auto", "torus", "spline")}
+    wanted = all_of("mesh")
+    wanted |= {("bake", "torus", stem) for stem in ("grid-force-24", "grid-spline-auto")}
     wanted |= {("sample", "sphere"), ("train", "sphere", "pandis-exact")}
     wanted |= {("scene", None, "table"), ("scene", None, "other")}
     wanted |= native("trilinear-24", "spline-auto", meshes=["torus"])
@@ -342,7 +351,7 @@ def test_a_scene_with_materials_brings_the_mesh_that_knows_where_they_are(worksp
     """A grid knows no regions: a mesh that is listed says them, a compact one before the exact."""
     felt = SCENE | {"contact": {"materials": {"rubber": {"sticking": 0.9}}}}
     change(workspace, scenes={"table": felt, "other": SCENE})
-    wanted = {("mesh", "torus"), ("bake", "torus", "force", "24")}
+    wanted = {("mesh", "torus"), ("bake", "torus", "grid-force-24")}
     wanted |= {("scene", None, "table"), ("scene", None, "other")}
     assert plan(workspace) == wanted | native("trilinear-24", "exact", meshes=["torus"])
 

@@ -16,9 +16,10 @@ RULES = {
     )
     if path.name != "targets.smk"
 }
+KINDS_FILE = ROOT / "workflow/pandis/pipeline/run/ask/kinds.py"
 HEAVY = ("torch", "trimesh", "igl", "pymeshlab", "onnx", "onnxruntime", "matplotlib", "numpy")
 #: The only stages that may load torch.
-TORCH = {"train", "export_network", "evaluate", "choose", "calibrate"}
+TORCH = {"evaluate", "choose", "calibrate"}
 
 
 def test_there_are_rules():
@@ -65,7 +66,10 @@ def test_no_module_hides_an_import():
     """The code digest follows import statements: anything else would be missed."""
     for path in (ROOT / "workflow/pandis").rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        assert "importlib.import_module" not in text, path
+        # what the package's users ask for, and what is followed by the names of modules
+        if path in (ROOT / "workflow/pandis/__init__.py", KINDS_FILE):
+            continue
+        assert "import_module(" not in text, path
         assert "__import__" not in text, path
 
 

@@ -5,8 +5,7 @@ import shutil
 import pytest
 
 from pandis.engine.sources import digest, included, tokens
-from pandis.pipeline.run.ask.catalogue import ALGEBRAIC, PLANE_FIELDS, PROXY
-from pandis.pipeline.run.job.provenance import _METHODS, CodeDigests, unused_modules
+from pandis.pipeline.run.job.provenance import EVERYTHING, CodeDigests, needs
 from stale import stages_by_file
 from support import ROOT, edit
 
@@ -27,9 +26,9 @@ def tree(tmp_path_factory):
 
 
 def digests(tree, options=None):
-    unused = unused_modules(options) if options is not None else ()
+    needed = EVERYTHING if options is None else needs(options)
     code = CodeDigests(tree / "workflow")
-    return {stage: code.stage(stage, unused) for stage in STAGES}
+    return {stage: code.stage(stage, needed) for stage in STAGES}
 
 
 _KNOWN = {}
@@ -71,7 +70,7 @@ def stale(tree, name, old, new, options=None):
         ("engine/bvh/bvh.c", "\n}\n", "\n}\n// the end\n"),
         ("runtime/device/guard.h", "\n}\n", "\n}\n\n/* a wall */\n"),
         ("base/frame.py", "where every stage computes", "and why it is one"),
-        ("pipeline/kinds/grid/reference.py", "\nclass", "\n\n# a grid\nclass"),
+        ("pipeline/kinds/grid/interpolation.py", "\nclass", "\n\n# a grid\nclass"),
         ("base/forces.py", "(distance: Values, normal: Points", "(distance, normal"),
         ("pipeline/run/ask/options.py", 'description="', 'description="in short: '),
         ("__init__.py", '__version__ = "', '__version__ = "9.'),
@@ -105,7 +104,7 @@ def test_the_header_makes_stale_what_answers_and_its_trees_what_is_labelled(tree
     trees = rejoined(tree, "mesh", "s += (vv * du", "s += 1 * (vv * du")
     assert trees > ANSWER | {"mesh", "sample", "bake", "train"}
     sines = rejoined(tree, "sines", "PANDIS__PART1 1.5703125f", "PANDIS__PART1 1.5703126f")
-    assert sines == ANSWER | {"train", "choose", "export_network"}
+    assert sines == ANSWER | {"bake", "train", "choose", "export_graph"}
 
 
 def test_what_drives_a_device_makes_stale_what_is_tried_on_one(tree):
@@ -114,36 +113,40 @@ def test_what_drives_a_device_makes_stale_what_is_tried_on_one(tree):
     assert not found & {"mesh", "sample", "train", "bake", "export_native", "evaluate"}
 
 
-@pytest.mark.parametrize("module", ["grid/implicit", "paper/planes", "paper/proxy"])
-def test_the_papers_other_methods_make_stale_what_uses_them_alone(tree, module):
+@pytest.mark.parametrize(
+    ("module", "field", "other"),
+    [
+        ("grid/interpolation", "kim-64", "support-planes"),
+        ("paper/proxy", "salisbury-tricubic-64", "kim-64"),
+        ("spline/reference", "salisbury-spline-64", "salisbury-tricubic-64"),
+    ],
+)
+def test_a_kind_makes_stale_what_asks_it_without_a_file(tree, module, field, other):
+    """What has a file is answered by that: there the file's own bytes decide."""
     name = f"pipeline/kinds/{module}.py"
-    names = {
-        "grid/implicit": "kim-64",
-        "paper/planes": "support-planes",
-        "paper/proxy": "salisbury-tricubic-64",
-    }
     change = (name, "\nimport numpy as np\n", "\nimport numpy as np\n\nx = 1\n")
-    plain = {"fields": ["exact", "trilinear-64", "pandis"]}
-    assert stale(tree, *change, plain) == set()
-    used = {"fields": ["exact", names[module]]}
-    assert {"evaluate", "stress"} <= stale(tree, *change, used)
-    shared = {"fields": {"a": ["exact"], "b": [names[module]]}}  # the report's, by mesh
-    assert stale(tree, *change, shared) == stale(tree, *change, used)
+    judges = {"evaluate", "stress", "timing"}
+    for fields in (["exact", "trilinear-64", "spline-64", "pandis"], [other]):
+        assert not stale(tree, *change, {"fields": fields}) & judges
+    assert judges <= stale(tree, *change, {"fields": ["exact", field]})
+    shared = {"fields": {"a": ["exact"], "b": [field]}}  # the report's, by mesh
+    assert stale(tree, *change, shared) == stale(tree, *change, {"fields": [field]})
 
 
-def test_sizing_a_method_needs_its_module():
-    assert "pandis.pipeline.kinds.grid.implicit" in unused_modules({"kind": "tricubic"})
-    assert "pandis.pipeline.kinds.grid.implicit" not in unused_modules({"kind": "kim"})
-
-
-def test_methods_are_called_as_the_catalogue_says():
-    starts = (
-        _METHODS["pandis.pipeline.kinds.paper.planes"],
-        _METHODS["pandis.pipeline.kinds.paper.proxy"],
+@pytest.mark.parametrize("kind", ["compact", "grid", "spline", "network"])
+def test_of_a_kind_what_builds_and_what_exports_are_apart(tree, kind):
+    """Training for hours does not depend on how a file is laid out."""
+    names = {"compact": "compact-16", "grid": "tricubic-64", "spline": "spline-64"}
+    files = {"field": names.get(kind, "pandis")}
+    change = (
+        f"pipeline/kinds/{kind}/file.py",
+        "    def parts(self)",
+        "    x = 1\n\n    def parts(self)",
     )
-    assert all(name.startswith(starts[0]) for name in PLANE_FIELDS)
-    assert PROXY.startswith(starts[1])
-    assert f"{ALGEBRAIC}-64".startswith(_METHODS["pandis.pipeline.kinds.grid.implicit"])
+    assert not stale(tree, *change, {"kind": kind}) & {"bake", "train"}
+    assert "export_native" in stale(tree, *change, files)
+    for other in {"compact", "grid", "spline", "network"} - {kind}:
+        assert "export_native" not in stale(tree, *change, {"kind": other})
 
 
 def test_the_other_loss_makes_no_network_stale(tree):

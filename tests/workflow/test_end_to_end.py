@@ -178,7 +178,7 @@ def test_logs_benchmarks_and_last_words(rerun):
     done = snakemake(rerun, "-j2", "all", *FAST)
     assert "The report is in   results/report.html" in done.stdout
     for mesh in ("sphere", "torus"):
-        for stage in ("mesh", "sample", "train-pandis-exact", "bake-force-24", "evaluate"):
+        for stage in ("mesh", "sample", "train-pandis-exact", "bake-grid-force-24", "evaluate"):
             log = (rerun / f"results/logs/{mesh}/{stage}.log").read_text()
             assert log.splitlines()[0].endswith("started")
             assert log.splitlines()[-1].endswith("done")

@@ -15,7 +15,7 @@ PLACES, QUESTIONS, WANDER, TICKS = 1, 2, 3, 4
 #: validate.
 WALLS, PRESSES = 21, 22
 #: bake_spline, bake_auto, choose. What chooses and what promises has three numbers: see
-#: `pandis.pipeline.judge.errors.points`.
+#: `pandis.pipeline.geometry.points`.
 SPLINE = 7
 #: train, with the number of the epoch or block; fresh points have that of their stratum first.
 ORDER, BOX = 1, 2

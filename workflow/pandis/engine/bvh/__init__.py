@@ -88,7 +88,7 @@ class Bvh:
         if not self._tree:
             raise PandisError(f"not enough memory for a tree over {len(faces):,} faces")
         self._faces = len(faces)
-        self.checked = self.overruled = 0
+        self.overruled = 0
 
     def _built(self, vertices, faces):
         """Return the tree, built on all threads; None if memory is short."""
@@ -157,7 +157,6 @@ class Bvh:
             return counts
 
         counts = sum(in_threads(part, count)) if count else (0, 0)
-        self.checked += int(counts[0])
         self.overruled += int(counts[1])
         return out
 

@@ -17,7 +17,7 @@ from pandis.pipeline.report.tables import summarise, to_csv
 from pandis.pipeline.run.ask.catalogue import RESERVED_NAMES
 from pandis.pipeline.run.ask.sourcing import source_digest, source_files, source_path, url_extension
 from pandis.pipeline.run.job.artifact import check_seal, file_digest, read_artifact
-from pandis.pipeline.run.job.provenance import unused_modules
+from pandis.pipeline.run.job.provenance import needs
 from pandis.pipeline.run.job.stored import RESULTS
 from pandis.pipeline.run.plan.plan import DEFAULT_CONFIG
 from pandis.runtime.field.files import read_provenance
@@ -175,7 +175,7 @@ class Checker:
         if json.loads(json.dumps(options)) != stored["options"]:
             changed = _differences(options, stored["options"])
             return f"stale: options changed ({', '.join(changed)})"
-        modules = self.plan.digests.modules(output.stage, unused_modules(options))
+        modules = self.plan.digests.modules(output.stage, needs(options))
         if modules != stored["code"]["modules"]:
             before = stored["code"]["modules"]
             changed = [m for m in sorted(modules | before) if modules.get(m) != before.get(m)]

@@ -7,7 +7,7 @@ from pandis.base.frame import UNIT_SIDE
 from pandis.bridges.newton.cells import CELLS
 from pandis.bridges.newton.kept import keep
 from pandis.bridges.newton.reading import sample
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.run.job.artifact import seal_zip
 from pandis.runtime.field import NativeField
@@ -39,7 +39,7 @@ def export_newton(body, size, provenance, log, progress):
         What Newton would interpolate is farther from the exact distance than a grid of its
         resolution can be.
     """
-    field = NativeField(native_bytes(ExactField("exact", body), "exact", {}))
+    field = NativeField(native_bytes(ExactField("exact", body), {}))
     options = {
         "max_resolution": _RESOLUTION,
         "margin": _MARGIN * size,

@@ -13,9 +13,9 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.kinds.axes import Axes
-from pandis.pipeline.kinds.grids import open_field
-from pandis.pipeline.kinds.record import DenseRecord, GridRecord
-from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.kinds.record import GridRecord
+from pandis.pipeline.run.ask.catalogue import known_field
+from pandis.pipeline.run.ask.kinds import kind_module
 
 _MARK = b"<!-- sha256:"
 _TYPES = {"Float32": np.dtype("<f4"), "UInt8": np.dtype("u1")}
@@ -130,11 +130,11 @@ def export_vti(name, artifact, provenance):
     provenance : dict
         Put into a comment.
     """
-    field = open_field(parse_field(name, ()), artifact)
+    spec = known_field(name)
+    field = kind_module(spec.kind, "reference").open_field(spec, artifact)
     grid = GridRecord.of(artifact)
     # a spline has lattices of its own: it is shown on the cube
-    spline = grid.content == "spline"
-    axes = Axes.of_cube(grid.size) if spline else Axes.of(DenseRecord.of(artifact))
+    axes = getattr(field, "axes", Axes.of_cube(grid.size))
     origin = field.frame.to_mesh(np.array(axes.low))
     note = {"field": name, "provenance": provenance}
     return write_vti(origin, axes.step / field.frame.scale, grid_arrays(field, axes), note)

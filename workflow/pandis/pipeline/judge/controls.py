@@ -48,7 +48,7 @@ class ControlGap(Field):
     Parameters
     ----------
     name : str
-    exact : pandis.pipeline.kinds.exact.reference.ExactField
+    exact : pandis.pipeline.kinds.field.ExactField
     surface : pandis.pipeline.geometry.sampling.Surface
     passes : callable
         Tells from radii (n,), and from which of the places are walls (n,), which ones (n,) count.
@@ -118,7 +118,7 @@ def controls(exact, surface, scale):
 
     Parameters
     ----------
-    exact : pandis.pipeline.kinds.exact.reference.ExactField
+    exact : pandis.pipeline.kinds.field.ExactField
     surface : pandis.pipeline.geometry.sampling.Surface
     scale : pandis.base.physical.Scale
     """

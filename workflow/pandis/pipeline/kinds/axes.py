@@ -65,3 +65,27 @@ class Axes(NamedTuple):
         """Return where points (n, 3) lie, counted in nodes."""
         per_step = (self.size - 1) / (np.array(self.high) - np.array(self.low))
         return (points - np.array(self.low)) * per_step
+
+
+def trilinear(values, position):
+    """Interpolate values (n, n, n) or (n, n, n, c) at places (m, 3) counted in nodes; (m, c)."""
+    corners, t = corners_of(values, position)
+    x, y, z = t.T[..., None]
+    line = [[corners[0, b, c] * (1 - x) + corners[1, b, c] * x for b in (0, 1)] for c in (0, 1)]
+    plane = [line[c][0] * (1 - y) + line[c][1] * y for c in (0, 1)]
+    return plane[0] * (1 - z) + plane[1] * z
+
+
+def corners_of(values, position):
+    """Return the values at the corners of the cells, by offset, and where in them (m, 3)."""
+    base = np.minimum(np.floor(position), len(values) - 2).astype(np.int64)
+    i, j, k = base.T
+    values = values if values.ndim == 4 else values[..., None]
+    corners = {o: values[i + o[0], j + o[1], k + o[2]] for o in np.ndindex(2, 2, 2)}
+    return corners, position - base
+
+
+def slopes(values):
+    """Return the central differences (n, n, n, 3) of values (n, n, n) at the nodes."""
+    spacing = 2.0 / (len(values) - 1)
+    return np.stack(np.gradient(values.astype(np.float64), spacing), axis=-1)

@@ -9,9 +9,8 @@ from pandis.base.arrays import Points, Values
 from pandis.base.frame import Frame
 
 #: Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field
-#: covers; the distance is at least as large as `Field.bound` says, and no more is known. INVALID:
-#: no answer, because the point is not finite. CUT: not all faces were looked at; the distance may
-#: be a little too large.
+#: covers; the distance is an estimate, and its side is right. INVALID: no answer, because the point
+#: is not finite. CUT: not all faces were looked at; the distance may be a little too large.
 OK, BOUND, INVALID, CUT = 0, 1, 2, 3
 
 
@@ -40,6 +39,8 @@ class Field:
     ----------
     name : str
         As in the configuration.
+    kind : str
+        A key of `pandis.pipeline.run.ask.kinds.KINDS`.
     frame : pandis.base.frame.Frame
     bytes : int
         What a program must hold in memory to answer.
@@ -51,6 +52,7 @@ class Field:
         (n, 3). The paper's force keeps that length.
     """
 
+    kind = ""
     ordered = keeps_length = False
 
     def __init__(self, name, frame, size):
@@ -102,6 +104,21 @@ class Field:
         NaN where a point is no finite number.
         """
         raise TypeError(f"{type(self).__name__} must implement answer()")
+
+
+class ExactField(Field):
+    """Exact distance and direction of a body: what all other fields are compared with."""
+
+    kind = "exact"
+
+    def __init__(self, name, body):
+        self.engine = body.distance
+        super().__init__(name, body.frame, body.bytes)
+
+    def answer(self, points):
+        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
+        # as in a loop: signs are compared with the winding number where labels are made
+        return self.engine.distance_and_normal(points, check=False)
 
 
 def clamp_to_box(points: Points, low=-1.0, high=1.0) -> tuple[Points, Values]:

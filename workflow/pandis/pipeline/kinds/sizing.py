@@ -1,28 +1,20 @@
-"""Grids of which the user names what they should achieve, not how large they are."""
+"""Fields of which the user names what they should achieve, not how large they are."""
 
-from functools import cached_property
 from typing import NamedTuple
-
-import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
+from pandis.base.physical import Scale
+from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.kinds.field import Field
-from pandis.pipeline.kinds.grid.build import CHANNELS, DenseGrid
-from pandis.pipeline.kinds.grids import GRID_OPENERS
-from pandis.pipeline.kinds.spline.build import SplineFit, samples_for
-from pandis.pipeline.run.ask.catalogue import BOX, GRID_FIELDS
-from pandis.pipeline.run.job.artifact import Artifact
+from pandis.pipeline.run.records.choice import Chosen
 
-#: Nodes per axis that are tried, coarse to fine; bytes of the splines.
-SIZES = (16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256)
-SPLINE_BYTES = tuple(50_000 * 2**k for k in range(8))
 #: No error falls faster than with this power of the spacing: what would need that is not built.
 _FASTEST = 4
 
 
 class Candidate(NamedTuple):
-    """A grid that was made.
+    """A field that was made.
 
     Attributes
     ----------
@@ -40,157 +32,129 @@ class Candidate(NamedTuple):
         return penalty_force(*self.field.answer(points))
 
 
-class Grids:
-    """Makes grids of one mesh, of any kind and size.
+class Outcome(NamedTuple):
+    """What a kind has come to, where it meets a budget.
 
-    Parameters
+    Attributes
     ----------
-    points : pandis.pipeline.judge.errors.points.Points
-    frame : dict
-        Attributes of the mesh's frame.
-    band : tuple of float
-        See `pandis.pipeline.kinds.band.Band`.
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
-    largest : int
-        Bytes of the largest spline that may be asked for.
+    arrays, attributes : dict
+        As in the field's own artifact.
+    choice : pandis.pipeline.run.records.choice.Chosen
+    finish : callable
+        To be called once the artifact is written.
     """
 
-    def __init__(self, points, frame, band, progress, largest=SPLINE_BYTES[-1]):
-        self.points, self.frame, self.band = points, frame, band
-        self.progress, self.largest = progress, largest
-
-    @cached_property
-    def _splines(self):
-        # a search over sizes draws once, for the largest
-        points = self.points
-        samples = samples_for(budget=self.largest)
-        return SplineFit(points.engine, points.surface, self.band, points.seed, samples)
-
-    def make(self, kind, size):
-        """Return the `Candidate` of a kind and size; None if the size is too small for the band.
-
-        Parameters
-        ----------
-        kind : str
-            A key of `pandis.pipeline.run.ask.catalogue.GRID_FIELDS`.
-        size : int
-            Nodes per axis; bytes of a spline.
-        """
-        if kind == "spline":
-            nodes = self._splines.choose_size(size)
-            if nodes is None:
-                return None
-            arrays, attributes = self._splines.build(nodes, size, self.progress)
-        else:
-            content, engine = GRID_FIELDS[kind], self.points.engine
-            grid = DenseGrid(engine, content, size, self.band, self.progress)
-            arrays = {"values": np.concatenate(list(grid.slabs(32)))}
-            attributes = grid.attributes()
-        artifact = Artifact(None, "grid", arrays, attributes | self.frame.attributes(), {}, "")
-        return Candidate(GRID_OPENERS[kind](kind, artifact), arrays, attributes)
+    arrays: dict
+    attributes: dict
+    choice: Chosen
+    finish: object = lambda: None
 
 
-def grid_bytes(kind, size):
-    """Return the bytes that ``pandis.h`` answers a grid from; of a spline they are its size."""
-    if kind == "spline":
-        return size
-    nodes = size + 2 if kind == "tricubic" else size  # the cells at the border have theirs, too
-    return 4 * CHANNELS[GRID_FIELDS[kind].removesuffix(BOX)] * nodes**3
+class Maker:
+    """Makes fields of one form, of any size. Kinds subclass it.
 
-
-def hopeless(size, figures, limits, other, kind):
-    """Tell whether a larger grid of a kind cannot meet limits either, by the error of a smaller.
-
-    Parameters
+    Attributes
     ----------
-    size, other : int
-        Of the one that was measured, and of the other.
-    figures : dict
-    limits : pandis.pipeline.run.ask.budget.Limits
-    kind : str
+    form : str
+    sizes : tuple of int
+        Those that are tried, from small to large.
     """
-    finer = (other / size) ** (0.5 if kind == "spline" else 1.0)
-    return figures["mean"] > limits.mean * finer**_FASTEST
+
+    form, sizes = "", ()
+
+    def make(self, size):
+        """Return the `Candidate` of a size; None if the size is too small for the band."""
+        raise NotImplementedError
+
+    def largest(self, budget):
+        """Return the largest size whose field fits into so many bytes; None if none does."""
+        raise NotImplementedError
+
+    def bytes_of(self, size):
+        """Return the bytes that ``pandis.h`` answers a field from."""
+        raise NotImplementedError
+
+    def finer(self, size, other):
+        """Return by how many times the other size's spacing is finer."""
+        raise NotImplementedError
+
+    def hopeless(self, size, figures, limits, other):
+        """Tell whether another size cannot meet limits either, by the figures of a smaller."""
+        return figures["mean"] > limits.mean * self.finer(size, other) ** _FASTEST
+
+    def never_meets(self, tried, limits, size):
+        """Tell it of several, (size, `Measured`) each, that were tried."""
+        return any(self.hopeless(s, m.figures, limits, size) for s, m in tried)
 
 
-class Sizing:
-    """Searches the size of one kind of grid, for `…-auto`.
+def points_of(body, task):
+    """Return the `Points` that a size is searched by, of a `SearchTask`."""
+    return Points(body.surface, body.distance, Scale.of(task.device), task.seed)
+
+
+def search(maker, points, task, log):
+    """Search the size of one field, for `…-auto`.
 
     Parameters
     ----------
-    points : pandis.pipeline.judge.errors.points.Points
-    frame : pandis.base.frame.Frame
-    options : pandis.pipeline.run.ask.tasks.BakeAutoTask
-    progress : callable
-        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    maker : Maker
+    points : pandis.pipeline.geometry.points.Points
+    task : pandis.pipeline.run.ask.kind.SearchTask
     log : callable
+
+    Returns
+    -------
+    arrays, attributes : dict
+        Of the field; ``sizing`` says which sizes were tried.
+
+    Raises
+    ------
+    PandisError
+        No size meets the error, or fits into the bytes.
     """
+    target, what = task.target, f"{maker.form}-auto (bake.auto.{maker.form})"
+    if target.bytes is None:
+        candidate, tried = _smallest(maker, points, target, what, log)
+    else:
+        size = maker.largest(target.bytes)
+        candidate = None if size is None else maker.make(size)
+        if candidate is None:
+            raise PandisError(f"{what}: none that covers the band fits into {target.bytes:,} bytes")
+        tried = [(size, points.measure(candidate.force))]
+    log(f"{maker.form}-auto: {points.told(tried[-1][1].figures)}")
+    return candidate.arrays, candidate.attributes | {"sizing": sizing_of(target, tried)}
 
-    def __init__(self, points, frame, options, progress, log):
-        self.kind, self.points, self.options, self.log = options.kind, points, options, log
-        largest = options.bytes or SPLINE_BYTES[-1]
-        self.grids = Grids(points, frame, options.band, progress, largest)
-        self.what = f"{options.kind}-auto (bake.auto.{options.kind})"
 
-    def find(self):
-        """Return arrays and attributes of the grid; ``sizing`` says which sizes were tried.
+def sizing_of(target, tried):
+    """Return what an artifact says of a search, of (size, `Measured`) of all that was tried."""
+    figures = tried[-1][1].figures
+    return {
+        "asked": target.model_dump(include={"force_error", "tail", "missed", "bytes"}),
+        "tried": [{"size": size, "force_error": one.figures["mean"]} for size, one in tried],
+        "held_out_error": figures["mean"],
+        "held_out": figures,
+    }
 
-        Raises
-        ------
-        PandisError
-            No size meets the error, or fits into the bytes.
-        """
-        budget = self.options.bytes
-        if budget is not None:
-            candidate = self._largest_within(budget)
-            tried = [(self._size_of(candidate, budget), self.points.measure(candidate.force))]
-        else:
-            candidate, tried = self._smallest()
-        asked = self.options.model_dump(include={"force_error", "tail", "missed", "bytes"})
-        figures = tried[-1][1].figures
-        self.log(f"{self.kind}-auto: {self.points.told(figures)}")
-        sizing = {
-            "asked": asked,
-            "tried": [{"size": s, "force_error": m.figures["mean"]} for s, m in tried],
-            "held_out_error": figures["mean"],
-            "held_out": figures,
-        }
-        return candidate.arrays, candidate.attributes | {"sizing": sizing}
 
-    def _size_of(self, candidate, budget):
-        return budget if self.kind == "spline" else len(candidate.arrays["values"])
-
-    def _largest_within(self, budget):
-        if self.kind == "spline":
-            candidate = self.grids.make("spline", budget)
-            if candidate is None:
-                raise PandisError(f"{self.what}: no spline of {budget:,} bytes covers the band")
-            return candidate
-        fitting = [size for size in range(2, 513) if grid_bytes(self.kind, size) <= budget]
-        if not fitting:
-            raise PandisError(f"{self.what}: no grid fits into {budget:,} bytes")
-        return self.grids.make(self.kind, fitting[-1])
-
-    def _smallest(self):
-        """Return the first size, from small to large, that meets the limits, and all tried."""
-        limits, tried = self.points.limits(self.options), []
-        for size in SPLINE_BYTES if self.kind == "spline" else SIZES:
-            if any(hopeless(s, m.figures, limits, size, self.kind) for s, m in tried):
-                continue
-            candidate = self.grids.make(self.kind, size)
-            if candidate is None:
-                self.log(f"{self.kind} of size {size:,}: does not cover the band")
-                continue
-            measured = self.points.measure(candidate.force, limits)
-            tried.append((size, measured))
-            self.log(f"{self.kind} of size {size:,}: {self.points.told(measured.figures)}")
-            if not measured.why:
-                return candidate, tried
-        if not tried:
-            raise PandisError(f"{self.what}: no size that is tried could come near what is asked")
-        size, best = min(tried, key=lambda one: one[1].excess)
-        raise PandisError(
-            f"{self.what}: no size meets {self.points.told_limits(limits)}; the nearest, "
-            f"{size:,}, {best.why}: ask for less, or for another kind of field"
-        )
+def _smallest(maker, points, target, what, log):
+    """Return the first of a maker's sizes that meets the limits, and all tried."""
+    limits, tried = points.limits(target), []
+    for size in maker.sizes:
+        if maker.never_meets(tried, limits, size):
+            continue
+        candidate = maker.make(size)
+        if candidate is None:
+            log(f"{maker.form} of size {size:,}: does not cover the band")
+            continue
+        measured = points.measure(candidate.force, limits)
+        tried.append((size, measured))
+        log(f"{maker.form} of size {size:,}: {points.told(measured.figures)}")
+        if not measured.why:
+            return candidate, tried
+    if not tried:
+        raise PandisError(f"{what}: no size that is tried could come near what is asked")
+    size, best = min(tried, key=lambda one: one[1].excess)
+    raise PandisError(
+        f"{what}: no size meets {points.told_limits(limits)}; the nearest, {size:,}, {best.why}: "
+        "ask for less, or for another kind of field"
+    )

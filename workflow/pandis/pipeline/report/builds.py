@@ -3,16 +3,8 @@
 import json
 from pathlib import Path
 
-from pandis.pipeline.run.ask.catalogue import PROXY, parse_field
-
-#: By the first word of an artifact's name: how the file of its job begins.
-_JOBS = {
-    "grid": "bake",
-    "compact": "bake-compact",
-    "model": "train",
-    "method": "",
-    "choice": "choose",
-}
+from pandis.pipeline.run.ask.catalogue import known_field
+from pandis.pipeline.run.ask.kind import AUTO
 
 
 def build_seconds(mesh, fields, folder):
@@ -48,9 +40,11 @@ def build_seconds(mesh, fields, folder):
 
 def build_file(mesh, field, folder):
     """Return the benchmark file of the job that built a field, None where nothing is built."""
-    recipes = [field, field.removeprefix(f"{PROXY}-")]
-    first, _, rest = parse_field(field, recipes).artifact.partition("-")
-    if first == "mesh":
+    spec = known_field(field)
+    spec = spec.through or spec
+    if spec.artifact == "mesh":
         return None
-    name = "-".join(part for part in (_JOBS[first], rest) if part)
+    name = "choose" if spec.kind == AUTO else f"bake-{spec.artifact}"
+    if spec.learned:
+        name = f"train-{spec.name}"
     return Path(folder) / mesh / f"{name}.jsonl"

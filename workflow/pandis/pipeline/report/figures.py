@@ -9,37 +9,23 @@ from pandis.base.forces import penalty_force
 from pandis.pipeline.judge.errors.front import may_be_used, pareto
 from pandis.pipeline.report.picture import save
 from pandis.pipeline.report.render import VIEW, render
-from pandis.pipeline.run.ask.catalogue import ALGEBRAIC, AUTO, COMPACT, PLANE_FIELDS, PROXY
+from pandis.pipeline.run.ask.kind import AUTO
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.records.samples import SamplesRecord
 
-_COLOURS = {
-    "exact": "#111111",
-    COMPACT: "#546e7a",
-    "nearest": "#c9a227",
-    "trilinear": "#2a9d5c",
-    "nearest-box": "#e3cf83",
-    "trilinear-box": "#86c9a3",
-    "trilinear-normal": "#1f6f8b",
-    "trilinear-gradient": "#5fa8d3",
-    "tricubic": "#3a56c5",
-    "spline": "#8b2be2",
-    "kim": "#8d6e63",
-    "kim-ray": "#a1887f",
-    "kim-cell": "#bcaaa4",
-    ALGEBRAIC: "#d7ccc8",
-    PROXY: "#00897b",
-    AUTO: "#e4572e",
-    **dict(zip(PLANE_FIELDS, ("#b0bec5", "#90a4ae", "#607d8b"), strict=True)),
-}
+_COLOURS = {form: one for kind in KINDS.values() for form, one in kind.colours.items()}
+_COLOURS[AUTO] = "#e4572e"
 _KEPT, _CAP = (176, 190, 214), (60, 160, 90)
-_NETWORKS = ("#d62828", "#f3722c", "#b5179e", "#f48fb1", "#7f1d1d", "#ff7f50")
+#: Of fields that are trained, one after the other; and of kinds that name none.
+_LEARNED = ("#d62828", "#f3722c", "#b5179e", "#f48fb1", "#7f1d1d", "#ff7f50")
+_OTHER = "#708090"
 
 
 def colour(spec, networks):
     """Return the colour of a field, the same in all figures."""
-    if spec.kind == "network":
-        return _NETWORKS[networks.index(spec.name) % len(_NETWORKS)]
-    return _COLOURS[spec.kind]
+    if spec.learned:
+        return _LEARNED[networks.index(spec.name) % len(_LEARNED)]
+    return _COLOURS.get(spec.form, _OTHER)
 
 
 def picture(vertices, faces, path):
@@ -270,7 +256,7 @@ def training_curves(models):
         numbers |= {f"{name} step": curve[:, 0].astype(int), f"{name} error": curve[:, 2]}
         if len(curve):
             axes.semilogy(
-                curve[:, 0], curve[:, 2], color=_NETWORKS[index % len(_NETWORKS)], label=name
+                curve[:, 0], curve[:, 2], color=_LEARNED[index % len(_LEARNED)], label=name
             )
     axes.set(xlabel="step", ylabel="held-out force error")
     axes.legend(frameon=False)
@@ -292,7 +278,7 @@ def compute_histogram(compute, specs, networks, deadline):
                 histtype="step",
                 color=colour(spec, networks),
                 label=spec.name,
-                ls="--" if spec.kind == "nearest" else "-",
+                ls="--" if spec.form == "nearest" else "-",
             )
             numbers[spec.name] = counted[0].astype(int)
     axes.axvline(deadline * 1e6, color="#999999", ls=":", lw=1)

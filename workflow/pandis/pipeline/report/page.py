@@ -25,7 +25,7 @@ from pandis.pipeline.report.tables import COLUMNS, CONTACT, FEW, control_rows, s
 from pandis.pipeline.report.touch import shared, touch, touchable
 from pandis.pipeline.report.view import view
 from pandis.pipeline.run.ask.budget import Limits, told, told_figures
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, parse_field
+from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.host.processes import each
 from pandis.pipeline.run.job.artifact import file_digest, read_artifact
 from pandis.pipeline.run.records.choice import ChoiceRecord
@@ -99,7 +99,7 @@ def mesh_section(name, artifacts, field_names, files=()):
     mesh, evaluation = artifacts["mesh"], artifacts["evaluation"]
     recipes = [stem.removeprefix("model-") for stem in artifacts if stem.startswith("model-")]
     specs = [parse_field(field, recipes) for field in field_names]
-    networks = [spec.name for spec in specs if spec.kind == "network"]
+    networks = [spec.name for spec in specs if spec.learned]
     frame, repaired = Frame.of(mesh), MeshRecord.of(mesh)
     trajectory = artifacts["trajectory"]
     home = mesh.path.parent
@@ -210,8 +210,8 @@ def _heat_map(mesh, vertices, record):
 def _best(specs, rows):
     """Return the names of the best network and the best grid, for the quiver plot."""
     error = {row["field"]: row["trajectory_mean"] for row in rows}
-    networks = [s.name for s in specs if s.kind == "network"]
-    grids = [s.name for s in specs if s.kind in GRID_FIELDS]
+    networks = [s.name for s in specs if s.learned]
+    grids = [s.name for s in specs if "vti" in s.exports]
     return [min(group, key=error.get) for group in (grids, networks) if group]
 
 

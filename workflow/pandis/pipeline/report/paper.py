@@ -5,7 +5,7 @@ from typing import NamedTuple
 from pandis.pipeline.geometry.measure import SETS
 from pandis.pipeline.judge.errors.paths import BASELINES, repeats, spread
 from pandis.pipeline.judge.timing.timing import BRUTE
-from pandis.pipeline.run.ask.catalogue import BOX
+from pandis.pipeline.kinds.grid.spec import BOX
 
 #: The columns of Tables 2 to 4, as the paper calls them; its grids lie on the mesh's own box.
 METHODS = {

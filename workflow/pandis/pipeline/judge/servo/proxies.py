@@ -11,6 +11,8 @@ from pandis.pipeline.judge.servo.devices import DEVICES
 from pandis.pipeline.judge.servo.passes import ABOVE, draw, free_starts, judge, run
 from pandis.pipeline.judge.servo.pressing import Hand, press
 from pandis.pipeline.judge.servo.verdict import proxy_sentence, proxy_verdict
+from pandis.pipeline.run.ask.catalogue import known_field
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.records.hardware import ProxyVerdict, TouchVerdict
 from pandis.runtime.contact import BEHIND, TOUCHING, Feel, Material, NativeContact
 from pandis.runtime.contact.surfaces import materials_for, texture_for, textures_for
@@ -107,7 +109,8 @@ def regions_among(exports):
     ----------
     exports : iterable of Path
     """
-    meshes = [path for path in exports if path.stem.startswith(("compact", "exact"))]
+    knowing = [name for name, kind in KINDS.items() if kind.regions]
+    meshes = [path for path in exports if known_field(path.stem).kind in knowing]
     for path in sorted(meshes, key=lambda path: path.stem):  # a compact one first
         field = NativeField(path)
         if field.region_names:

@@ -54,7 +54,7 @@ def open_walls(exact, surface, scale, seed):
 
     Parameters
     ----------
-    exact : pandis.pipeline.kinds.exact.reference.ExactField
+    exact : pandis.pipeline.kinds.field.ExactField
     surface : pandis.pipeline.geometry.sampling.Surface
     scale : pandis.base.physical.Scale
     seed : int

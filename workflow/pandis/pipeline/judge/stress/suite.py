@@ -34,8 +34,9 @@ from pandis.pipeline.judge.stress.robust import (
 )
 from pandis.pipeline.judge.stress.stiffness import stiffness
 from pandis.pipeline.judge.stress.work import loops, work
-from pandis.pipeline.kinds.exact.reference import ExactField
+from pandis.pipeline.kinds.exact.file import File as ExactFile
 from pandis.pipeline.kinds.exported import ExportedField
+from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.run.host.processes import each
 from pandis.pipeline.run.records.stress import StressRecord
 
@@ -208,7 +209,7 @@ class Suite:
     def held(self):
         """What the exact field holds through a proxy, at the points pushed into."""
         exact = ExactField("exact", self.body)
-        follow = Felt.of(ExportedField("exact", exact.file(_UNCUT)), self.scale)
+        follow = Felt.of(ExportedField("exact", ExactFile(exact, 32, _UNCUT).data({})), self.scale)
         return press_all(follow, self.pushed, self.scale)
 
     def exact(self, points):

@@ -22,6 +22,8 @@ class CompactField(Field):
         Of kind ``compact``.
     """
 
+    kind = "compact"
+
     def __init__(self, name, artifact):
         self.record, self.arrays = CompactRecord.of(artifact), dict(artifact.arrays)
         vertices, faces = unpack(self.arrays)
@@ -39,3 +41,8 @@ class CompactField(Field):
         wrong = self.engine.inside(points) != (distance < 0)
         wrong &= np.abs(distance) > SURFACE_DISTANCE
         return np.where(wrong, -distance, distance), np.where(wrong[:, None], -normal, normal)
+
+
+def open_field(spec, artifact):
+    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    return CompactField(spec.name, artifact)

@@ -5,20 +5,18 @@ from onnx import TensorProto
 
 from pandis.pipeline.kinds.check import FORCE_LENGTH, check
 from pandis.pipeline.kinds.graphs import Graph, enter, leave, split
-from pandis.pipeline.kinds.grids import open_field
+from pandis.pipeline.kinds.grid.reference import open_field
+from pandis.pipeline.kinds.grid.spec import KIND
 from pandis.pipeline.kinds.session import Session
 from pandis.pipeline.kinds.tricubic import tricubic
-from pandis.pipeline.run.ask.catalogue import BOX, parse_field
 
 
-def grid_graph(field, kind):
+def grid_graph(field):
     """Return the graph of a grid field.
 
     Parameters
     ----------
-    field : pandis.pipeline.kinds.grid.reference.GridField
-    kind : str
-        As in the field's name.
+    field : pandis.pipeline.kinds.grid.interpolation.GridField
 
     Returns
     -------
@@ -26,15 +24,15 @@ def grid_graph(field, kind):
     """
     graph = Graph()
     clamped, outside = enter(graph, field.frame, field.axes.low, field.axes.high)
-    if kind == "tricubic":
+    if field.rule == "tricubic":
         distance, gradient = tricubic(graph, field.lattice, field.coefficients, clamped)
         leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
         return graph
-    if kind == "trilinear-gradient":
+    if field.rule == "trilinear-gradient":
         distance, gradient = _own_gradient(graph, field, clamped)
         leave(graph, field.frame, graph.apply("Add", distance, outside), gradient)
         return graph
-    value = _interpolate(graph, field, kind.removesuffix(BOX) == "nearest", clamped)
+    value = _interpolate(graph, field, field.rule == "nearest", clamped)
     if field.content == "force":
         # no force outside of the box; the vector is the penetration: its length is the depth
         away = graph.apply("Greater", outside, graph.scalar(0.0))
@@ -148,10 +146,9 @@ def export_grid(name, artifact, provenance, log):
     PandisError
         The model does not answer as the field does.
     """
-    spec = parse_field(name, ())
-    field = open_field(spec, artifact)
+    field = open_field(KIND.parse(name, None), artifact)
     metadata = {"field": name, **field.frame.attributes(), "provenance": provenance}
-    model = grid_graph(field, spec.kind).model(name, metadata)
+    model = grid_graph(field).model(name, metadata)
 
     def reference(points):
         # a grid's direction may jump between cells, and rounding decides which cell it is:

@@ -8,11 +8,9 @@ way along the gradient to where the interpolated value changes sign; the same in
 
 import numpy as np
 
-from pandis.base.errors import PandisError
-from pandis.base.frame import Frame
-from pandis.pipeline.kinds.axes import Axes
-from pandis.pipeline.kinds.field import Field, clamp_to_box, normalise
-from pandis.pipeline.kinds.grid.reference import GridField, trilinear
+from pandis.pipeline.kinds.axes import slopes, trilinear
+from pandis.pipeline.kinds.field import normalise
+from pandis.pipeline.kinds.grid.interpolation import GridField
 
 #: Halvings of the last cell of a march: to a millionth of it.
 _HALVINGS = 20
@@ -20,6 +18,8 @@ _HALVINGS = 20
 
 class ImplicitField(GridField):
     """Reading V: the value is the distance."""
+
+    rule = "kim"
 
     def __init__(self, name, artifact):
         super().__init__(name, artifact)
@@ -73,36 +73,3 @@ class CellField(MarchedField):
     """Reading C: the way along the normal in whole cells."""
 
     refined = False
-
-
-class AlgebraicField(Field):
-    """Reading V of x² + y² + z² - 1: a potential that is no distance. For the unit sphere alone."""
-
-    def __init__(self, name, mesh):
-        if mesh.attributes.get("shape") != "sphere":
-            raise PandisError(
-                f"{name}: only a sphere has this potential (x² + y² + z² - 1); use kim-N for meshes"
-            )
-        size = int(name.rpartition("-")[2])
-        frame = Frame.of(mesh)
-        # in mesh units, where r is 1: a potential that is no distance changes with its unit
-        axis = (np.linspace(-1, 1, size) / frame.scale) ** 2
-        square = (axis[:, None, None] + axis[:, None] + axis - 1.0) * frame.scale
-        self.values = square.astype(np.float32)
-        self.slopes, self.axes = slopes(self.values), Axes.of_cube(size)
-        super().__init__(name, frame, self.values.nbytes)
-
-    def answer(self, points):
-        """Answer the value (n,) and the normal (n, 3) at points (n, 3), in the unit frame."""
-        clamped, outside = clamp_to_box(points)
-        bad = np.isnan(clamped).any(axis=1)
-        position = self.axes.position(np.where(bad[:, None], 0.0, clamped))
-        value = trilinear(self.values, position)[:, 0] + outside
-        normal = normalise(trilinear(self.slopes, position))
-        return np.where(bad, np.nan, value), np.where(bad[:, None], np.nan, normal)
-
-
-def slopes(values):
-    """Return the central differences (n, n, n, 3) of values (n, n, n) at the nodes."""
-    spacing = 2.0 / (len(values) - 1)
-    return np.stack(np.gradient(values.astype(np.float64), spacing), axis=-1)

@@ -1,159 +1,27 @@
-"""Fields sampled on a regular grid: the paper's baselines NN-i and Tri-i, and better ones.
+"""Opens the fields of a grid, by how it is read."""
 
-What the nodes hold and which of them are exact: `pandis.pipeline.kinds.grid.build`.
-"""
+from pandis.pipeline.kinds.grid.implicit import CellField, ImplicitField, MarchedField
+from pandis.pipeline.kinds.grid.interpolation import (
+    GradientField,
+    GridField,
+    NearestField,
+    TricubicField,
+)
 
-import numpy as np
-from scipy.ndimage import spline_filter
-
-from pandis.base.frame import Frame
-from pandis.engine.spline import EDGE, Lattice
-from pandis.pipeline.kinds.axes import Axes
-from pandis.pipeline.kinds.band import Band
-from pandis.pipeline.kinds.field import BOUND, INVALID, OK, Answer, Field, clamp_to_box, normalise
-from pandis.pipeline.kinds.grid.build import REACH, complete, covered_cells
-from pandis.pipeline.kinds.record import DenseRecord
-
-
-class GridField(Field):
-    """A field interpolated from a grid.
-
-    Parameters
-    ----------
-    name : str
-    artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``grid``.
-    """
-
-    def __init__(self, name, artifact):
-        grid = DenseRecord.of(artifact)
-        self.content, self.band = grid.content, Band(**dict(grid.band))
-        self.axes = Axes.of(grid)
-        stored = artifact.arrays["values"]
-        self.values, exact = complete(stored.copy(), self.content, self.axes)
-        self.covered = covered_cells(exact, REACH[self.content])
-        super().__init__(name, Frame.of(artifact), stored.nbytes)
-
-    def answer(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
-
-        A force grid knows no distance outside: it answers 0 there, and +z for a normal; so it
-        does outside of its own box, in which the surface lies.
-        """
-        clamped, outside = self._clamp(points)
-        bad = np.isnan(clamped).any(axis=1)
-        distance, direction = self._interpolate(np.where(bad[:, None], self.axes.low, clamped))
-        if self.content != "force":
-            distance = distance + outside
-        else:
-            distance = np.where(outside > 0, 0.0, distance)
-            direction = np.where(outside[:, None] > 0, 0.0, direction)
-        normal = normalise(direction)
-        return np.where(bad, np.nan, distance), np.where(bad[:, None], np.nan, normal)
-
-    def direction_length(self, points):
-        """Return how long the direction (n,) is before it is made a unit vector; 1 of a force.
-
-        Where it is short two walls are equally near, and rounding turns the normal.
-        """
-        if self.content == "force":
-            return np.ones(len(points))
-        return np.linalg.norm(self._interpolate(self._clamp(points)[0])[1], axis=1)
-
-    def _clamp(self, points):
-        """Move points into the box that the nodes cover; see `clamp_to_box`."""
-        return clamp_to_box(points, self.axes.low, self.axes.high)
-
-    def query(self, points):
-        """Answer with flags."""
-        distance, normal = self.answer(points)
-        clamped, outside = self._clamp(points)
-        position = np.nan_to_num(self.axes.position(clamped))
-        cell = np.minimum(position.astype(np.int64), len(self.covered) - 1)
-        flag = np.where(self.covered[tuple(cell.T)] & (outside == 0), OK, BOUND).astype(np.uint8)
-        flag[np.isnan(distance)] = INVALID
-        return Answer(distance, normal, flag)
-
-    def bound(self, points):
-        """Return a lower bound of the unsigned distance (n,) where the flag is BOUND.
-
-        A force grid bounds nothing outside: it knows that the force is zero, exactly.
-        """
-        distance = self.answer(points)[0]
-        edge = 0.0 if self.content == "force" else self.band.outside
-        return np.where(distance < 0, self.band.inside, edge)
-
-    def _interpolate(self, points):
-        """Return the distance and a direction of any length at points in the box."""
-        value = trilinear(self.values, self.axes.position(points))
-        if self.content == "force":
-            return -np.linalg.norm(value, axis=1), value
-        return value[:, 0], value[:, 1:]
+_FIELDS = {
+    "nearest": NearestField,
+    "trilinear": GridField,
+    "nearest-box": NearestField,
+    "trilinear-box": GridField,
+    "trilinear-normal": GridField,
+    "trilinear-gradient": GradientField,
+    "tricubic": TricubicField,
+    "kim": ImplicitField,
+    "kim-ray": MarchedField,
+    "kim-cell": CellField,
+}
 
 
-class NearestField(GridField):
-    """The nearest node's force: the paper's NN-i."""
-
-    def _interpolate(self, points):
-        i, j, k = np.floor(self.axes.position(points) + 0.5).astype(np.int64).T
-        value = self.values[i, j, k].astype(np.float64)
-        return -np.linalg.norm(value, axis=1), value
-
-
-class GradientField(GridField):
-    """The distance trilinearly, the normal as its own gradient: it jumps from cell to cell."""
-
-    def _interpolate(self, points):
-        corners, t = _corners(self.values, self.axes.position(points))
-        x, y, z = t.T
-        c = {offset: value[:, 0].astype(np.float64) for offset, value in corners.items()}
-
-        def mix(a, b, s):
-            return a * (1 - s) + b * s
-
-        line = {(b, d): mix(c[0, b, d], c[1, b, d], x) for b in (0, 1) for d in (0, 1)}
-        rise = {(b, d): c[1, b, d] - c[0, b, d] for b in (0, 1) for d in (0, 1)}
-        value = mix(mix(line[0, 0], line[1, 0], y), mix(line[0, 1], line[1, 1], y), z)
-        gradient = [
-            mix(mix(rise[0, 0], rise[1, 0], y), mix(rise[0, 1], rise[1, 1], y), z),
-            mix(line[1, 0] - line[0, 0], line[1, 1] - line[0, 1], z),
-            mix(line[0, 1] - line[0, 0], line[1, 1] - line[1, 0], y),
-        ]
-        return value, np.stack(gradient, axis=1) * ((len(self.values) - 1) / 2)
-
-
-class TricubicField(GridField):
-    """A tricubic B-spline through the distances: one float a node, twice differentiable.
-
-    The normal is its own gradient, so the force is continuously differentiable.
-    """
-
-    def __init__(self, name, artifact):
-        super().__init__(name, artifact)
-        coefficients = spline_filter(self.values, order=3, output=np.float32, mode="mirror")
-        # one node more on every side, so that the cells at the border have theirs
-        self.coefficients = np.pad(coefficients, 1, mode="reflect")
-        self.lattice = Lattice.around_box(len(self.values) - 1)
-
-    def _interpolate(self, points):
-        within = np.clip(points, -EDGE, EDGE)
-        value, gradient = self.lattice.evaluate(self.coefficients, within)
-        return value, gradient
-
-
-def trilinear(values, position):
-    """Interpolate values (n, n, n) or (n, n, n, c) at places (m, 3) counted in nodes; (m, c)."""
-    corners, t = _corners(values, position)
-    x, y, z = t.T[..., None]
-    line = [[corners[0, b, c] * (1 - x) + corners[1, b, c] * x for b in (0, 1)] for c in (0, 1)]
-    plane = [line[c][0] * (1 - y) + line[c][1] * y for c in (0, 1)]
-    return plane[0] * (1 - z) + plane[1] * z
-
-
-def _corners(values, position):
-    """Return the values at the corners of the cells, by offset, and where in them (m, 3)."""
-    base = np.minimum(np.floor(position), len(values) - 2).astype(np.int64)
-    i, j, k = base.T
-    values = values if values.ndim == 4 else values[..., None]
-    corners = {o: values[i + o[0], j + o[1], k + o[2]] for o in np.ndindex(2, 2, 2)}
-    return corners, position - base
+def open_field(spec, artifact):
+    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    return _FIELDS[spec.form](spec.name, artifact)

@@ -1,8 +1,12 @@
-"""Networks of which the user names what they should achieve, not how large they are."""
+"""Trains a network, or those from narrow to wide until one achieves what the user names."""
 
 from typing import NamedTuple
 
 from pandis.base.errors import PandisError
+from pandis.base.physical import Scale
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.geometry.points import Points
+from pandis.pipeline.geometry.strata import Strata
 from pandis.pipeline.kinds.network.training.trainer import Trainer
 
 #: Widths that are tried, from fast to slow; bytes grow with their square.
@@ -19,6 +23,25 @@ class Tried(NamedTuple):
     why: str
 
 
+def build(job):
+    """Train one network, and write ``model-{recipe}.zarr.zip``.
+
+    Raises
+    ------
+    PandisError
+        As of `train`.
+    """
+    mesh, samples = job.read("mesh", "mesh"), job.read("samples", "samples")
+    body, task = Body.open(mesh), job.options
+    points = Points(body.surface, body.distance, Scale.of(task), task.seed)
+    strata = Strata.of(body, samples)
+    arrays, attributes, finish = train(
+        task, samples, strata, points, job.checkpoint(), job.progress, job.log
+    )
+    job.write("model", arrays, attributes | body.frame.attributes())
+    finish()
+
+
 def train(task, samples, strata, points, checkpoint, progress, log):
     """Train one network, or the smallest that meets the error that is asked for.
 
@@ -26,10 +49,10 @@ def train(task, samples, strata, points, checkpoint, progress, log):
 
     Parameters
     ----------
-    task : pandis.pipeline.run.ask.tasks.TrainTask
+    task : pandis.pipeline.kinds.network.spec.TrainTask
     samples, strata, checkpoint, log
         See `pandis.pipeline.kinds.network.training.trainer.Trainer`.
-    points : pandis.pipeline.judge.errors.points.Points
+    points : pandis.pipeline.geometry.points.Points
         What the error that is asked for is measured on.
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
@@ -90,7 +113,7 @@ def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
         As for `train`.
     widths : list of int
     judge : callable
-        Returns a `pandis.pipeline.judge.errors.points.Measured` for trainer, arrays and
+        Returns a `pandis.pipeline.geometry.points.Measured` for trainer, arrays and
         attributes: taken if its ``why`` is empty.
 
     Returns

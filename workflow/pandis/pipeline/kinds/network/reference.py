@@ -44,6 +44,7 @@ class SirenField(Field):
     It may add to a coarse spline of the distance, whose value and gradient are parts of them then.
     """
 
+    kind = "network"
     keeps_length = True
 
     def __init__(self, name, artifact):
@@ -94,3 +95,8 @@ class SirenField(Field):
         clamped, outside = clamp_to_box(points)
         phi, direction = self.direction(clamped)
         return phi.astype(np.float64) + outside, normalise(direction.astype(np.float64))
+
+
+def open_field(spec, artifact):
+    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    return SirenField(spec.name, artifact)

@@ -9,7 +9,7 @@ from pandis.pipeline.kinds.paper.maps import plane_axes
 
 class PlanesField(Field):
     """Support planes, in three readings by name: see
-    `pandis.pipeline.run.ask.catalogue.PLANE_FIELDS`.
+    `pandis.pipeline.kinds.paper.spec.PLANES`.
 
     ``support-planes-only`` answers the nearest plane; ``support-planes-distance`` the depth below
     it, along its normal; ``support-planes`` tilts the normal by the slope of the map. It is a

@@ -1,4 +1,4 @@
-"""The `spline` field: see `pandis.pipeline.kinds.spline.build`."""
+"""The `spline` field: see `pandis.pipeline.kinds.spline.lattices`."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from pandis.engine.spline import BLOCK, EDGE, Lattice, SparseSpline, block_count
 from pandis.pipeline.kinds.band import Band
 from pandis.pipeline.kinds.field import BOUND, INVALID, OK, Answer, Field, clamp_to_box, normalise
 from pandis.pipeline.kinds.record import SplineRecord
-from pandis.pipeline.kinds.spline.build import box_lattice
+from pandis.pipeline.kinds.spline.lattices import box_lattice
 
 _LEVELS = ("base", "fine", "far")
 #: How far up an answer is taken where the field rounds a crease (steps of the base), at most; and
@@ -24,6 +24,8 @@ class SplineField(Field):
     artifact : pandis.pipeline.run.job.artifact.Artifact
         Of kind ``grid``, with the content ``spline``.
     """
+
+    kind = "spline"
 
     def __init__(self, name, artifact):
         grid, arrays = SplineRecord.of(artifact), artifact.arrays
@@ -102,17 +104,13 @@ class SplineField(Field):
         value[some[covered]] = distance[covered]
         gradient[some[covered]] = normal[covered]
 
-    def bound(self, points):
-        """Return a lower bound of the unsigned distance (n,) where the flag is BOUND."""
-        _, outside = clamp_to_box(points)
-        distance = self.answer(points)[0]
-        # the shape ends at 0.9, the box at 1
-        beyond = np.linalg.norm(np.maximum(np.abs(points) - 0.9, 0), axis=1)
-        edge = np.where(distance < 0, self.band.inside, self.band.outside)
-        return np.maximum(edge, np.where(outside > 0, beyond, 0.0))
-
 
 def _restore(arrays, level, scales):
     offset, scale = scales[level]
     stored = arrays[f"{level}_coefficients"].astype(np.float64)
     return (offset + scale * stored).astype(np.float32)
+
+
+def open_field(spec, artifact):
+    """Return the field of a `FieldSpec`, from the artifact that holds it."""
+    return SplineField(spec.name, artifact)

@@ -58,7 +58,7 @@ class Limits(NamedTuple):
 
         Parameters
         ----------
-        target : pandis.pipeline.run.ask.options.BudgetOptions, GridTarget or
+        target : pandis.pipeline.run.ask.targets.BudgetOptions, GridTarget or
         pandis.pipeline.run.ask.recipes.ExactRecipe newtons : float
             Newtons per force of the unit frame at k = 1.
         mean_force : float

@@ -13,12 +13,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, WithJsonSchema, field_validator, model_validator
 
-from pandis.pipeline.run.ask.catalogue import GRID_FIELDS, MESH_NAME, in_order
+from pandis.pipeline.run.ask.catalogue import MESH_NAME, in_order
 from pandis.pipeline.run.ask.contacts import ContactOptions, SurfaceOptions
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.options import (
     BakeOptions,
-    BudgetOptions,
-    DeviceOptions,
     EvaluationOptions,
     ExportOptions,
     HardwareOptions,
@@ -30,6 +29,7 @@ from pandis.pipeline.run.ask.options import (
 )
 from pandis.pipeline.run.ask.outputs import distance_fields
 from pandis.pipeline.run.ask.recipes import RECIPES, ExactRecipe, PaperRecipe
+from pandis.pipeline.run.ask.targets import BudgetOptions, DeviceOptions
 from pandis.pipeline.run.ask.values import Angle, Options, Place, Positive
 
 _NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
@@ -57,11 +57,9 @@ class StageOptions(Options):
             "pandis",
             "pandis-exact",
         ],
-        description="what to build and compare: `exact`, `compact-B` (the mesh with its vertices "
-        "on a lattice of B bits, 10 to 20, or `compact-auto`: see `bake.auto`), "
-        + ", ".join(f"`{kind}-N`" for kind in GRID_FIELDS)
-        + " (N nodes per axis, or `auto`: see `bake.auto`), or any recipe under `train`; "
-        "`fields: auto` stands alone and builds the one that `budget` asks for, and no other",
+        description="what to build and compare: "
+        + ", ".join(kind.help for kind in KINDS.values() if kind.help)
+        + "; `fields: auto` stands alone and builds the one that `budget` asks for, and no other",
     )
     budget: BudgetOptions = Field(
         default_factory=BudgetOptions, description="what `fields: auto` should achieve"

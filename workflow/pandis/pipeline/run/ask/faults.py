@@ -8,16 +8,14 @@ from pydantic import BaseModel, ValidationError
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.catalogue import (
     AUTO,
-    COMPACT,
-    GRID_FIELDS,
     MESH_NAME,
-    PLANE_FIELDS,
-    PROXY,
+    SIZED,
+    TARGETS,
     is_builtin_field,
     parse_field,
 )
 from pandis.pipeline.run.ask.config import StageOptions
-from pandis.pipeline.run.ask.options import TARGETS
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
 
 
@@ -83,27 +81,28 @@ def name_faults(values):
                 f"fields.{index}",
                 "auto needs to know what to achieve: add budget.force_error, such as 0.001",
             )
-        if spec.size == "auto" and spec.kind not in _targets(values):
+        if spec.size == AUTO and spec.form not in _targets(values):
             yield (
                 f"fields.{index}",
-                f"{spec.name} needs to know what to achieve: add bake.auto.{spec.kind}, with "
+                f"{spec.name} needs to know what to achieve: add bake.auto.{spec.form}, with "
                 "force_error or bytes",
             )
 
 
 def near_field(name, recipes):
     """Return the field whose name is most like one that is no field's, or None."""
-    kind, dash, size = name.rpartition("-")
+    form, dash, size = name.rpartition("-")
     if dash and (size.isdigit() or size == AUTO):
-        near = difflib.get_close_matches(kind, [*GRID_FIELDS, COMPACT], n=1, cutoff=0.7)
-        return f"{near[0]}-{size}" if near and near[0] != kind else None
-    known = ["exact", AUTO, *PLANE_FIELDS, PROXY, *recipes]
+        near = difflib.get_close_matches(form, SIZED, n=1, cutoff=0.7)
+        return f"{near[0]}-{size}" if near and near[0] != form else None
+    examples = [example for kind in KINDS.values() for example in kind.examples]
+    known = [*(one for one in examples if not one[-1].isdigit()), AUTO, *recipes]
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)
     return near[0] if near and near[0] != name else None
 
 
 def _targets(values):
-    """Return the kinds of grids that have a target."""
+    """Return the forms of fields that have a target."""
     bake = values.get("bake") or {}
     given = bake.get("auto") or {} if isinstance(bake, dict) else {}
     return {*TARGETS, *(given if isinstance(given, dict) else ())}

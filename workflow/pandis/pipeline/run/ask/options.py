@@ -2,30 +2,11 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from pandis.pipeline.run.ask.catalogue import COMPACT, GRID_FIELDS
-from pandis.pipeline.run.ask.values import Count, Force, Missed, Options, Positive
-
-#: Metres that an object may have in a device's workspace.
-LARGEST_DEVICE = 10.0
-
-
-class DeviceOptions(Options):
-    """Physical scale: how large and how stiff the object is under the device."""
-
-    size: Positive = Field(0.10, description="metres of the mesh's longest side in the workspace")
-    stiffness: Positive = Field(400.0, description="stiffness k of the surface in N/m")
-
-    @field_validator("size")
-    @classmethod
-    def _fits_a_workspace(cls, value):
-        if value > LARGEST_DEVICE:
-            raise ValueError(
-                f"no device reaches that far: at most {LARGEST_DEVICE:g}, in metres (a part of 60 "
-                "mm has a size of 0.06)"
-            )
-        return value
+from pandis.pipeline.run.ask.catalogue import SIZED, TARGETS
+from pandis.pipeline.run.ask.targets import GridTarget
+from pandis.pipeline.run.ask.values import Count, Options, Positive
 
 
 class MeshOptions(Options):
@@ -117,57 +98,6 @@ class SampleOptions(Options):
     )
 
 
-class GridTarget(Options):
-    """What a field named `…-auto` should achieve."""
-
-    force_error: Force | None = Field(
-        None, description="mean force error on the contact set: written as in `budget`"
-    )
-    tail: Force | None = Field(
-        None, description="with `force_error`: its 99th percentile; null: ten times the mean"
-    )
-    missed: Missed = Field(
-        0.005, description="with `force_error`: share of the surface that may lack the force"
-    )
-    bytes: Count | None = Field(None, description="bytes that a program holds in memory")
-
-    @model_validator(mode="after")
-    def _one_target(self):
-        if (self.force_error is None) == (self.bytes is None):
-            raise ValueError("name one of force_error and bytes")
-        return self
-
-
-#: Targets that hold where the user names none.
-TARGETS = {"spline": {"bytes": 800_000}, COMPACT: {"bytes": 500_000}}
-
-
-class BudgetOptions(Options):
-    """What the field named `auto` should achieve: the cheapest to build that does is built.
-
-    Errors are those of the contact set: points down to 0.04 below the surface, or to nine tenths of
-    the largest ball inside that touches it there.
-    """
-
-    force_error: Force | None = Field(
-        None,
-        description="mean force error: a number (unit frame, k = 1), or a text such as `20 mN` (at "
-        "`device`) or `5 %` (of the mean force)",
-    )
-    tail: Force | None = Field(
-        None, description="its 99th percentile, written likewise; null: ten times the mean"
-    )
-    missed: Missed = Field(
-        0.005, description="share of the surface that may lack the force: 0.005 at most"
-    )
-    query_time: Positive | None = Field(
-        None,
-        description="median time of one query, in seconds, as listed in `config/query-times.csv` "
-        "(`snakemake calibrate` measures that table on your machine)",
-    )
-    bytes: Count | None = Field(None, description="bytes that a program holds in memory")
-
-
 class BakeOptions(Options):
     """Grids. Lengths are in the unit frame (longest side 1.8)."""
 
@@ -176,7 +106,7 @@ class BakeOptions(Options):
     )
     outside: Positive = Field(0.02, le=1, description="height above it up to which they are")
     chunk: Annotated[int, Field(ge=4)] = Field(32, description="nodes per axis of a stored chunk")
-    auto: dict[Literal[(*GRID_FIELDS, COMPACT)], GridTarget] = Field(
+    auto: dict[Literal[SIZED], GridTarget] = Field(
         default_factory=dict,
         description="what `nearest-auto`, `trilinear-auto`, `compact-auto`, … should achieve, by "
         "kind: `force_error` (the smallest field that meets it, `tail` and `missed`) or `bytes` "
@@ -189,8 +119,8 @@ class BakeOptions(Options):
 
     @model_validator(mode="after")
     def _usual_targets(self):
-        for kind, target in TARGETS.items():
-            self.auto.setdefault(kind, GridTarget(**target))
+        for form, target in TARGETS.items():
+            self.auto.setdefault(form, GridTarget(**target))
         return self
 
 

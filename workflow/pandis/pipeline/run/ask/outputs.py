@@ -1,6 +1,6 @@
 """What each stage makes of a mesh: paths below the mesh's folder, and the wildcards of its rule."""
 
-from pandis.pipeline.run.ask.catalogue import AUTO, COMPACT, GRID_FIELDS, parse_field
+from pandis.pipeline.run.ask.catalogue import AUTO, parse_field
 from pandis.pipeline.run.ask.sourcing import url_extension
 
 
@@ -29,93 +29,53 @@ def source(entry):
     return [(f"source.{extension}", {"extension": extension})] if extension else []
 
 
-def networks(entry):
-    """Return the FieldSpec of every network that is trained."""
-    return [spec for spec in field_holders(entry) if spec.kind == "network"]
-
-
 def samples(entry):
-    """Return the samples, where a network learns from them."""
-    return [("samples.zarr.zip", {})] if networks(entry) else []
+    """Return the samples, where a field learns from them."""
+    return [("samples.zarr.zip", {})] if models(entry) else []
 
 
 def models(entry):
-    """Return the trained networks."""
-    return [(f"{s.artifact}.zarr.zip", {"recipe": s.name}) for s in networks(entry)]
+    """Return what is trained."""
+    specs = [spec for spec in field_holders(entry) if spec.learned]
+    return [(f"{spec.artifact}.zarr.zip", {"recipe": spec.name}) for spec in specs]
 
 
-def programs(entry):
-    """Return the graphs and programs of networks."""
-    asked = [spec for spec in field_specs(entry) if spec.kind == "network"]
-    return [
-        (f"export/{spec.name}.{ending}", {"recipe": spec.name})
-        for spec in asked
-        for ending in ("onnx", "pt2")
-    ]
+def choice(entry):
+    """Return the field that a budget alone describes."""
+    return [(f"{s.artifact}.zarr.zip", {}) for s in field_holders(entry) if s.kind == AUTO]
 
 
-def holders(wanted, wildcards=lambda spec: {}):
-    """Return the function that returns the artifacts that hold the wanted fields."""
-    return lambda entry: [
-        (f"{spec.artifact}.zarr.zip", wildcards(spec))
-        for spec in field_holders(entry)
-        if wanted(spec)
-    ]
-
-
-def is_sized(spec):
-    """Tell whether a field is a grid of a given size."""
-    return spec.kind in GRID_FIELDS and spec.size != AUTO
-
-
-def is_dense(spec):
-    """Tell whether it is one that stores every node."""
-    return is_sized(spec) and GRID_FIELDS[spec.kind] != "spline"
-
-
-def is_spline(spec):
-    """Tell whether it is a spline of a given size."""
-    return is_sized(spec) and GRID_FIELDS[spec.kind] == "spline"
-
-
-def is_searched(spec):
-    """Tell whether it is a grid whose size is searched."""
-    return spec.kind in GRID_FIELDS and spec.size == AUTO
-
-
-def is_compact(spec):
-    """Tell whether it is a compact mesh of given bits."""
-    return spec.kind == COMPACT and spec.size != AUTO
-
-
-def grids(entry):
-    """Return the FieldSpec of every grid."""
-    return [spec for spec in field_specs(entry) if spec.kind in GRID_FIELDS]
+def baked(entry):
+    """Return what is built from the mesh alone."""
+    specs = [spec for spec in field_holders(entry) if spec.kind != AUTO and not spec.learned]
+    return [(f"{spec.artifact}.zarr.zip", {"artifact": spec.artifact}) for spec in specs]
 
 
 def graphs(entry):
-    """Return the graphs of grids."""
-    drawn = [spec for spec in grids(entry) if "onnx" in spec.exports]
-    return [(f"export/{spec.name}.onnx", {"field": spec.name}) for spec in drawn]
+    """Return graphs and programs for other runtimes."""
+    return [
+        (f"export/{spec.name}.{ending}", {"field": spec.name, "ending": ending})
+        for spec in field_specs(entry)
+        for ending in spec.exports
+        if ending != "vti"
+    ]
 
 
 def images(entry):
     """Return the images of grids."""
-    shown = grids(entry) if entry.bake.vti else []
+    shown = [spec for spec in field_specs(entry) if "vti" in spec.exports and entry.bake.vti]
     return [(f"export/{spec.name}.vti", {"field": spec.name}) for spec in shown]
 
 
 def native(entry):
     """Return the files for ``pandis.h``."""
     files = [spec for spec in field_specs(entry) if spec.native]
-    return [(f"export/{spec.name}.pandis", {"name": spec.name}) for spec in files]
+    return [(f"export/{spec.name}.pandis", {"field": spec.name}) for spec in files]
 
 
 def distance_fields(entry):
     """Return the fields of a mesh that have a file and may know distances; of `auto` it says."""
-    forces = ("force", "force-box")
-    files = [spec for spec in field_specs(entry) if spec.native]
-    return [spec for spec in files if GRID_FIELDS.get(spec.kind) not in forces]
+    return [spec for spec in field_specs(entry) if spec.native and spec.distances]
 
 
 def also(kind, name):

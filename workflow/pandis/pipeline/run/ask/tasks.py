@@ -12,10 +12,7 @@ from pydantic import Field
 
 from pandis.pipeline.run.ask.contacts import ContactOptions, SurfaceOptions
 from pandis.pipeline.run.ask.options import (
-    BudgetOptions,
-    DeviceOptions,
     EvaluationOptions,
-    GridTarget,
     HardwareOptions,
     MeshOptions,
     NativeOptions,
@@ -25,6 +22,7 @@ from pandis.pipeline.run.ask.options import (
     TrajectoryOptions,
 )
 from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
+from pandis.pipeline.run.ask.targets import BudgetOptions, DeviceOptions
 from pandis.pipeline.run.ask.values import Options
 
 
@@ -53,56 +51,6 @@ class SampleTask(SampleOptions):
     """Draw and label the points that a mesh is learnt from."""
 
     seed: int
-
-
-class TrainTask(DeviceOptions):
-    """Train one network. Errors that are asked for in newtons are at the device's scale."""
-
-    name: str
-    recipe: Annotated[PaperRecipe | ExactRecipe, Field(discriminator="loss")]
-    seed: int
-
-
-class BakeTask(Options):
-    """Fill one grid. The band reaches so far into the surface and out of it (unit frame)."""
-
-    content: str
-    size: int
-    band: tuple[float, float]
-    chunk: int
-
-
-class BakeSplineTask(Options):
-    """Fit one spline."""
-
-    size: int
-    band: tuple[float, float]
-    seed: int
-
-
-class BakeAutoTask(GridTarget, DeviceOptions):
-    """Search the size of a grid, and make it."""
-
-    kind: str
-    band: tuple[float, float]
-    seed: int
-
-
-class BakeCompactTask(Options):
-    """Pack a mesh on a lattice of so many bits."""
-
-    bits: int
-    seed: int
-
-
-class BakeCompactAutoTask(GridTarget, DeviceOptions):
-    """Search bits and faces of a compact mesh, and pack it."""
-
-    seed: int
-
-
-class SupportPlanesTask(Options):
-    """Lay support planes around a mesh: nothing is asked."""
 
 
 class ChooseTask(DeviceOptions):

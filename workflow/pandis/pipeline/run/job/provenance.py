@@ -15,10 +15,14 @@ import sys
 from functools import cache
 from importlib import metadata
 from pathlib import Path
+from typing import NamedTuple
 
 from pandis.engine.cache import remembered
 from pandis.engine.compiler import find_compiler
 from pandis.engine.sources import digest as source_digest
+from pandis.pipeline.run.ask.catalogue import known_field
+from pandis.pipeline.run.ask.kind import AUTO
+from pandis.pipeline.run.ask.kinds import KINDS
 
 #: Files beside a package's modules that are a part of it: templates; sources in C, and with them
 #: what they include.
@@ -35,54 +39,70 @@ _NOTHING = {"pandis", "snakemake", "jaxtyping", ""}
 _PYTHON = "python"
 
 
-#: Modules that one kind of recipe alone runs, though the trainer imports them all.
-_LOSSES = {
-    "paper": "pandis.pipeline.kinds.network.training.paper_loss",
-    "exact": "pandis.pipeline.kinds.network.training.exact_loss",
-}
-
-
-#: Modules that only a training on a GPU runs.
-ON_GPUS = ("pandis.pipeline.kinds.network.training.labels", "pandis.engine.cuda.steps")
-
-
-#: Modules of the paper's other methods, and how the names of their fields begin.
-_METHODS = {
-    "pandis.pipeline.kinds.grid.implicit": "kim-",
-    "pandis.pipeline.kinds.paper.planes": "support-planes",
-    "pandis.pipeline.kinds.paper.proxy": "salisbury",
-}
-
-
 #: Models of options: they name and check values, and what they let through reaches a stage as its
 #: options, which are compared themselves.
 _MODELS = tuple(
-    f"pandis.pipeline.run.ask.{name}" for name in ("options", "recipes", "tasks", "values")
+    f"pandis.pipeline.run.ask.{name}"
+    for name in ("options", "recipes", "targets", "tasks", "values")
 )
 
 
-def unused_modules(options):
-    """Return the modules that a stage imports but, with these options, never runs.
+#: Kinds that a field which is not named may turn out to be of.
+_CHOSEN = tuple(name for name, kind in KINDS.items() if kind.chosen)
 
-    Of the two losses the other one's; what serves a GPU where a CPU trains; and those of methods
-    that none of its fields is of.
+
+class Needs(NamedTuple):
+    """What of its code a stage needs with some options.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        Kinds of fields whose modules it loads by `pandis.pipeline.run.ask.kinds.kind_module`.
+    unused : tuple of str
+        Modules that it imports, but never runs.
     """
-    trained = options.get("recipe", {})
-    losses = [m for loss, m in _LOSSES.items() if trained.get("loss", loss) != loss]
-    names = tuple(_field_names(options))
-    methods = [m for m, start in _METHODS.items() if not any(n.startswith(start) for n in names)]
-    on_cpu = trained.get("device", "cpu") == "cpu"
-    return (*losses, *methods, *(ON_GPUS if on_cpu else []))
+
+    kinds: tuple[str, ...] = tuple(KINDS)
+    unused: tuple[str, ...] = ()
 
 
-def _field_names(options):
-    """Yield the names of fields, and of a kind of them, among the options of any stage."""
-    for key in ("fields", "field", "in_python", "kind"):
+#: What a stage needs at most.
+EVERYTHING = Needs()
+
+
+def needs(options):
+    """Return the `Needs` of a stage with these options.
+
+    Left out are kinds that no field is of which it asks; the search of a size that is given; and
+    what else its kinds say that they never run.
+    """
+    kinds, unused = _kinds(options), []
+    if options.get("kind") in KINDS and "target" not in options:
+        unused = [f"pandis.pipeline.kinds.{kind}.search" for kind in kinds]
+    for kind in kinds:
+        unused += KINDS[kind].unused(options)
+    return Needs(kinds, tuple(unused))
+
+
+def _kinds(options):
+    """Return the kinds of the fields that a stage builds, exports, or asks without their files."""
+    if options.get("kind") in KINDS:
+        return (options["kind"],)
+    specs = []
+    if "field" in options:
+        specs = [known_field(options["field"])]
+    elif "fields" not in options and "in_python" not in options:
+        return _CHOSEN
+    for key in ("fields", "in_python"):
         value = options.get(key, ())
         lists = value.values() if isinstance(value, dict) else [value]
-        for names in lists:
-            # the one kind of a stage that sizes grids stands for their names
-            yield from [f"{names}-"] if isinstance(names, str) else names
+        names = [name for names in lists for name in names]
+        # what has a file is answered by that
+        specs += [s for s in map(known_field, names) if not s.native]
+    specs += [spec.through for spec in specs if spec.through]
+    if any(spec.kind == AUTO for spec in specs):
+        return _CHOSEN
+    return tuple(kind for kind in KINDS if any(spec.kind == kind for spec in specs))
 
 
 class CodeDigests:
@@ -100,27 +120,27 @@ class CodeDigests:
         self.root = Path(root)
         self.scripts = Path(scripts) if scripts else self.root.parent / "scripts"
         self._own = {}
-        self._imports = {}
+        self._imports, self._parts = {}, {}
         self._packages, self._versions = {}, {}
 
-    def stage(self, name, unused=()):
+    def stage(self, name, needs=EVERYTHING):
         """Return one digest (hex) for the stage whose script is ``{name}.py``."""
-        return combine(self.modules(name, unused))
+        return combine(self.modules(name, needs))
 
-    def modules(self, name, unused=()):
-        """Return the digest of each file behind a stage, as a sorted dict of name to hex.
-
-        ``unused`` names modules to leave out: see `unused_modules`.
-        """
+    def modules(self, name, needs=EVERYTHING):
+        """Return the digest of each file behind a stage, as a sorted dict of name to hex."""
         script = f"scripts/{name}"
         self._load(script, self.scripts / f"{name}.py", package="")
-        seen, queue = set(unused), [script]
+        seen, queue = set(needs.unused), [script]
         while queue:
             module = queue.pop()
             if module not in seen:
                 seen.add(module)
                 queue += self._imports[module]
-        modules = {module: self._own[module] for module in sorted(seen - set(unused))}
+                for part in self._parts[module]:
+                    for kind in needs.kinds:
+                        queue += self._resolve(f"pandis.pipeline.kinds.{kind}.{part}")
+        modules = {module: self._own[module] for module in sorted(seen - set(needs.unused))}
         packages = {name for module in modules for name in self._packages[module]}
         versions = {f"package {name}": self._version(name) for name in sorted(packages)}
         major, minor = sys.version_info[:2]
@@ -138,6 +158,7 @@ class CodeDigests:
         self._own[module] = facts["digest"]
         imports = self._imports[module] = []
         self._packages[module] = set(facts["packages"])
+        self._parts[module] = facts["parts"]
         if path.name == "__init__.py":
             # templates and the like belong to the package they lie in
             files = [f for f in path.parent.iterdir() if not f.name.startswith(".")]
@@ -201,6 +222,7 @@ def _facts(source, package):
             "digest": _tree_digest(tree),
             "imports": list(_imported(tree, package)),
             "packages": sorted(set(_foreign(tree))),
+            "parts": sorted(set(_parts(tree))),
         }
 
     return remembered(__file__, source + b"\0" + package.encode(), facts)
@@ -236,6 +258,13 @@ def _imported(tree, package):
         else:
             continue
         yield from (name for name in names if name.split(".")[0] == "pandis")
+
+
+def _parts(tree):
+    """Yield the names of modules that a module loads of kinds: of `kind_module` the last word."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "kind_module":
+            yield node.args[1].value
 
 
 def _foreign(tree):

@@ -28,7 +28,7 @@ from pandis.pipeline.run.job.artifact import (
     write_atomically,
 )
 from pandis.pipeline.run.job.limits import limited
-from pandis.pipeline.run.job.provenance import CodeDigests, combine, provenance, unused_modules
+from pandis.pipeline.run.job.provenance import CodeDigests, combine, needs, provenance
 from pandis.pipeline.run.job.stored import RESULTS, is_copy, original
 
 PROGRESS_SECONDS = 5.0
@@ -151,8 +151,7 @@ class Job:
                 "uninstall the other one: pip uninstall pandis-fields"
             )
         # digested now, while it is what this process has imported
-        unused = unused_modules(self._asked)
-        self._modules = CodeDigests(self.workflow()).modules(self.stage, unused)
+        self._modules = CodeDigests(self.workflow()).modules(self.stage, needs(self._asked))
         if combine(self._modules) != self._snakemake.params.code:
             raise PandisError(CHANGED)
         try:

@@ -5,14 +5,12 @@ This module stands on the ground floor, as `pandis.pipeline.run.ask.config` does
 
 import re
 
-from pandis.pipeline.run.ask.catalogue import COMPACT, MESH_NAME, parse_field
+from pandis.pipeline.run.ask.catalogue import MESH_NAME, parse_field
 from pandis.pipeline.run.ask.config import SceneOptions
 from pandis.pipeline.run.ask.contacts import SurfaceOptions
 from pandis.pipeline.run.ask.faults import faults_of, name_faults, raise_faults
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.tasks import PlacedObject, SceneTask
-
-#: Kinds of fields whose files say which material a place is made of.
-_WITH_REGIONS = COMPACT, "exact"
 
 
 def load_scenes(raw, entries):
@@ -108,8 +106,9 @@ def _knows_regions(entry, name):
     None if that field says it, or if no field of the mesh does; a compact mesh before the exact
     one.
     """
-    if parse_field(name, entry.train).kind in _WITH_REGIONS:
+    with_regions = [kind for kind, row in KINDS.items() if row.regions]
+    if parse_field(name, entry.train).kind in with_regions:
         return None
     specs = (parse_field(each, entry.train) for each in entry.fields)
-    known = sorted((s.kind, s.name) for s in specs if s.kind in _WITH_REGIONS)
+    known = sorted((s.kind, s.name) for s in specs if s.kind in with_regions)
     return known[0][1] if known else None

@@ -8,13 +8,14 @@ Ground floor: no torch, no trimesh.
 import os
 import sys
 import time
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.ask.config import plain
+from pandis.pipeline.run.ask.kind import AUTO
 from pandis.pipeline.run.ask.outputs import distance_fields, field_holders, field_specs
 from pandis.pipeline.run.ask.reading import check_yaml, last_target, load_config, results_folder
 from pandis.pipeline.run.ask.recipes import budgeted
@@ -27,7 +28,7 @@ from pandis.pipeline.run.ask.sourcing import (
 )
 from pandis.pipeline.run.ask.tasks import CalibrateTask, RefuseTask, SummaryTask, VerifyTask
 from pandis.pipeline.run.host.ending import forget_partial_report
-from pandis.pipeline.run.job.provenance import CodeDigests, unused_modules
+from pandis.pipeline.run.job.provenance import CodeDigests, needs
 from pandis.pipeline.run.plan.placing import load_scenes, needed, scene_task
 from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
 
@@ -150,7 +151,7 @@ class Plan:
     def query_times(self):
         """Path of the table of query times that `fields: auto` goes by.
 
-        `snakemake calibrate` renews the working directory's; the workflow brings one along.
+        `snakemake -j1 -f calibrate` renews the working directory's; the workflow brings one along.
         """
         shipped = self.digests.root.parent / QUERY_TIMES
         return QUERY_TIMES if Path(QUERY_TIMES).is_file() else os.path.relpath(shipped)
@@ -163,9 +164,19 @@ class Plan:
     @property
     def recipes(self):
         """Names of all recipes that some mesh trains."""
-        entries = [*self.entries.values(), *self.needed.values()]
-        specs = (spec for entry in entries for spec in field_holders(entry))
-        return sorted({spec.name for spec in specs if spec.kind == "network"})
+        return sorted({spec.name for spec in self._holders.values() if spec.learned})
+
+    @property
+    def baked(self):
+        """Stems of all artifacts that hold a field and are built from a mesh alone."""
+        specs = (spec for spec in self._holders.values() if not spec.learned)
+        return sorted({spec.artifact for spec in specs if spec.kind != AUTO})
+
+    @cached_property
+    def _holders(self):
+        """One FieldSpec for each artifact that holds a field, by mesh and stem."""
+        entries = [*self.entries.items(), *self.needed.items()]
+        return {(mesh, s.artifact): s for mesh, entry in entries for s in field_holders(entry)}
 
     def specs(self, mesh):
         """Return the FieldSpec of every field of a mesh."""
@@ -260,14 +271,9 @@ class Plan:
                  for spec in specs if spec.native or spec.artifact != "mesh"]  # fmt: skip
         return [f"{self.folder}/{mesh}/{name}" for name in dict.fromkeys(names)]
 
-    def grid_artifact(self, wildcards):
-        """Return the grid that a grid field is exported from."""
-        spec = parse_field(wildcards.field, ())
-        return f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip"
-
-    def native_artifact(self, wildcards):
+    def field_artifact(self, wildcards):
         """Return the artifact that holds a field of a mesh."""
-        spec = parse_field(wildcards.name, self.entries[wildcards.mesh].train)
+        spec = parse_field(wildcards.field, self.entries[wildcards.mesh].train)
         return f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip"
 
     def native(self, wildcards):
@@ -290,22 +296,21 @@ class Plan:
 
     def unexported(self, wildcards):
         """Return what answers for the fields that are timed from Python."""
-        specs = [spec for spec in self.specs(wildcards.mesh) if not spec.exports]
+        specs = [spec for spec in self.specs(wildcards.mesh) if "onnx" not in spec.exports]
         return self._answering(wildcards.mesh, specs)
 
     def exports(self, wildcards):
-        """Return the exported files of a mesh."""
-        return [
-            f"{self.folder}/{wildcards.mesh}/export/{spec.name}.{ending}"
-            for spec in self.specs(wildcards.mesh)
-            for ending in spec.exports
-        ]
+        """Return the graphs of a mesh."""
+        return self._ending(wildcards.mesh, "onnx")
 
     def programs(self, wildcards):
         """Return the PyTorch programs that are timed from C++."""
-        specs = [s for s in self.specs(wildcards.mesh) if s.kind == "network"]
         wanted = self.entries[wildcards.mesh].timing.libtorch
-        return [f"{self.folder}/{wildcards.mesh}/export/{s.name}.pt2" for s in specs if wanted]
+        return self._ending(wildcards.mesh, "pt2") if wanted else []
+
+    def _ending(self, mesh, ending):
+        names = (spec.name for spec in self.specs(mesh) if ending in spec.exports)
+        return [f"{self.folder}/{mesh}/export/{name}.{ending}" for name in names]
 
     def report_artifacts(self, only=None):
         """Return everything that the report, or a collection's table, reads: all, or one mesh's."""
@@ -318,7 +323,7 @@ class Plan:
                 continue
             stems = ["mesh", "trajectory", "evaluation", "stress", "timing", "hardware"]
             stems += [spec.artifact for spec in self.held(mesh)]
-            if any(spec.kind == "network" for spec in self.held(mesh)):
+            if any(spec.learned for spec in self.held(mesh)):
                 stems.append("samples")
             paths += [f"{self.folder}/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
             names = (spec.name for spec in distance_fields(self.entries[mesh]))
@@ -340,7 +345,7 @@ class Plan:
         return partial(self._job_code, stage)
 
     def _job_code(self, stage, wildcards):
-        key = stage, unused_modules(self.options(stage)(wildcards))
+        key = stage, needs(self.options(stage)(wildcards))
         if key not in self._codes:
             self._codes[key] = self.digests.stage(*key)
         return self._codes[key]
@@ -367,7 +372,9 @@ class Plan:
             return SummaryTask(fields={name: entry.fields for name, entry in self.entries.items()})
         if stage == "refuse":
             return RefuseTask(why=self.refused[mesh])
-        return STAGES[stage].options(PlannedJob(stage, mesh, self.entries[mesh], wildcards))
+        stem = wildcards.get("artifact") or f"model-{wildcards.get('recipe')}"
+        built = self._holders.get((mesh, stem))
+        return STAGES[stage].options(PlannedJob(stage, mesh, self.entries[mesh], wildcards, built))
 
     def train_threads(self, wildcards):
         """Return the threads that a recipe trains with: a part of its options."""

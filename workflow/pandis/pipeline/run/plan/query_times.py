@@ -5,9 +5,7 @@ import csv
 import numpy as np
 
 from pandis.base.errors import PandisError
-
-#: Layers of the networks in the table.
-LAYERS = 4
+from pandis.pipeline.run.ask.catalogue import KIND_OF
 
 
 class QueryTimes:
@@ -38,50 +36,43 @@ class QueryTimes:
         except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
             raise PandisError(
                 f"{path}: not a table of query times ({error}); measure one with "
-                "`snakemake -f calibrate`"
+                "`snakemake -j1 -f calibrate`"
             ) from error
 
-    def __contains__(self, kind):
-        return kind in self.table
+    def __contains__(self, form):
+        return form in self.table
 
-    def seconds(self, kind, size, layers=LAYERS):
+    def seconds(self, form, size, **shape):
         """Return the median time of one query.
 
         Between the sizes of the table by logarithm, and beyond them along its last step, but that
-        nothing gets faster with size. A network's time follows its weights, whatever its depth,
-        and beyond the table at least in proportion to them.
+        nothing gets faster with size. What of a size it grows with, and how fast at least beyond
+        the table, the kind says.
 
         Parameters
         ----------
-        kind : str
+        form : str
         size : float
             As in the table.
-        layers : int
-            Of a network.
+        **shape
+            What else the kind's `work` goes by.
 
         Raises
         ------
         PandisError
-            The table has no such kind.
+            The table has no such form.
         """
-        if kind not in self.table:
+        if form not in self.table:
             raise PandisError(
-                f"{self.path}: no query times of '{kind}'; measure them with "
-                "`snakemake -f calibrate`"
+                f"{self.path}: no query times of '{form}'; measure them with "
+                "`snakemake -j1 -f calibrate`"
             )
-        network = kind == "network"
-        known = sorted(self.table[kind])
-        if network:
-            known, size = [(_weights(w, LAYERS), t) for w, t in known], _weights(size, layers)
+        kind = KIND_OF[form]
+        known = [(kind.work(s), time) for s, time in sorted(self.table[form])]
         sizes, times = np.log(np.array(known)).T
-        at = np.log(max(size, 1))
+        at = np.log(max(kind.work(size, **shape), 1))
         time = np.interp(at, sizes, times)
         if at > sizes[-1]:
             slope = (times[-1] - times[-2]) / (sizes[-1] - sizes[-2]) if len(sizes) > 1 else 0.0
-            time += max(slope, 1.0 if network else 0.0) * (at - sizes[-1])
+            time += max(slope, kind.growth) * (at - sizes[-1])
         return float(np.exp(time) * 1e-6)
-
-
-def _weights(width, layers):
-    """Return about how many products a network makes: one per weight."""
-    return (layers - 1) * width**2 + 4 * width

@@ -9,15 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pandis.pipeline.run.ask import outputs
-from pandis.pipeline.run.ask.catalogue import AUTO, COMPACT, GRID_FIELDS, PLANE_FIELDS
 from pandis.pipeline.run.ask.config import MeshEntry
+from pandis.pipeline.run.ask.kind import FieldSpec
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.recipes import budgeted
 from pandis.pipeline.run.ask.tasks import (
-    BakeAutoTask,
-    BakeCompactAutoTask,
-    BakeCompactTask,
-    BakeSplineTask,
-    BakeTask,
     ChooseTask,
     EvaluateTask,
     ExportMeshTask,
@@ -32,9 +28,7 @@ from pandis.pipeline.run.ask.tasks import (
     MeshTask,
     SampleTask,
     StressTask,
-    SupportPlanesTask,
     TimingTask,
-    TrainTask,
     TrajectoryTask,
     ValidateTask,
 )
@@ -53,23 +47,31 @@ def stage_seed(root, *names):
 
 @dataclass(frozen=True)
 class PlannedJob:
-    """A job that is planned: of which stage and mesh, with which options and wildcards."""
+    """A job that is planned: of which stage and mesh, with which options and wildcards.
+
+    Where a field is built, ``built`` is one that its artifact holds.
+    """
 
     stage: str
     mesh: str
     entry: MeshEntry
     wildcards: dict
+    built: FieldSpec | None = None
 
     @property
     def seed(self):
-        """The seed of the stage; of a recipe's training one of its own."""
-        recipe = [self.wildcards["recipe"]] if self.stage == "train" else []
-        return stage_seed(self.entry.seed, self.mesh, self.stage, *recipe)
+        """The seed of the stage; of building a field one of its own."""
+        names = KINDS[self.built.kind].stream(self.built) if self.built else (self.stage,)
+        return stage_seed(self.entry.seed, self.mesh, *names)
 
     @property
     def scale(self):
         """The scale of the device as options."""
         return dict(self.entry.device)
+
+    def scale_of(self, target):
+        """Return the device's scale where a target is an error: newtons depend on it."""
+        return self.scale if target and target.force_error is not None else NOMINAL
 
     @property
     def band(self):
@@ -104,11 +106,6 @@ class Stage:
 # --- what a stage is asked ------------------------------------------------------
 
 
-def _scale(job, target):
-    """Return the device's scale where a target is an error: newtons depend on it."""
-    return NOMINAL if target.force_error is None else job.scale
-
-
 def _fetch(job):
     return FetchTask(url=job.entry.source, sha256=job.entry.sha256)
 
@@ -122,41 +119,8 @@ def _sample(job):
     return SampleTask(**dict(job.entry.samples), seed=job.seed)
 
 
-def _train(job):
-    name = job.wildcards["recipe"]
-    recipe = budgeted(job.entry.train[name])
-    scale = _scale(job, recipe) if recipe.loss == "exact" else NOMINAL
-    return TrainTask(name=name, recipe=recipe, seed=job.seed, **scale)
-
-
-def _bake(job):
-    content, size = job.wildcards["content"], int(job.wildcards["size"])
-    return BakeTask(content=content, size=size, band=job.band, chunk=job.entry.bake.chunk)
-
-
-def _bake_spline(job):
-    return BakeSplineTask(size=int(job.wildcards["size"]), band=job.band, seed=job.seed)
-
-
-def _bake_auto(job):
-    kind = job.wildcards["kind"]
-    target = job.entry.bake.auto[kind]
-    return BakeAutoTask(
-        **dict(target), **_scale(job, target), kind=kind, band=job.band, seed=job.seed
-    )
-
-
-def _bake_compact(job):
-    return BakeCompactTask(bits=int(job.wildcards["bits"]), seed=job.seed)
-
-
-def _bake_compact_auto(job):
-    target = job.entry.bake.auto[COMPACT]
-    return BakeCompactAutoTask(**dict(target), **_scale(job, target), seed=job.seed)
-
-
-def _support_planes(job):
-    return SupportPlanesTask()
+def _build(job):
+    return KINDS[job.built.kind].options(job, job.built)
 
 
 def _choose(job):
@@ -174,14 +138,13 @@ def _choose(job):
     )
 
 
-def _export(wildcard):
-    """Return the function that says which field, of the wildcard's name, is exported."""
-    return lambda job: ExportTask(field=job.wildcards[wildcard])
+def _export(job):
+    return ExportTask(field=job.wildcards["field"])
 
 
 def _export_native(job):
     given = {key: value for key, value in job.entry.export if key != "also"}
-    return ExportNativeTask(**given, field=job.wildcards["name"])
+    return ExportNativeTask(**given, field=job.wildcards["field"])
 
 
 def _export_page(job):
@@ -227,7 +190,8 @@ def _stress(job):
 
 
 def _timing(job):
-    in_python = [spec.name for spec in outputs.field_specs(job.entry) if not spec.exports]
+    specs = outputs.field_specs(job.entry)
+    in_python = [spec.name for spec in specs if "onnx" not in spec.exports]
     return TimingTask(**dict(job.entry.timing), in_python=in_python)
 
 
@@ -255,36 +219,11 @@ STAGES = {
     "fetch": Stage(outputs.source, _fetch, in_scenes=True),
     "mesh": Stage(outputs.one_file("mesh.zarr.zip"), _mesh, "meshes", in_scenes=True),
     "sample": Stage(outputs.samples, _sample, "samples", in_scenes=True),
-    "train": Stage(outputs.models, _train, "models", in_scenes=True),
-    "export_network": Stage(outputs.programs, _export("recipe"), "exports"),
-    "choose": Stage(outputs.holders(lambda s: s.kind == AUTO), _choose, "models", in_scenes=True),
-    "support_planes": Stage(
-        outputs.holders(lambda s: s.kind in PLANE_FIELDS), _support_planes, "grids", in_scenes=True
-    ),
-    "bake_auto": Stage(
-        outputs.holders(outputs.is_searched, lambda s: {"kind": s.kind}), _bake_auto, "grids",
-        in_scenes=True,
-    ),
-    "bake_compact": Stage(
-        outputs.holders(outputs.is_compact, lambda s: {"bits": str(s.size)}), _bake_compact,
-        "grids", in_scenes=True,
-    ),
-    "bake_compact_auto": Stage(
-        outputs.holders(lambda s: s.kind == COMPACT and s.size == AUTO), _bake_compact_auto,
-        "grids", in_scenes=True,
-    ),
-    "bake_spline": Stage(
-        outputs.holders(outputs.is_spline, lambda s: {"size": str(s.size)}), _bake_spline, "grids",
-        in_scenes=True,
-    ),
-    "bake": Stage(
-        outputs.holders(
-            outputs.is_dense, lambda s: {"content": GRID_FIELDS[s.kind], "size": str(s.size)}
-        ),
-        _bake, "grids", in_scenes=True,
-    ),
-    "export_grid": Stage(outputs.graphs, _export("field"), "exports"),
-    "export_vti": Stage(outputs.images, _export("field"), "exports"),
+    "train": Stage(outputs.models, _build, "models", in_scenes=True),
+    "choose": Stage(outputs.choice, _choose, "models", in_scenes=True),
+    "bake": Stage(outputs.baked, _build, "grids", in_scenes=True),
+    "export_graph": Stage(outputs.graphs, _export, "exports"),
+    "export_vti": Stage(outputs.images, _export, "exports"),
     "export_native": Stage(outputs.native, _export_native, "exports", in_scenes=True),
     "export_mesh": Stage(
         outputs.also("mjcf", "export/mesh.obj"), lambda job: ExportMeshTask(), "exports"

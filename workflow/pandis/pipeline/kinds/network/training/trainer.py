@@ -64,7 +64,7 @@ class Trainer:
 
     Parameters
     ----------
-    task : pandis.pipeline.run.ask.tasks.TrainTask
+    task : pandis.pipeline.kinds.network.spec.TrainTask
     samples : pandis.pipeline.run.job.artifact.Artifact
         Of kind ``samples``.
     strata : pandis.pipeline.geometry.strata.Strata

@@ -5,8 +5,9 @@ from itertools import chain
 from math import inf
 
 from pandis.base.errors import PandisError
+from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.measure import promise
-from pandis.pipeline.kinds.compact.build import (
+from pandis.pipeline.kinds.compact.packing import (
     bound_deviation,
     compare_sides,
     limit_queries,
@@ -15,10 +16,10 @@ from pandis.pipeline.kinds.compact.build import (
     told,
 )
 from pandis.pipeline.kinds.compact.reference import CompactField
-from pandis.pipeline.kinds.sizing import Candidate
+from pandis.pipeline.kinds.compact.spec import BITS, KIND
+from pandis.pipeline.kinds.sizing import Candidate, points_of, sizing_of
 from pandis.pipeline.mesh.tools import ToolError, call
 from pandis.pipeline.mesh.topology import EdgeTable
-from pandis.pipeline.run.ask.catalogue import COMPACT, COMPACT_BITS
 from pandis.pipeline.run.job.artifact import Artifact
 
 #: With so many bits rounding is far below what leaving out faces costs.
@@ -39,7 +40,7 @@ class Packer:
     Parameters
     ----------
     body : pandis.pipeline.geometry.body.Body
-    points : pandis.pipeline.judge.errors.points.Points
+    points : pandis.pipeline.geometry.points.Points
         Of that body: what its candidates are chosen by.
     seed : int
         Of the points at which sides are compared.
@@ -77,7 +78,7 @@ class Packer:
     def _climb(self, budget):
         """Return errors and candidates of fewer faces, with bits as long as more of them help."""
         tried = []
-        for bits in range(_FEWEST_BITS, COMPACT_BITS[1] + 1, 2):
+        for bits in range(_FEWEST_BITS, BITS[1] + 1, 2):
             candidate = self._fewer_faces(bits, budget)
             if candidate is None:
                 continue
@@ -103,10 +104,9 @@ class Packer:
 
     def _candidate(self, arrays, record):
         attributes = record.attributes()
-        artifact = Artifact(
-            None, COMPACT, arrays, attributes | self.body.frame.attributes(), {}, ""
-        )
-        return Candidate(CompactField(f"{COMPACT}-auto", artifact), arrays, attributes)
+        frame = self.body.frame.attributes()
+        artifact = Artifact(None, KIND.name, arrays, attributes | frame, {}, "")
+        return Candidate(CompactField(f"{KIND.name}-auto", artifact), arrays, attributes)
 
     def _packed(self, bits):
         """Return arrays and record of all faces on a lattice of so many bits; None if none is."""
@@ -119,7 +119,7 @@ class Packer:
 
     def _most_bits(self, budget):
         """Return the candidate of all faces with the most bits that fit; None if none do."""
-        low, high = COMPACT_BITS[0] - 1, COMPACT_BITS[1]
+        low, high = BITS[0] - 1, BITS[1]
         while low < high:  # more bits take more bytes
             bits = (low + high + 1) // 2
             packed = self._packed(bits)
@@ -127,7 +127,7 @@ class Packer:
                 low = bits
             else:
                 high = bits - 1
-        packed = self._packed(low) if low >= COMPACT_BITS[0] else None
+        packed = self._packed(low) if low >= BITS[0] else None
         return self._candidate(*packed) if packed else None
 
     def _fewer_faces(self, bits, budget):
@@ -160,18 +160,18 @@ class CompactSizing:
     Parameters
     ----------
     body : pandis.pipeline.geometry.body.Body
-    points : pandis.pipeline.judge.errors.points.Points
-    options : pandis.pipeline.run.ask.tasks.BakeCompactAutoTask
+    points : pandis.pipeline.geometry.points.Points
+    task : pandis.pipeline.run.ask.kind.SearchTask
     log : callable
     """
 
-    def __init__(self, body, points, options, log):
-        self.body, self.points, self.options, self.log = body, points, options, log
-        self.packer = Packer(body, points, options.seed, log)
+    def __init__(self, body, points, task, log):
+        self.body, self.points, self.target, self.log = body, points, task.target, log
+        self.packer = Packer(body, points, task.seed, log)
 
     @cached_property
     def _limits(self):
-        return self.points.limits(self.options)
+        return self.points.limits(self.target)
 
     def find(self):
         """Return arrays and attributes of the compact mesh; ``sizing`` says what was tried.
@@ -182,35 +182,28 @@ class CompactSizing:
             Nothing fits into the bytes, or meets the error.
         """
         tried = []
-        budgets = _BYTES if self.options.bytes is None else [self.options.bytes]
+        budgets = _BYTES if self.target.bytes is None else [self.target.bytes]
         for budget in budgets:
             candidate = self.packer.within(budget)
             if candidate is None:
                 continue
-            asked = self._limits if self.options.bytes is None else None
+            asked = self._limits if self.target.bytes is None else None
             measured = self.points.measure(candidate.force, asked)
             tried.append((size_of(candidate.arrays), measured))
             self.log(f"compact-auto: {self.points.told(measured.figures)}")
             if not measured.why:
-                return candidate.arrays, candidate.attributes | {"sizing": self._sizing(tried)}
+                return candidate.arrays, candidate.attributes | {
+                    "sizing": sizing_of(self.target, tried)
+                }
             record = candidate.field.record
-            if record.bits == COMPACT_BITS[1] and record.faces == len(self.body.faces):
+            if record.bits == BITS[1] and record.faces == len(self.body.faces):
                 break  # nothing is nearer than all faces with all bits
         raise PandisError(self._refusal(tried))
-
-    def _sizing(self, tried):
-        figures = tried[-1][1].figures
-        return {
-            "asked": self.options.model_dump(include={"force_error", "tail", "missed", "bytes"}),
-            "tried": [{"size": size, "force_error": one.figures["mean"]} for size, one in tried],
-            "held_out_error": figures["mean"],
-            "held_out": figures,
-        }
 
     def _refusal(self, tried):
         what = "compact-auto (bake.auto.compact)"
         if not tried:
-            asked = self.options.bytes
+            asked = self.target.bytes
             fits = f" that fits into {asked:,} bytes" if asked else ""
             return f"{what}: no compact mesh{fits} has every point on its right side"
         size, best = min(tried, key=lambda one: one[1].excess)
@@ -218,3 +211,16 @@ class CompactSizing:
             f"{what}: no compact mesh meets {self.points.told_limits(self._limits)}; the nearest, "
             f"{size:,} bytes, {best.why}: ask for less"
         )
+
+
+def build(job):
+    """Search bits and faces of one mesh, and write ``compact-auto.zarr.zip``.
+
+    Raises
+    ------
+    PandisError
+        As of `CompactSizing.find`.
+    """
+    body, task = Body.open(job.read("mesh", "mesh")), job.options
+    arrays, attributes = CompactSizing(body, points_of(body, task), task, job.log).find()
+    job.write("compact", arrays, attributes | body.frame.attributes())

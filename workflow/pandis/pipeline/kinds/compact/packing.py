@@ -1,0 +1,232 @@
+"""Builds the compact mesh of a body, and says how far it can be trusted."""
+
+import numpy as np
+
+from pandis.base.errors import PandisError
+from pandis.engine.packing import (
+    BLOCK_BYTES,
+    BLOCK_FACES,
+    distance_and_clear,
+    pack_mesh,
+)
+from pandis.pipeline.geometry.distance import MeshDistance
+from pandis.pipeline.geometry.hausdorff import farthest
+from pandis.pipeline.kinds.compact.lattice import snap, step_of, to_unit
+from pandis.pipeline.kinds.compact.record import CompactRecord
+from pandis.pipeline.kinds.compact.sides import find_sides
+from pandis.pipeline.kinds.compact.unpacking import unpack
+from pandis.pipeline.kinds.limits import least_limit, near_surface
+
+#: A query looks at so many blocks and groups of eight faces, which takes about a tenth of a tick;
+#: at more where that would cut a query next to the surface. How many queries of scans are cut:
+#: tests/benchmarks/compact.py.
+MOST = 704
+#: Points at which sides are compared with the body's: half in the box, half near the surface.
+SIDES = 1_000_000
+
+
+def build_compact(body, bits, seed, log):
+    """Return the arrays and the record of a body's compact mesh, all of whose sides are right.
+
+    Parameters
+    ----------
+    body : pandis.pipeline.geometry.body.Body
+        Of a closed form its tessellation is taken.
+    bits : int
+        Of a coordinate.
+    seed : int
+        Of the points at which sides are compared.
+    log : callable
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+    record : pandis.pipeline.kinds.compact.record.CompactRecord
+
+    Raises
+    ------
+    PandisError
+        Points farther from the surface than it can have moved are on the wrong side.
+    """
+    arrays, record = pack_body(body, bits)
+    log(told(arrays, record))
+    record = limit_queries(arrays, record)
+    compare_sides(body, arrays, record, seed)
+    return arrays, record
+
+
+def pack_body(body, bits, surface=None):
+    """Pack a body's mesh, or a simpler one in its place, on a lattice; sides are not compared.
+
+    Parameters
+    ----------
+    body : pandis.pipeline.geometry.body.Body
+    bits : int
+    surface : tuple of ndarray, optional
+        Vertices (V, 3) in the unit frame and faces (F, 3) of a closed surface near the body's; how
+        far that one is from the body's is not in the record's deviation: see `bound_deviation`.
+
+    Returns
+    -------
+    arrays, record
+        As of `build_compact`.
+
+    Raises
+    ------
+    PandisError
+        Nothing is left on a lattice of so few bits.
+    """
+    vertices, faces = surface or (body.corners, body.faces)
+    snapped = snap(vertices, faces, bits)
+    sides = find_sides(snapped.vertices, snapped.faces)
+    packed = pack_mesh(snapped.vertices, snapped.faces, sides)
+    places = to_unit(snapped.vertices, bits)
+    record = CompactRecord(
+        bits=bits,
+        faces=len(snapped.faces),
+        faces_before=len(body.faces),
+        vertices=len(snapped.vertices),
+        deviation=snapped.deviation,
+        rounding=_rounding(packed, snapped, bits),
+        turned=snapped.turned,
+        most=MOST,
+        reach=float(np.abs(places).max()),
+        low=tuple(places.min(axis=0)),
+        high=tuple(places.max(axis=0)),
+    )
+    return packed._asdict(), record
+
+
+def bound_deviation(body, arrays, record):
+    """Return the record of a compact mesh with the deviation from a body's own mesh."""
+    if record.faces == record.faces_before:
+        return record
+    vertices, faces = unpack(arrays)
+    mesh, vertices = _mesh_distance(body), to_unit(vertices, record.bits)
+    there = farthest(vertices, faces, mesh)
+    back = farthest(mesh.vertices, mesh.faces, MeshDistance(vertices, faces))
+    return record.model_copy(update={"deviation": max(there, back)})
+
+
+def limit_queries(arrays, record):
+    """Return the record with a limit of what a query looks at that cuts none next to the surface.
+
+    See `pandis.pipeline.kinds.limits`.
+    """
+    vertices, faces = unpack(arrays)
+
+    def query(points, most):
+        return distance_and_clear(arrays, record.bits, points, most)
+
+    most = least_limit(record.most, to_unit(vertices, record.bits), faces, query)
+    return record.model_copy(update={"most": most})
+
+
+def _mesh_distance(body):
+    """Return the exact distance to a body's mesh; of a closed form, to its tessellation."""
+    return MeshDistance(body.corners, body.faces) if body.shape else body.distance
+
+
+def size_of(arrays):
+    """Return the bytes that ``pandis.h`` answers a compact mesh from."""
+    return sum(part.nbytes for part in arrays.values())
+
+
+def told(arrays, record):
+    """Return what a compact mesh has come to, in words."""
+    return (
+        f"{record.bits} bits: {record.faces:,} of {record.faces_before:,} faces in "
+        f"{size_of(arrays):,} bytes; distances without their signs are within "
+        f"{record.deviation:.2g} of the mesh's (unit frame)"
+    )
+
+
+def find_originals(body, arrays, record):
+    """Return which face of a body's mesh each face of a compact mesh stands for.
+
+    That is the nearest one to its middle, seen from outside, so that no face of a thin wall is
+    given one from the other side.
+
+    Parameters
+    ----------
+    body : pandis.pipeline.geometry.body.Body
+    arrays, record
+        As of `build_compact`.
+
+    Returns
+    -------
+    ndarray, shape (blocks, 64), int32
+        By block and place; -1 where a block has fewer faces.
+    """
+    vertices, faces = unpack(arrays)
+    corners = to_unit(vertices, record.bits)[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    beside = corners.mean(axis=1) + (record.deviation + record.rounding) * normal
+    nearest = _mesh_distance(body).label(beside, ties=False, check=False).face
+    counts = (arrays["blocks"].view(np.uint32).reshape(-1, BLOCK_BYTES // 4)[:, 1] & 63) + 1
+    originals = np.full((len(counts), BLOCK_FACES), -1, np.int32)
+    originals[np.arange(BLOCK_FACES) < counts[:, None]] = nearest
+    return originals
+
+
+def _rounding(packed, snapped, bits):
+    """Return by how much a distance can be too large, because a wrong face was taken (unit frame).
+
+    It holds in the box [-1, 1]³.
+
+    Faces are compared in single precision, relative to their block: a point is off by half a unit
+    in the last place of its coordinates, the closest point on an edge by some more. Inside of a
+    triangle the error grows as the sine of its corner falls, up to half its height, for then its
+    edges stand in.
+    """
+    unit = 2.0**-24
+    counts = packed.blocks.view(np.uint32).reshape(-1, 4)[:, 1]
+    extent = max(float(2 ** int((counts >> (12 + 5 * k) & 31).max())) for k in range(3))
+    corners = snapped.vertices.astype(np.float64)[snapped.faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area, longest = np.linalg.norm(np.cross(u, v), axis=1), sides.max(axis=1)
+    sine = area / (np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1))
+    inside = np.minimum(area / longest / 2, 24 * unit * longest / np.maximum(sine, 1e-12))
+    # two diagonals of the box away from the block at most
+    far = 16 * unit * (4 * np.sqrt(3) + 2 * extent * step_of(bits))
+    return float(far + inside.max() * step_of(bits))
+
+
+def compare_sides(body, arrays, record, seed):
+    """Compare sides with those of the body at many points.
+
+    Parameters
+    ----------
+    body : pandis.pipeline.geometry.body.Body
+    arrays, record
+        As of `build_compact`.
+    seed : int
+        Of the points.
+
+    Raises
+    ------
+    PandisError
+        One that is farther from the surface than the deviation differs.
+    """
+    rng = np.random.default_rng(seed)
+    half = SIDES // 2
+    box = rng.uniform(-1, 1, (half, 3))
+    engine = _mesh_distance(body)
+    near = near_surface(engine.vertices, engine.faces, half, rng)
+    points = np.concatenate([box, near])
+    distance, _ = distance_and_clear(arrays, record.bits, points, record.most)
+    differ = points[engine.inside(points) != (distance < 0)]
+    if not len(differ):
+        return
+    # only there is it asked how far the surface is: that takes much longer than the side alone
+    apart = np.abs(engine.distance_and_normal(differ, check=False)[0])
+    wrong = apart > record.deviation + record.rounding
+    if wrong.any():
+        raise PandisError(
+            f"on a lattice of {record.bits} bits {wrong.sum():,} of {SIDES:,} points are on the "
+            f"wrong side of the surface, one of them {apart[wrong].max():.2g} of the unit "
+            f"frame away from it ({record.turned:,} faces are turned over): take more bits, "
+            "or, of more than 16, fewer: single precision cannot tell such sheets apart"
+        )

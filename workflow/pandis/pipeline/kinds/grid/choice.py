@@ -1,0 +1,24 @@
+"""Grids for `fields: auto`, and the times of their queries."""
+
+from pandis.pipeline.kinds.grid.search import GridMaker
+from pandis.pipeline.kinds.grid.spec import TRIED
+
+#: Nodes per axis in the table of times.
+_TIMED = (16, 64, 128)
+
+
+def choose(chooser):
+    """See `pandis.pipeline.kinds`: all readings together, from few bytes to many."""
+    makers = [
+        GridMaker(form, chooser.points, chooser.body.frame, chooser.options.band, chooser.progress)
+        for form in TRIED
+    ]
+    return chooser.first(makers, "{form}-{size}")
+
+
+def timed(torus):
+    """See `pandis.pipeline.kinds`."""
+    for form in TRIED:
+        maker = GridMaker(form, torus.points, torus.frame, torus.band, torus.progress)
+        for size in _TIMED:
+            yield form, size, lambda maker=maker, size=size: maker.make(size).field

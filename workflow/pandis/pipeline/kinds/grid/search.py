@@ -1,0 +1,79 @@
+"""Searches the size of a grid that should achieve something."""
+
+import numpy as np
+
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.kinds.grid.dense import CHANNELS, DenseGrid
+from pandis.pipeline.kinds.grid.reference import open_field
+from pandis.pipeline.kinds.grid.spec import BOX, CONTENTS, KIND
+from pandis.pipeline.kinds.sizing import Candidate, Maker, points_of, search
+from pandis.pipeline.run.job.artifact import Artifact
+
+#: The most nodes per axis that bytes are spent on.
+_LARGEST = 512
+
+
+class GridMaker(Maker):
+    """Makes grids of one mesh, by nodes per axis.
+
+    Parameters
+    ----------
+    form : str
+        A key of `CONTENTS`.
+    points : pandis.pipeline.geometry.points.Points
+    frame : pandis.base.frame.Frame
+    band : tuple of float
+        See `pandis.pipeline.kinds.band.Band`.
+    progress : callable
+        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    """
+
+    sizes = (16, 20, 24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224, 256)
+
+    def __init__(self, form, points, frame, band, progress):
+        self.form, self.points, self.frame = form, points, frame
+        self.band, self.progress = band, progress
+
+    def make(self, size):
+        """See `Maker.make`."""
+        engine = self.points.engine
+        grid = DenseGrid(engine, CONTENTS[self.form], size, self.band, self.progress)
+        arrays = {"values": np.concatenate(list(grid.slabs(32)))}
+        attributes = grid.attributes()
+        artifact = Artifact(None, "grid", arrays, attributes | self.frame.attributes(), {}, "")
+        spec = KIND.parse(f"{self.form}-{size}", None)
+        return Candidate(open_field(spec, artifact), arrays, attributes)
+
+    def largest(self, budget):
+        """See `Maker.largest`."""
+        fitting = (size for size in range(_LARGEST, 3, -1) if self.bytes_of(size) <= budget)
+        return next(fitting, None)
+
+    def bytes_of(self, size):
+        """See `Maker.bytes_of`."""
+        return grid_bytes(self.form, size)
+
+    def finer(self, size, other):
+        """See `Maker.finer`."""
+        return other / size
+
+
+def grid_bytes(form, size):
+    """Return the bytes that ``pandis.h`` answers a grid from."""
+    nodes = size + 2 if form == "tricubic" else size  # the cells at the border have theirs, too
+    return 4 * CHANNELS[CONTENTS[form].removesuffix(BOX)] * nodes**3
+
+
+def build(job):
+    """Search the size of one grid, and write ``grid-{form}-auto.zarr.zip``.
+
+    Raises
+    ------
+    PandisError
+        As of `search`.
+    """
+    body, task = Body.open(job.read("mesh", "mesh")), job.options
+    points = points_of(body, task)
+    maker = GridMaker(task.form, points, body.frame, task.band, job.progress)
+    arrays, attributes = search(maker, points, task, job.log)
+    job.write("grid", arrays, attributes | body.frame.attributes())

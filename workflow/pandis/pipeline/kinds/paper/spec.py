@@ -1,0 +1,63 @@
+"""Names of the methods that the paper compares with."""
+
+import re
+from typing import ClassVar
+
+from pandis.pipeline.run.ask.kind import AUTO, BuildTask, FieldSpec, Kind, check_size
+
+#: [16]: planes alone, with their distance maps, with the maps' slopes too.
+PLANES = ("support-planes-only", "support-planes-distance", "support-planes")
+#: [22]: a contact point tracked on the exact surface, or on another field's.
+PROXY = "salisbury"
+#: [10] on x² + y² + z² - 1, on the unit sphere.
+ALGEBRAIC = "kim-algebraic"
+
+
+class PlanesTask(BuildTask):
+    """Lay support planes around a mesh: nothing is asked."""
+
+
+class Paper(Kind):
+    """Methods that are there to be compared with: no program answers them."""
+
+    name = "paper"
+    forms = (ALGEBRAIC, PROXY, *PLANES)
+    examples = (*PLANES, PROXY)
+    colours: ClassVar = {ALGEBRAIC: "#d7ccc8", PROXY: "#00897b"}
+    colours |= dict(zip(PLANES, ("#b0bec5", "#90a4ae", "#607d8b"), strict=True))
+    task = PlanesTask
+
+    def parse(self, name, parse):
+        """See `Kind.parse`."""
+        if name in PLANES:
+            return self._spec(name, name, "method-support-planes")
+        if name == PROXY or name.startswith(f"{PROXY}-"):
+            inner = parse(name.removeprefix(PROXY).removeprefix("-") or "exact")
+            _check_tracked(name, inner)
+            return self._spec(name, PROXY, inner.artifact, through=inner)
+        if match := re.fullmatch(rf"{ALGEBRAIC}-([1-9]\d*)", name):
+            size = check_size(name, match[1], 4, 512, "nodes per axis")
+            return self._spec(name, ALGEBRAIC, "mesh", size)
+        return None
+
+    def _spec(self, name, form, stem, size=None, through=None):
+        return FieldSpec(name, self.name, form, stem, size, native=False, through=through)
+
+    def sized_options(self, job, spec):
+        """See `Kind.sized_options`."""
+        return PlanesTask(kind=self.name)
+
+
+def _check_tracked(name, inner):
+    if inner.through:
+        raise ValueError(f"{name}: a contact point is tracked on a field, not on another one")
+    if inner.kind == AUTO:
+        raise ValueError(f"{name}: a contact point is tracked on a field that is known: name it")
+    if not inner.distances:
+        raise ValueError(
+            f"{name}: {inner.name} knows no distance outside of the surface, where a contact point "
+            "is looked for; take trilinear-normal or tricubic"
+        )
+
+
+KIND = Paper()

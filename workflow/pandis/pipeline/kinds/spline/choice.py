@@ -1,0 +1,20 @@
+"""Splines for `fields: auto`, and the times of their queries."""
+
+from pandis.pipeline.kinds.spline.build import SplineMaker
+
+#: Bytes in the table of times.
+_TIMED = (50_000, 800_000)
+
+
+def choose(chooser):
+    """See `pandis.pipeline.kinds`."""
+    band = chooser.options.band
+    maker = SplineMaker(chooser.points, chooser.body.frame, band, chooser.progress)
+    return chooser.first([maker], "{form}-auto")
+
+
+def timed(torus):
+    """See `pandis.pipeline.kinds`."""
+    for size in _TIMED:
+        maker = SplineMaker(torus.points, torus.frame, torus.band, torus.progress, size)
+        yield maker.form, size, lambda maker=maker, size=size: maker.make(size).field

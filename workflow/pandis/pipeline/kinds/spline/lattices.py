@@ -1,0 +1,308 @@
+"""The `spline` field: tricubic B-splines kept only where they are needed.
+
+Three lattices. *Base*: coarse, 16 bit, all coefficients that a point inside, or in the band
+around the surface, asks for. *Fine*: three times as fine, 8 bit, added to the base in those blocks
+where the base has its largest errors, so that creases, thin parts and the surface itself get the
+bytes. Their sum is twice continuously differentiable, and so is the force, however deep a probe
+is pressed: there is no edge inside where one lattice takes over from another. *Far*: very coarse,
+over all of the box, for the free space beyond the band, where there is no force, the band's edge
+bounds the distance and one bit per block of cells knows the side.
+"""
+
+import numpy as np
+from scipy.ndimage import convolve1d
+
+from pandis.base.streams import SPLINE, generator
+from pandis.engine.spline import BLOCK, Lattice, block_count, kept_nodes, pack
+from pandis.pipeline.kinds.band import Band, find_cells
+from pandis.pipeline.kinds.record import SplineRecord
+from pandis.pipeline.kinds.spline.fit import Level, Targets, fit, residual
+
+#: Nodes of the base per node of the fine lattice.
+BASE_SHARE = 1 / 3.5
+#: Share of the fine blocks near the surface that are worth their bytes.
+FINE_SHARE = 0.5
+FAR_SIZE, FAR_LOW = 13, -1.2
+#: Sizes (nodes per axis of the fine lattice) that a budget in bytes chooses from.
+SIZES = (32, 40, 48, 56, 64, 72, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 256, 288, 320)
+#: Bytes of a fine block (8 coefficients of 8 bit), and of a brick's mask and base.
+_FINE_BLOCK, _BRICK_BYTES = 8, 12
+#: What outside of the surface counts, where there is no force; and what lies below the band.
+_OUTSIDE_WEIGHT, _CORE_WEIGHT = 0.2, 0.05
+#: Beyond this share of the inscribed radius a point counts little: where the force turns over no
+#: smooth function fits, and what fits there spoils what lies above.
+_TURNS, _TURN_WEIGHT = 0.92, 0.05
+#: Inside of everything: the base is kept there at any depth.
+_CORE = 2.0
+#: Share of the sample points below the band, and how deep they go: as deep as the largest force of
+#: a usual device presses (unit frame).
+_CORE_SHARE, _CORE_DEPTH = 0.125, 0.3
+#: Samples per fine coefficient, at least: each tells a distance and a direction.
+_SAMPLES = 2
+FEWEST_SAMPLES, MOST_SAMPLES = 100_000, 800_000
+_BASE_ROUNDS, _FINE_ROUNDS, _STEPS = 2, 3, 10
+
+
+class SplineFit:
+    """Makes the splines of one mesh.
+
+    Parameters
+    ----------
+    engine : object
+        The exact distance of a `pandis.pipeline.geometry.body.Body`.
+    surface : pandis.pipeline.geometry.sampling.Surface
+    band : pandis.pipeline.kinds.band.Band
+    seed : int
+    count : int
+        Sample points.
+    """
+
+    def __init__(self, engine, surface, band, seed, count=MOST_SAMPLES):
+        self.engine, self.surface = engine, surface
+        self.band = Band(*band)
+        self.seed = seed
+        self.targets = self._draw(count)
+
+    def _draw(self, count):
+        """Draw targets: five eighths in the first hundredth below the surface.
+
+        Besides them some below the band, where the base alone answers.
+        """
+        rng = generator(self.seed, SPLINE)
+        shallow, inside = count * 5 // 8, self.band.inside
+        parts = []
+        for size, highest, deepest in (
+            (shallow, min(0.002, self.band.outside), min(0.0115, inside)),
+            (count - shallow, min(0.01, self.band.outside), inside),
+            (int(_CORE_SHARE * count), -inside, max(_CORE_DEPTH, inside)),
+        ):
+            points, normals, _, _ = self.surface.draw(size, rng)
+            parts.append(points + rng.uniform(-deepest, highest, size)[:, None] * normals)
+        points = np.concatenate(parts)
+        points = points[(np.abs(points) < 1).all(axis=1)]
+        points = points[np.argsort(_order(points), kind="stable")]
+        distance, normal = self.engine.distance_and_normal(points)
+        known = distance >= -max(_CORE_DEPTH, inside)
+        known &= distance <= self.band.outside
+        points, distance, normal = points[known], distance[known], normal[known]
+        weight = np.where(distance < 0, 1.0, _OUTSIDE_WEIGHT)
+        weight[distance < -inside] = _CORE_WEIGHT
+        weight[self._turning(points, distance, normal)] *= _TURN_WEIGHT
+        return Targets(points, distance, normal, weight)
+
+    def _turning(self, points, distance, normal):
+        """Return which points (m,) lie deeper than _TURNS times the inscribed radius there."""
+        inside = np.flatnonzero(distance < 0)
+        depth = -distance[inside] / _TURNS
+        # as much deeper along the same way: if that is nearer to another wall, it turns here
+        further = points[inside] + (depth + distance[inside])[:, None] * -normal[inside]
+        deeper = self.engine.distance_and_normal(further, check=False)[0]
+        return inside[-deeper < depth * (1 - 1e-6)]
+
+    def choose_size(self, budget):
+        """Return the finest size of which the worthwhile blocks fit into ``budget`` bytes."""
+        best = None
+        for size in SIZES:
+            blocks = self._base_blocks(base_size(size))[0]
+            fine = FINE_SHARE * np.count_nonzero(self._count_blocks(size, None))
+            if _fixed_bytes(size, blocks) + fine * (_FINE_BLOCK + 1) > budget:
+                break
+            best = size
+        return best
+
+    def build(self, size, budget, progress):
+        """Fit a spline.
+
+        Parameters
+        ----------
+        size : int
+            Nodes per axis of the fine lattice.
+        budget : float or None
+            Bytes; None keeps the worthwhile share of the fine blocks.
+        progress : callable
+            Makes a `pandis.pipeline.run.job.stage.Progress`.
+
+        Returns
+        -------
+        arrays, attributes : dict
+            As stored in ``grid-spline-….zarr.zip``.
+        """
+        total = (_BASE_ROUNDS + _FINE_ROUNDS) * _STEPS
+        report = progress("fit", total, "steps")
+        coarse = base_size(size)
+        blocks, outside = self._base_blocks(coarse)
+        base_masks = pack(blocks)
+        lattice = box_lattice(coarse)
+        inside_grid = _inside(base_masks, lattice.size)
+        level = Level(lattice, _flat(kept_nodes(base_masks), lattice.size)[inside_grid])
+        places = lattice.places(level.nodes)
+        start = [self.engine.distance_and_normal(places, check=False)[0]]
+        start = fit([level], start, self.targets, _BASE_ROUNDS, _STEPS, report.update)
+        score = self._score(size, residual([level], start, self.targets) * self.targets.weight)
+        fine_masks = pack(self._choose(size, score, blocks, budget))
+        lattice = box_lattice(size)
+        fine_inside = _inside(fine_masks, lattice.size)
+        fine_nodes = _flat(kept_nodes(fine_masks), lattice.size)[fine_inside]
+        levels = [level, Level(lattice, fine_nodes)]
+        targets, wanted = self.targets, _SAMPLES * len(levels[1].nodes)
+        if wanted > len(targets.points):
+            targets = self._draw(wanted)
+        start.append(np.zeros(len(levels[1].nodes)))
+        done = _BASE_ROUNDS * _STEPS
+        fitted = fit(
+            levels, start, targets, _FINE_ROUNDS, _STEPS, lambda n: report.update(done + n)
+        )
+        far = self._far()
+        stored, scales = {}, {}
+        for name, values, mask, there, kind in (
+            ("base", fitted[0], base_masks, inside_grid, np.int16),
+            ("fine", fitted[1], fine_masks, fine_inside, np.int8),
+        ):
+            every = np.zeros(len(there))
+            every[there] = values
+            stored[f"{name}_coefficients"], scales[name] = quantise(every.reshape(-1, 8), kind)
+            stored[f"{name}_masks"] = mask
+        stored["far_coefficients"], scales["far"] = quantise(far, np.int16)
+        stored["outside"] = np.packbits(outside.reshape(-1))
+        record = SplineRecord(
+            content="spline",
+            size=size,
+            base_size=coarse,
+            far_size=FAR_SIZE,
+            far_low=FAR_LOW,
+            scales=scales,
+            band=self.band._asdict(),
+        )
+        return stored, record.attributes()
+
+    def _base_blocks(self, size):
+        """Return which blocks the band needs (b, b, b), and which blocks of cells are outside."""
+        lattice = box_lattice(size)
+        everything = self.band._replace(inside=_CORE)
+        step = -2 * lattice.low / (lattice.size - 1)
+        cells, signs = find_cells(self.engine, lattice.size, everything, lattice.low, step)
+        count, last = block_count(lattice.size), lattice.size - 1
+        padded = np.zeros((count * BLOCK,) * 3, np.int8)
+        padded[:last, :last, :last] = signs
+        split = padded.reshape(count, BLOCK, count, BLOCK, count, BLOCK)
+        positive, negative = ((split == s).any(axis=(1, 3, 5)) for s in (1, -1))
+        # both signs in one block: one bit cannot tell, so its cells count as of the band
+        both = np.argwhere(positive & negative)
+        if len(both):
+            corner = np.stack(np.unravel_index(np.arange(8), (2, 2, 2)), axis=1)
+            more = (BLOCK * both[:, None] + corner).reshape(-1, 3)
+            cells = np.concatenate([cells, more])
+        cells = cells[((cells >= 1) & (cells <= lattice.size - 3)).all(axis=1)]
+        blocks = np.zeros((count,) * 3, bool)
+        for shift in np.ndindex(3, 3, 3):
+            blocks[tuple(np.minimum((cells - 1) // 2 + shift, (cells + 2) // 2).T)] = True
+        return blocks, positive
+
+    def _count_blocks(self, size, values):
+        """Return the sum of values (one each, if None) of the targets in every fine block."""
+        lattice = box_lattice(size)
+        count = block_count(lattice.size)
+        node = (self.targets.points - lattice.low) * lattice.per_step
+        block = (node / BLOCK).astype(np.int64)
+        flat = np.ravel_multi_index(tuple(np.clip(block, 0, count - 1).T), (count,) * 3)
+        return np.bincount(flat, values, count**3).reshape((count,) * 3)
+
+    def _score(self, size, error):
+        """Return what each fine block could gain: the base's error in and around it."""
+        score = self._count_blocks(size, error)
+        for axis in range(3):
+            score = convolve1d(score, [0.25, 0.5, 0.25], axis=axis, mode="constant")
+        return score
+
+    def _choose(self, size, score, base_blocks, budget):
+        """Return the blocks to keep (b, b, b): the best, as many as there is room for."""
+        order = np.argsort(-score.reshape(-1), kind="stable")
+        order = order[: np.count_nonzero(score)]
+        if budget is None:
+            room = int(FINE_SHARE * np.count_nonzero(self._count_blocks(size, None)))
+        else:
+            room, free = 0, budget - _fixed_bytes(size, base_blocks)
+            # a block costs its coefficients, and its share of a brick that may be new
+            brick = np.stack(np.unravel_index(order, score.shape), axis=1) // 4
+            flat = np.ravel_multi_index(tuple(brick.T), (len(score) // 4,) * 3)
+            new = np.zeros(len(flat), bool)
+            new[np.unique(flat, return_index=True)[1]] = True
+            costs = np.cumsum(_FINE_BLOCK + _BRICK_BYTES * new)
+            room = int(np.searchsorted(costs, free, side="right"))
+        kept = np.zeros(score.size, bool)
+        kept[order[:room]] = True
+        return kept.reshape(score.shape)
+
+    def _far(self):
+        """Return the dense coefficients (FAR_SIZE,) * 3 of the far lattice."""
+        lattice = Lattice(FAR_SIZE, FAR_LOW)
+        nodes = np.arange(FAR_SIZE**3)
+        rng = np.random.default_rng(0)  # one jittered point in every eighth of a cell
+        cells = np.stack(np.meshgrid(*[np.arange(2, 2 * FAR_SIZE - 4)] * 3, indexing="ij"), -1)
+        cells = cells.reshape(-1, 3)
+        points = FAR_LOW + lattice.step * (cells + rng.random(cells.shape)) / 2
+        distance, normal = self.engine.distance_and_normal(points, check=False)
+        targets = Targets(points, distance, normal, np.ones(len(points)))
+        start = [self.engine.distance_and_normal(lattice.places(nodes), check=False)[0]]
+        return fit([Level(lattice, nodes)], start, targets, 1, _STEPS)[0].reshape((FAR_SIZE,) * 3)
+
+
+def box_lattice(size):
+    """Return the lattice with ``size`` nodes across [-1, 1] and one more on either side.
+
+    So that a point anywhere in the box has its 4 x 4 x 4 nodes.
+    """
+    return Lattice(size + 2, -1 - 2 / (size - 1))
+
+
+def samples_for(size=None, budget=None):
+    """Return how many samples a spline of ``size`` nodes per axis, or ``budget`` bytes, wants."""
+    wanted = 2 * budget if budget else 32 * size**2
+    return int(np.clip(wanted, FEWEST_SAMPLES, MOST_SAMPLES))
+
+
+def base_size(size):
+    """Return the nodes per axis of the base lattice of a fine one."""
+    return max(12, round(size * BASE_SHARE))
+
+
+def quantise(values, kind):
+    """Round values to integers of ``kind``; return them and [offset, scale].
+
+    8 bit: symmetric about zero, and the farthest thousandth is clipped. 16 bit: the whole range.
+    """
+    top = np.iinfo(kind).max
+    if kind is np.int8:
+        offset, reach = 0.0, float(np.percentile(np.abs(values), 99.9)) if values.size else 0.0
+    else:
+        low, high = float(values.min(initial=0.0)), float(values.max(initial=0.0))
+        offset, reach = (low + high) / 2, (high - low) / 2
+    scale = reach / top or 1.0
+    return np.clip(np.rint((values - offset) / scale), -top, top).astype(kind), [offset, scale]
+
+
+def _fixed_bytes(size, base_blocks):
+    """Return the bytes of everything but the fine blocks and their bricks."""
+    bricks = base_blocks.reshape(len(base_blocks) // 4, 4, len(base_blocks) // 4, 4, -1, 4)
+    occupied = bricks.any(axis=(1, 3, 5)).sum()
+    places = (len(base_blocks) // 4) ** 3 + (block_count(size + 2) // 4) ** 3
+    far, signs = 2 * FAR_SIZE**3, base_blocks.size / 8
+    return 16 * base_blocks.sum() + _BRICK_BYTES * occupied + 2 * places + far + signs
+
+
+def _flat(nodes, size):
+    """Return flat indices of nodes (blocks, 8, 3); those beyond the grid get one too large."""
+    beyond = (nodes >= size).any(axis=-1)
+    flat = (nodes[..., 0] * size + nodes[..., 1]) * size + nodes[..., 2]
+    return np.where(beyond, size**3, flat).reshape(-1)
+
+
+def _inside(masks, size):
+    """Tell which of the coefficients of the kept blocks belong to nodes of the grid."""
+    return (kept_nodes(masks) < size).all(axis=-1).reshape(-1)
+
+
+def _order(points):
+    """Return a key by which points that are close follow each other."""
+    cell = np.clip((points + 1) * 32, 0, 63).astype(np.int64)
+    return (cell[:, 0] * 64 + cell[:, 1]) * 64 + cell[:, 2]

@@ -1,0 +1,74 @@
+"""Fits a spline of given bytes, or the smallest that meets an error."""
+
+from functools import cached_property
+
+from pandis.pipeline.geometry.body import Body
+from pandis.pipeline.kinds.sizing import Candidate, Maker, points_of, search
+from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
+from pandis.pipeline.kinds.spline.reference import SplineField
+from pandis.pipeline.run.job.artifact import Artifact
+
+
+class SplineMaker(Maker):
+    """Makes splines of one mesh, by bytes.
+
+    Parameters
+    ----------
+    points : pandis.pipeline.geometry.points.Points
+    frame : pandis.base.frame.Frame
+    band : tuple of float
+        See `pandis.pipeline.kinds.band.Band`.
+    progress : callable
+        Makes a `pandis.pipeline.run.job.stage.Progress`.
+    most : int
+        Bytes of the largest spline that may be asked for.
+    """
+
+    form = "spline"
+    sizes = tuple(50_000 * 2**k for k in range(8))
+
+    def __init__(self, points, frame, band, progress, most=sizes[-1]):
+        self.points, self.frame, self.band = points, frame, band
+        self.progress, self.most = progress, most
+
+    @cached_property
+    def _fit(self):
+        # a search over sizes draws once, for the largest
+        points, samples = self.points, samples_for(budget=self.most)
+        return SplineFit(points.engine, points.surface, self.band, points.seed, samples)
+
+    def make(self, size):
+        """See `Maker.make`."""
+        nodes = self._fit.choose_size(size)
+        if nodes is None:
+            return None
+        arrays, attributes = self._fit.build(nodes, size, self.progress)
+        artifact = Artifact(None, "grid", arrays, attributes | self.frame.attributes(), {}, "")
+        return Candidate(SplineField(self.form, artifact), arrays, attributes)
+
+    def largest(self, budget):
+        """See `Maker.largest`."""
+        return budget
+
+    def bytes_of(self, size):
+        """See `Maker.bytes_of`."""
+        return size
+
+    def finer(self, size, other):
+        """See `Maker.finer`: bytes lie next to the surface."""
+        return (other / size) ** 0.5
+
+
+def build(job):
+    """Search the size of one spline, and write ``grid-spline-auto.zarr.zip``.
+
+    Raises
+    ------
+    PandisError
+        As of `search`.
+    """
+    body, task = Body.open(job.read("mesh", "mesh")), job.options
+    points, most = points_of(body, task), task.target.bytes or SplineMaker.sizes[-1]
+    maker = SplineMaker(points, body.frame, task.band, job.progress, most)
+    arrays, attributes = search(maker, points, task, job.log)
+    job.write("grid", arrays, attributes | body.frame.attributes())
