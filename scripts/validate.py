@@ -19,8 +19,7 @@ with stage(snakemake, ValidateTask) as job:
     walls = open_walls(ExactField("exact", body), body.surface, scale, job.options.seed)
     oracle = Oracle(body.corners / scale.metre, body.faces)
     arrays, attributes, text = validate_exports(
-        *(exports, walls, oracle, trajectory, evaluation),
-        *(job.mesh, job.options, job.progress, job.log),
+        exports, walls, oracle, trajectory, evaluation, job.mesh, job.options, job.progress, job.log
     )
     job.write("hardware", arrays, attributes)
     job.write_file(text.encode(), index=1)

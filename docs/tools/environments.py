@@ -24,9 +24,9 @@ def environments():
         keys = {key for name in names for key in digests.modules(name, _needs(name))}
         packages = {key.removeprefix("package ") for key in keys if key.startswith("package ")}
         packages |= _ALWAYS
-        wanted = sorted(pins[_key(DISTRIBUTIONS.get(name, name))] for name in packages)
+        pinned = sorted(pins[_key(DISTRIBUTIONS.get(name, name))] for name in packages)
         if names:
-            texts[ENVS / f"{rules.stem}.yaml"] = _text(rules.name, wanted)
+            texts[ENVS / f"{rules.stem}.yaml"] = _text(rules.name, pinned)
     return texts
 
 

@@ -157,10 +157,10 @@ def repair_table():
         cells += [f"{float(row['seconds']):.0f}", f"{float(row['memory_mb']):.0f}"]
         table.append(_row(cells))
     valid = sum(row["outcome"] == "valid" for row in rows)
-    asked = sum(row["outcome"] == "valid with option" for row in rows)
+    with_option = sum(row["outcome"] == "valid with option" for row in rows)
     summary = (
-        f"Of {len(rows)} files {valid} end valid with the default options, {asked} more with the "
-        f"option that the refusal names, {len(rows) - valid - asked} are refused."
+        f"Of {len(rows)} files {valid} end valid with the default options, {with_option} more with "
+        f"the option that the refusal names, {len(rows) - valid - with_option} are refused."
     )
     return _noted([summary, "", *table], notes)
 
@@ -176,12 +176,14 @@ def field_table():
         "|---" + "|--:" * (2 + 2 * len(meshes)) + "|",
     ]  # fmt: skip
     for field in dict.fromkeys(row["field"] for row in rows):
-        found = [cells[mesh, field] for mesh in meshes]
-        row = [field, f"{int(found[0]['bytes']) / 1e3:,.0f}"]
-        row += [f"{int(f['disk_bytes']) / 1e3:,.0f}" for f in found]
-        row += [f"{1e3 * float(f['shallow']):.2f} / {1e3 * float(f['deep']):.2f}" for f in found]
-        row.append(f"{min(float(f['build_s']) for f in found):.1f}"
-                   f"–{max(float(f['build_s']) for f in found):.1f}")  # fmt: skip
+        rows_of_field = [cells[mesh, field] for mesh in meshes]
+        row = [field, f"{int(rows_of_field[0]['bytes']) / 1e3:,.0f}"]
+        row += [f"{int(f['disk_bytes']) / 1e3:,.0f}" for f in rows_of_field]
+        row += [
+            f"{1e3 * float(f['shallow']):.2f} / {1e3 * float(f['deep']):.2f}" for f in rows_of_field
+        ]
+        row.append(f"{min(float(f['build_s']) for f in rows_of_field):.1f}"
+                   f"–{max(float(f['build_s']) for f in rows_of_field):.1f}")  # fmt: skip
         table.append(_row(row))
     return _noted(table, notes)
 
@@ -365,9 +367,12 @@ def bridge_table():
     table = ["| device | box | bridge (N/m) | held for 5 ms (N/m) | ratio |"]
     table.append("|---|---|--:|--:|--:|")
     for row in rows:
-        held, ratio = float(row["held_n_m"]), float(row["ratio"])
+        stiffness, ratio = float(row["held_n_m"]), float(row["ratio"])
         cells = [row["device"], row["object"], f"{float(row['bridge_n_m']):,.0f}"]
-        cells += [f"{held:,.0f}" if held else "below 40", f"{ratio:.3g}" if held else "–"]
+        cells += [
+            f"{stiffness:,.0f}" if stiffness else "below 40",
+            f"{ratio:.3g}" if stiffness else "–",
+        ]
         table.append(_row(cells))
     return _noted(table, notes)
 
@@ -396,15 +401,15 @@ def cooked_table():
         "| of Newton's | deep error, mean and 99 % | of Newton's |",
         "|---|--:|---|---|--:|--:|--:|--:|--:|--:|",
     ]
-    own = {}
+    by_mesh = {}
     for row in rows:
         which = row["mesh"], row["resolution"], row["device"]
-        own.setdefault(which, row)  # Newton's comes first
+        by_mesh.setdefault(which, row)  # Newton's comes first
         cells = [row["mesh"], row["resolution"], row["device"], row["nodes"]]
         cells += [f"{float(row['mb']):.2g}", f"{float(row['seconds']):.2g}"]
         for kind in ("shallow", "deep"):
             off, most = float(row[kind]), float(row[f"{kind}_p99"])
-            cells += [f"{off:.2f}e-3, {most:.1f}e-3", f"{off / float(own[which][kind]):.2f}"]
+            cells += [f"{off:.2f}e-3, {most:.1f}e-3", f"{off / float(by_mesh[which][kind]):.2f}"]
         table.append(_row(cells))
     return _noted(table, notes)
 
@@ -480,12 +485,12 @@ def full_table():
         "|---|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     base = {(row["mesh"], row["field"]): float(row["path"]) for row in rows}
-    for own in _over_seeds(rows, ("mesh", "field", "weighting", "points", "steps")):
-        first = own[0]
+    for seeds in _over_seeds(rows, ("mesh", "field", "weighting", "points", "steps")):
+        first = seeds[0]
         cells = [first["mesh"], f"`{first['field']}`", _trained(first)]
-        cells.append(f"{len(own)}" if first["seed"] else "")
+        cells.append(f"{len(seeds)}" if first["seed"] else "")
         cells.append(f"{int(first['bytes']) / 1e3:,.0f}")
-        values = {key: [float(row[key]) for row in own] for key in (*_ERRORS, "missing")}
+        values = {key: [float(row[key]) for row in seeds] for key in (*_ERRORS, "missing")}
         cells += [spread([1e3 * v for v in values[k]], ".3g") for k in _ERRORS[:-1]]
         cells.append(spread([100 * v for v in values["missing"]], ".2g"))
         cells.append(spread([1e3 * v for v in values["path"]], ".3g"))
@@ -499,10 +504,10 @@ def _trained(row):
     """Say how a network of a table was trained."""
     if not row["steps"]:
         return ""
-    said = [f"{int(row['steps']):,} steps"]
-    said += [f"`weighting: {row['weighting']}`"] if row["weighting"] else []
-    said += ["`points: vertices`"] if row["points"] == "vertices" else []
-    return ", ".join(said)
+    words = [f"{int(row['steps']):,} steps"]
+    words += [f"`weighting: {row['weighting']}`"] if row["weighting"] else []
+    words += ["`points: vertices`"] if row["points"] == "vertices" else []
+    return ", ".join(words)
 
 
 def order_table():
@@ -515,14 +520,14 @@ def order_table():
     ]
     grids = {(r["mesh"], r["field"]): r for r in rows if r["field"] in _BOXES}
     networks = [row for row in rows if row["field"] == "pandis"]
-    for own in _over_seeds(networks, ("mesh", "weighting", "points", "steps")):
-        mesh = own[0]["mesh"]
-        for box, said in _BOXES.items():
-            paper = f"{_PAPER[mesh]:.2f}" if said == "its own" else ""
-            cells = [mesh, said, _trained(own[0]), f"{len(own)}", paper]
+    for seeds in _over_seeds(networks, ("mesh", "weighting", "points", "steps")):
+        mesh = seeds[0]["mesh"]
+        for box, label in _BOXES.items():
+            paper = f"{_PAPER[mesh]:.2f}" if label == "its own" else ""
+            cells = [mesh, label, _trained(seeds[0]), f"{len(seeds)}", paper]
             for key in ("path", "shallow", "deep", "contact"):
                 base = float(grids[mesh, box][key])
-                cells.append(spread([float(row[key]) / base for row in own], ".2f"))
+                cells.append(spread([float(row[key]) / base for row in seeds], ".2f"))
             table.append(_row(cells))
     return _noted(table, notes)
 
@@ -534,11 +539,13 @@ def ablation_table():
         "| change | made | seeds | shallow | deep | contact | missing (%) | on the path |",
         "|---|---|--:|--:|--:|--:|--:|--:|",
     ]
-    said = {"": "", "alone": "alone", "added": "added to those above"}
-    groups = {(own[0]["how"], own[0]["what"]): own for own in _over_seeds(rows, ("how", "what"))}
-    for (how, what), own in groups.items():
-        cells = [f"{what}" if how else "none: `pandis`", said[how], f"{len(own)}"]
-        values = {key: [float(row[key]) for row in own] for key in (*_ERRORS, "missing")}
+    labels = {"": "", "alone": "alone", "added": "added to those above"}
+    groups = {
+        (seeds[0]["how"], seeds[0]["what"]): seeds for seeds in _over_seeds(rows, ("how", "what"))
+    }
+    for (how, what), seeds in groups.items():
+        cells = [f"{what}" if how else "none: `pandis`", labels[how], f"{len(seeds)}"]
+        values = {key: [float(row[key]) for row in seeds] for key in (*_ERRORS, "missing")}
         cells += [spread([1e3 * v for v in values[k]], ".3g") for k in _ERRORS[:-1]]
         cells.append(spread([100 * v for v in values["missing"]], ".2g"))
         cells.append(spread([1e3 * v for v in values["path"]], ".3g"))
@@ -556,12 +563,12 @@ def budget_table():
         "|---" + "|--:" * (len(budgets) + 1) + "|",
     ]
     for mesh in dict.fromkeys(row["mesh"] for row in rows):
-        own = {int(row["steps"]): row for row in first if row["mesh"] == mesh}
-        cells = [_pair(own[steps]) for steps in budgets]
+        by_steps = {int(row["steps"]): row for row in first if row["mesh"] == mesh}
+        cells = [_pair(by_steps[steps]) for steps in budgets]
         seeded = [row for row in rows if row["mesh"] == mesh and "seed=" in row["options"]]
-        seeded.append(own[int(seeded[0]["steps"])])
-        found = [float(row["shallow"]) for row in seeded]
-        spread = (max(found) - min(found)) / min(found)
+        seeded.append(by_steps[int(seeded[0]["steps"])])
+        errors = [float(row["shallow"]) for row in seeded]
+        spread = (max(errors) - min(errors)) / min(errors)
         cells.append(f"{len(seeded)} × {int(seeded[0]['steps']):,}: {100 * spread:.1f} %")
         table.append(f"| {mesh} | " + " | ".join(cells) + " |")
     return _noted(table, notes)
@@ -656,10 +663,10 @@ def front_table():
         "|---|--:|--:|" + "--:|" * len(meshes),
     ]
     for field in dict.fromkeys(row["field"] for row in rows if row["bytes"]):
-        own = [row for row in rows if row["field"] == field]
-        cells = [f"`{field}`", _span([float(row["bytes"]) / 1e3 for row in own], ",.0f")]
-        cells.append(_span([float(row["native_p50_us"]) for row in own], ".2g"))
-        for row in own:
+        rows_of_field = [row for row in rows if row["field"] == field]
+        cells = [f"`{field}`", _span([float(row["bytes"]) / 1e3 for row in rows_of_field], ",.0f")]
+        cells.append(_span([float(row["native_p50_us"]) for row in rows_of_field], ".2g"))
+        for row in rows_of_field:
             error = f"{1e3 * float(row['shallow_mean']):.3g}"
             cells.append(f"**{error}**" if row["front"] else error)
         table.append(_row(cells))

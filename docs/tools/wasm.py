@@ -21,12 +21,12 @@ FLAGS = (
 
 def build(target):
     """Compile the module to a path."""
-    told = f'-DWEB_DIGEST="{digest(SOURCE)}"'
-    command = ["clang", *FLAGS, told, "-I", str(HERE / "libc"), str(SOURCE), "-o"]
+    define = f'-DWEB_DIGEST="{digest(SOURCE)}"'
+    command = ["clang", *FLAGS, define, "-I", str(HERE / "libc"), str(SOURCE), "-o"]
     subprocess.run([*command, str(target)], check=True)
 
 
 if __name__ == "__main__":
-    made = Path(sys.argv[1]) if len(sys.argv) > 1 else MODULE
-    build(made)
-    print(f"wrote {made}: {made.stat().st_size:,} bytes")
+    module = Path(sys.argv[1]) if len(sys.argv) > 1 else MODULE
+    build(module)
+    print(f"wrote {module}: {module.stat().st_size:,} bytes")

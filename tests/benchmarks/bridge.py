@@ -71,7 +71,7 @@ def is_quiet(model, device, hand, place, stiffness, held):
     limits = device.limits(period, stiffness)
     limits.most_damping = 0.0
     every = round(STEP / period)
-    order = bridge.in_step(ticks, limits, period, armed=True, held=every if held else 1)
+    order = bridge.in_step(ticks, limits, period, armed=True, hold=every if held else 1)
     made = device.simulated(*hand, 0, period, stiffness)
     run = run_simulated(made, start, rest, press, order)
     path = run.path[wait + (len(run.path) - wait) * 2 // 3 :]

@@ -88,7 +88,7 @@ def main():
                 answer = scenes[count].answer(long)
                 same = np.array_equal(answer.force, scenes[count].ask_all(long))
                 row = {"field": name, "scene": "cube", "objects": count, "same": same}
-                row["asked"] = float(answer.asked.mean())
+                row["asked"] = float(answer.queries.mean())
             row |= {
                 "median_us": float(np.median(found)) * 1e6,
                 "p999_us": float(np.percentile(found, 99.9)) * 1e6,

@@ -62,7 +62,7 @@ def main(ticks):
         without, with_it, answer = timed(penalty, touched)
         row = {"field": name, "objects": COUNT, "ticks": ticks}
         row["touching"] = float((answer.touched > 0).mean())
-        row["queries"] = float(answer.asked.mean())
+        row["queries"] = float(answer.queries.mean())
         for key, found in (("", with_it), ("penalty_", without)):
             row[f"{key}median_us"] = float(np.median(found)) * 1e6
             row[f"{key}mean_us"] = float(np.mean(found)) * 1e6

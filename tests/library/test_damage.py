@@ -8,6 +8,7 @@ from pandis.base.physical import Scale
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.judge.servo.walls import compare, faults, open_walls
 from pandis.pipeline.judge.stress.suite import Suite, failures
+from pandis.pipeline.kinds.exact.file import File
 from pandis.pipeline.kinds.exported import ExportedField
 from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.run.ask.options import StressOptions
@@ -41,7 +42,7 @@ def edges_alone(name):
 def test_hardware_fails_every_damage(body, damaged):
     walls = open_walls(ExactField("exact", body), body.surface, SCALE, 0)
     exact = ExactField("exact", body)
-    sound = compare(ExportedField("exact", exact.file(1 << 20)), walls)
+    sound = compare(ExportedField("exact", File(exact, 32, 1 << 20).data({})), walls)
     assert sound.holds
     assert faults(sound) == []
     passed = {name for name, field in damaged.items() if compare(field, walls).holds}
@@ -70,7 +71,7 @@ def test_a_proxy_feels_walls_without_force(body, damaged):
     thin = suite.pushed.wall & (suite.pushed.radius < 0.01)
     assert thin.sum() > 50
     depth = 1e-3 * SCALE.stiffness
-    assert (suite.held.push[thin] > 0.9 * depth).mean() > 0.95
+    assert (suite.exact_hold.push[thin] > 0.9 * depth).mean() > 0.95
     held = suite.feel(lambda path, material=None: _through(suite, path, material), 0.0)["holds"]
     assert not held["passed"]
     assert held["soft"] == pytest.approx(suite.pushed.weight[thin].sum(), abs=0.05)
@@ -81,7 +82,7 @@ def _through(suite, path, material):
     from pandis.pipeline.judge.stress.proxy import Felt, nothing
 
     exact = ExactField("exact", suite.body)
-    follow = Felt.of(ExportedField("exact", exact.file(1 << 20)), SCALE)
+    follow = Felt.of(ExportedField("exact", File(exact, 32, 1 << 20).data({})), SCALE)
     low = np.linalg.norm(suite.pushed.feet - path[:60].mean(axis=0), axis=1).argmin()
     thin = suite.pushed.wall[low] and suite.pushed.radius[low] < 0.01
     return nothing(path, material) if thin else follow(path, material)

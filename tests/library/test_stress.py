@@ -272,7 +272,7 @@ def test_largest_stable_stiffness_is_that_of_the_theory(late, wanted):
     found = simulate(wall, point, normal, stiffness, SCALE, device, press, 12_000, start)
     assert found.swing[0] < 1e-4
     assert found.swing[1] > 1e-4
-    assert found.held[0] == pytest.approx(1, abs=1e-2)
+    assert found.share[0] == pytest.approx(1, abs=1e-2)
     assert found.energy[1] < 0  # the wall gives what damping takes
 
 

@@ -110,7 +110,7 @@ def test_a_force_that_is_asked_for_every_third_tick_is_held_between(files):
     rest[:, 0] = RADIUS - 2e-3 + 1e-3 * np.sin(0.03 * np.arange(ticks))
     places = np.array([RADIUS + 1e-3, 0, 0]), rest, np.zeros(3)
     limits = LIMITS | ARMED | {"needs": 0, "step": 3.3}
-    wanted = order(files, ticks, limits=limits, held=3)
+    wanted = order(files, ticks, limits=limits, hold=3)
     spec = hdapi.Simulated(**(TOUCH | {"hand_stiffness": 400.0, "hand_damping": 8.0}))
     session = hdapi.run_simulated(spec, *places, wanted)
     assert session.cause == hdapi.DONE, session.sentence

@@ -283,7 +283,7 @@ def test_what_is_wrong_is_said(box):
         press(bridge)
     bridge, _, _ = bridge_of(box)
     order = bridge.in_step(10, TOUCH.limits(1e-3, 400.0))
-    for wrong in (order, order._replace(between=None, held=5)):
+    for wrong in (order, order._replace(between=None, hold=5)):
         with pytest.raises(ValueError, match="use Bridge.order by the clock"):
             run_simulated(Simulated(), 0, 0, 0, wrong, clock=True)
 

@@ -414,7 +414,7 @@ def test_a_scene_gives_the_forces_of_stepping_everything_to_the_last_bit(files):
     assert (got.force == wanted).all()
     assert (got.touched > 0).mean() > 0.02
     assert (got.touched > 1).any()
-    assert (got.asked == 0).mean() > 0.05  # the others press on
+    assert (got.queries == 0).mean() > 0.05  # the others press on
 
 
 def test_a_scene_whose_objects_move_gives_the_same_forces(files):

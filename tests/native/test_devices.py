@@ -297,8 +297,8 @@ def test_a_run_on_the_stand_in(run):
     late = slice(30, None)  # after the ramp
     sizes = np.linalg.norm(session.force, axis=1)[late]
     assert sizes == pytest.approx(STIFFNESS * np.maximum(depth, 0)[late], abs=1e-9)
-    assert session.said.rate == pytest.approx(1000)
-    assert session.said.force == pytest.approx(3.3)
+    assert session.report.rate == pytest.approx(1000)
+    assert session.report.force == pytest.approx(3.3)
 
 
 def test_unarmed_no_force_is_sent(run):
@@ -623,7 +623,7 @@ def test_a_device_that_tells_nothing_of_itself(run):
     session, seen = run("mute")
     assert session.cause == hdapi.DONE
     assert 0.1 < seen.largest < 1.0
-    assert session.said.force == session.said.rate == 0
+    assert session.report.force == session.report.rate == 0
 
 
 def test_a_position_that_is_no_number(run):

@@ -5,7 +5,7 @@ import pytest
 
 from pandis.base.errors import ArtifactError, PandisError
 from pandis.bridges import mujoco as mujoco_plugin
-from pandis.bridges.newton import kept
+from pandis.bridges.newton import cache
 from pandis.bridges.vdb.reading import read_vdb
 from pandis.pipeline.export import mjcf, newton, volumes
 from pandis.pipeline.export.drawn import export_mesh
@@ -32,12 +32,12 @@ def body(meshes):
 def cooked(body, monkeypatch):
     """Return what makes a file for Newton, of few voxels, with or without a fault in it."""
     monkeypatch.setattr(newton, "_RESOLUTION", 40)
-    keep = kept.keep
+    keep = cache.keep
 
     def made(fault=lambda held: None):
         def keep_with_fault(*asked):
             whole = keep(*asked)
-            fault(whole.held)
+            fault(whole.content)
             return whole
 
         monkeypatch.setattr(newton, "keep", keep_with_fault)
@@ -54,7 +54,7 @@ def test_a_file_for_newton_holds_mesh_options_and_provenance(cooked, body, tmp_p
     path = tmp_path / "newton.npz"
     path.write_bytes(data)
     check_seal(path)
-    read = kept.unpack(path, tmp_path / "cache")
+    read = cache.unpack(path, tmp_path / "cache")
     assert read.provenance == {"stage": "a"}
     assert np.ptp(read.vertices, axis=0).max() == pytest.approx(SIZE)
     assert np.array_equal(read.indices.reshape(-1, 3), body.faces)
@@ -118,10 +118,10 @@ def test_what_is_no_file_for_newton_is_said(tmp_path):
     for content in (b"", b"no zip"):
         path.write_bytes(content)
         with pytest.raises(ArtifactError, match="no file that the workflow wrote for Newton"):
-            kept.unpack(path, tmp_path / "cache")
+            cache.unpack(path, tmp_path / "cache")
     np.savez(path, vertices=np.zeros(3))
     with pytest.raises(ArtifactError, match="no file that the workflow wrote for Newton"):
-        kept.unpack(path, tmp_path / "cache")
+        cache.unpack(path, tmp_path / "cache")
     assert not (tmp_path / "cache").exists()
 
 

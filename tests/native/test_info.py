@@ -8,7 +8,7 @@ from test_header import resealed, section
 
 from pandis.__main__ import main
 from pandis.runtime.field.files import read_contents, read_provenance
-from pandis.runtime.info import facts, told
+from pandis.runtime.info import describe, facts
 
 #: What is said of a file of the fixture, by its name.
 SAID = {
@@ -26,7 +26,7 @@ SAID = {
 @pytest.mark.parametrize("name", SAID)
 def test_every_kind_of_file_is_told(files, name):
     found = facts(files[name])
-    lines = told(found)
+    lines = describe(found)
     assert SAID[name] in lines
     assert found["bytes"] == files[name].stat().st_size
     assert found["microseconds"] > 0
@@ -70,8 +70,8 @@ def test_a_file_that_says_neither_where_it_lies_nor_where_it_is_from(files, tmp_
     path.write_bytes(data)
     found = facts(path)
     assert (found["size"], found["provenance"]) == (None, None)
-    assert "along its longest side" in told(found)
-    assert "the file does not say it" in told(found)
+    assert "along its longest side" in describe(found)
+    assert "the file does not say it" in describe(found)
     assert set(read_contents(path).sections) >= {"NONE", "OTHR"}
     assert section(data, b"NONE") > 256
 

@@ -10,8 +10,8 @@ from pandis.base.errors import PandisError
 from pandis.base.forces import penalty_force
 from pandis.bridges import newton as cooking
 from pandis.bridges.newton import cook, hashed
+from pandis.bridges.newton.cache import keep
 from pandis.bridges.newton.cells import CELLS, EMPTY, LINEAR
-from pandis.bridges.newton.kept import keep
 from pandis.bridges.newton.reading import sample
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.runtime.field import NativeField

@@ -39,7 +39,7 @@ def test_what_reads_its_bytes_is_closed_with_it(files):
             other.query(POINTS)
     answers = scene.answer(POINTS)
     assert not answers.force.any()
-    assert (answers.flag[answers.asked > 0] == INVALID).all()
+    assert (answers.flag[answers.queries > 0] == INVALID).all()
 
 
 def test_another_field_of_the_file_lives_on(files):

@@ -11,6 +11,7 @@ from pandis.base.frame import Frame
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds import native as export
+from pandis.pipeline.kinds.exact.file import MOST
 from pandis.pipeline.kinds.field import CUT, ExactField
 from pandis.pipeline.kinds.limits import least_limit, near_surface
 from pandis.runtime.field import NativeField
@@ -168,7 +169,7 @@ def test_around_a_corner_of_very_many_faces_the_limit_is_larger():
     """What is cut there could be wrong by the size of the object."""
     body = Body(*cone(1000), Frame((0.0, 0.0, 0.0), 1.0))
     data = export.native_bytes(ExactField("exact", body), {})
-    assert export.MOST < limit_of(data) <= 8 * export.MOST
+    assert MOST < limit_of(data) <= 8 * MOST
     field, rng = NativeField(data), np.random.default_rng(2)
     base = rng.normal(0, (0.01, 0.01, 0.001), (2000, 3)) - (0, 0, 0.9)
     points = np.concatenate([base, near_surface(body.corners, body.faces, 20_000, rng)])
@@ -205,7 +206,7 @@ def test_the_middle_of_a_ball_does_not_make_the_limit_larger():
     vertices, faces = SHAPES["sphere"].tessellation()
     body = Body(0.9 * vertices, faces, Frame((0.0, 0.0, 0.0), 1.0))
     data = export.native_bytes(ExactField("exact", body), {})
-    assert limit_of(data) == export.MOST
+    assert limit_of(data) == MOST
     assert (NativeField(data).query(middle(100, 1e-9)).flag == CUT).all()
 
 

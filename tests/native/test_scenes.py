@@ -75,12 +75,12 @@ def test_forces_are_those_of_asking_every_object(name, files):
     """To the last bit, along 20,000 ticks among ten objects of a kind."""
     answer = compare(room(files, [name], 10, 1), walk(20_000, np.random.default_rng(2), 0.15))
     if name not in ("nearest", "gradient"):  # whose distances are too far off to go by
-        assert answer.asked.mean() < 1.5
+        assert answer.queries.mean() < 1.5
 
 
 def test_many_objects_of_all_kinds(files):
     answer = compare(room(files, KINDS, 77, 3), walk(5_000, np.random.default_rng(4), 0.2))
-    assert np.median(answer.asked) < 30
+    assert np.median(answer.queries) < 30
 
 
 @pytest.mark.full
@@ -127,7 +127,7 @@ def test_a_file_that_says_nothing_is_always_asked(fields):
     field = NativeField(native_bytes(fields["tricubic"], {}))
     objects = [place(field, np.random.default_rng(9), 0.1, 0.0)]
     answer = compare(objects, walk(2_000, np.random.default_rng(10), 0.3))
-    assert (answer.asked == 1).all()
+    assert (answer.queries == 1).all()
 
 
 @pytest.mark.parametrize(
@@ -262,7 +262,7 @@ def test_what_is_moved_must_be_there(files):
 def test_an_empty_scene_is_free_space():
     answer = NativeScene([]).answer(np.zeros((3, 3)))
     assert not answer.force.any()
-    assert not answer.asked.any()
+    assert not answer.queries.any()
 
 
 # --- scenes of the workflow -----------------------------------------------------------

@@ -34,7 +34,7 @@ placed = Placed.at(field, 0.1, 400.0, position=(0, 0, 1))
 pushed: Floats = Contact(placed, material=Material(0.5, 0.4)).follow(points).force
 scene = TouchedScene([placed], textures=[Texture.noise(1e-4, 1e-2)])
 touched: NDArray[np.int32] = scene.touches([0, 0, 0])[0]
-asked: NDArray[np.int64] = Scene([placed]).answer(points).asked
+asked: NDArray[np.int64] = Scene([placed]).answer(points).queries
 poses = Poses(scene)
 poses.give([np.eye(3)], [[0, 0, 1]], [[0, 0, 0]], [[0, 0, 0]], period=0.01)
 moved: bool = poses.step(1e-3)

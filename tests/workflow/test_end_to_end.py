@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from browser import Browser
-from pandis.bridges.newton.kept import read as read_kept
+from pandis.bridges.newton.cache import read as read_kept
 from pandis.pipeline.report.page import build, mesh_section
 from pandis.pipeline.report.seal import read_seal
 from pandis.pipeline.run.job.artifact import read_artifact

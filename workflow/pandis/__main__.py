@@ -47,26 +47,26 @@ def main(arguments=None):
     view.add_argument("--size", type=float, default=0.1, help="length of the object, m (0.1)")
     view.add_argument("--stiffness", type=float, default=400.0, help="N/m, at first (400)")
     view.set_defaults(run=_view)
-    asked = parser.parse_args(arguments)
-    return asked.run(asked)
+    words = parser.parse_args(arguments)
+    return words.run(words)
 
 
-def _info(asked):
+def _info(words):
     """Say what files hold: 1 if one of them cannot be read, after all others have been told."""
-    from pandis.runtime.info import facts, told
+    from pandis.runtime.info import describe, facts
 
     status, every = 0, []
-    for path in asked.files:
+    for path in words.files:
         try:
-            found = facts(path)
+            contents = facts(path)
         except PandisError as error:
             print(f"error: {error}", file=sys.stderr)
             status = 1
             continue
-        every.append(found)
-        if not asked.json:
-            print(told(found))
-    if asked.json:
+        every.append(contents)
+        if not words.json:
+            print(describe(contents))
+    if words.json:
         print(json.dumps(every, indent=2))
     return status
 
@@ -81,45 +81,45 @@ def _done(work, *arguments, **options):
     return 0
 
 
-def _mjcf(asked):
+def _mjcf(words):
     """Write a scene as MJCF."""
     from pandis.bridges.mujoco.mjcf import write_mjcf
 
-    return _done(write_mjcf, asked.scene, asked.model)
+    return _done(write_mjcf, words.scene, words.model)
 
 
-def _sample(asked):
+def _sample(words):
     """Write a closed form."""
     from pandis.runtime.samples import sample_bytes
 
-    return _done(lambda: Path(asked.file).write_bytes(sample_bytes(asked.shape, *asked.sizes)))
+    return _done(lambda: Path(words.file).write_bytes(sample_bytes(words.shape, *words.sizes)))
 
 
-def _volume(asked):
+def _volume(words):
     """Write a field as a volume."""
     from pandis import load
     from pandis.bridges.vdb.writing import write_volume
 
-    options = {"voxel": asked.voxel, "band": asked.band, "length": asked.length}
-    return _done(lambda: write_volume(load(asked.file), asked.volume, **options))
+    options = {"voxel": words.voxel, "band": words.band, "length": words.length}
+    return _done(lambda: write_volume(load(words.file), words.volume, **options))
 
 
-def _csharp(asked):
+def _csharp(words):
     """Write the binding for C#, and say what it is."""
     from pandis.bridges.csharp import write_csharp
 
-    return _done(lambda: print(*write_csharp(asked.folder), sep="\n"))
+    return _done(lambda: print(*write_csharp(words.folder), sep="\n"))
 
 
-def _view(asked):
+def _view(words):
     """Write a page to touch fields on, and open it: 1 if that cannot be."""
     from pandis.bridges.web import write_page
 
-    path = Path(asked.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
-    if _done(write_page, path, asked.files, asked.size, asked.stiffness):
+    path = Path(words.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
+    if _done(write_page, path, words.files, words.size, words.stiffness):
         return 1
     print(path)
-    if not asked.output and not webbrowser.open(path.resolve().as_uri()):
+    if not words.output and not webbrowser.open(path.resolve().as_uri()):
         print("no browser could be opened: open the page by hand", file=sys.stderr)
     return 0
 

@@ -50,14 +50,14 @@ def remembered(maker, text, make):
     """
     path = cache_folder() / "texts" / hashlib.sha256(_identity(maker) + text).hexdigest()
     try:
-        digest, _, kept = path.read_bytes().partition(b"\n")
-        if digest == _digest(kept):
-            return json.loads(kept)
+        digest, _, stored = path.read_bytes().partition(b"\n")
+        if digest == _digest(stored):
+            return json.loads(stored)
     except OSError:
         pass
-    kept = json.dumps(make()).encode()
-    keep(path, _digest(kept) + b"\n" + kept)
-    return json.loads(kept)  # as the next process will read it
+    stored = json.dumps(make()).encode()
+    keep(path, _digest(stored) + b"\n" + stored)
+    return json.loads(stored)  # as the next process will read it
 
 
 def _digest(data):

@@ -89,7 +89,7 @@ def prebuild(folder, headers):
     PandisError
         There is no compiler, or it fails.
     """
-    compiler, machine, made = find_compiler(), platform.machine(), []
+    compiler, machine, paths = find_compiler(), platform.machine(), []
     if compiler is None:
         raise PandisError("no C compiler found: install gcc, or name one in CC")
     if machine not in prebuilt.KINDS:
@@ -102,8 +102,8 @@ def prebuild(folder, headers):
             kind = prebuilt.KINDS[machine]
             path = Path(folder) / prebuilt.name(library, FLAGS, kind)
             command = [compiler, f"-march={kind}", *FLAGS, *prebuilt.SMALLER, *others, str(source)]
-            made.append(_compile([*command, "-lm"], path))
-    return made
+            paths.append(_compile([*command, "-lm"], path))
+    return paths
 
 
 def build(command, source, libraries, name):

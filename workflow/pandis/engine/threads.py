@@ -12,8 +12,10 @@ _PIECES = 8
 
 def thread_count():
     """Return how many threads native code may use: what the stage was given, else all cores."""
-    given = os.environ.get("IGL_NUM_THREADS", "")
-    return int(given) if given.isdigit() and int(given) > 0 else len(os.sched_getaffinity(0))
+    variable = os.environ.get("IGL_NUM_THREADS", "")
+    return (
+        int(variable) if variable.isdigit() and int(variable) > 0 else len(os.sched_getaffinity(0))
+    )
 
 
 def in_threads(part, count, parts=None, small=SMALL):

@@ -98,43 +98,43 @@ def no_proxy(field):
     return ""
 
 
-def told(found):
+def describe(contents):
     """Return what `facts` has found as lines of text."""
-    if found["size"]:
-        size = " × ".join(f"{side:.6g}" for side in found["size"])
+    if contents["size"]:
+        size = " × ".join(f"{side:.6g}" for side in contents["size"])
     else:
-        size = f"{found['longest']:.6g} along its longest side"
-    centre = ", ".join(f"{place:.6g}" for place in found["centre"])
+        size = f"{contents['longest']:.6g} along its longest side"
+    centre = ", ".join(f"{place:.6g}" for place in contents["centre"])
     answers = "distance and normal, inside and outside"
-    if found["proxy"]:
+    if contents["proxy"]:
         answers = "force and normal, inside alone"
     lines = {
-        "field": f"{found['kind']}: {found['made_of']}",
-        "file": f"{found['bytes']:,} bytes, format {found['format']}; whole and undamaged",
+        "field": f"{contents['kind']}: {contents['made_of']}",
+        "file": f"{contents['bytes']:,} bytes, format {contents['format']}; whole and undamaged",
         "object": f"{size} mesh units, around ({centre})",
-        "answers": answers + ("; the nearest face of the mesh" if found["faces"] else ""),
-        "proxy": f"none: {found['proxy']}" if found["proxy"] else "yes (pandis_contact)",
-        "regions": ", ".join(found["regions"]) or "none",
-        "a query": f"{found['microseconds']:.2g} µs on this machine, median of {_QUERIES:,} in its "
-        "box, one after the other",
-        "made by": _maker(found["provenance"]),
+        "answers": answers + ("; the nearest face of the mesh" if contents["faces"] else ""),
+        "proxy": f"none: {contents['proxy']}" if contents["proxy"] else "yes (pandis_contact)",
+        "regions": ", ".join(contents["regions"]) or "none",
+        "a query": f"{contents['microseconds']:.2g} µs on this machine, median of {_QUERIES:,} in "
+        "its box, one after the other",
+        "made by": _maker(contents["provenance"]),
     }
     width = max(map(len, lines)) + 2
-    return "\n".join([found["file"], *(f"  {k:<{width}}{v}" for k, v in lines.items())])
+    return "\n".join([contents["file"], *(f"  {k:<{width}}{v}" for k, v in lines.items())])
 
 
 def _maker(provenance):
     """Return where a field is from, in words."""
     if not provenance:
         return "the file does not say it"
-    field = _said(provenance, "options", "field") or _said(provenance, "wildcards", "name")
-    mesh, code = _said(provenance, "wildcards", "mesh"), _said(provenance, "code", "digest")
+    field = _text_in(provenance, "options", "field") or _text_in(provenance, "wildcards", "name")
+    mesh, code = _text_in(provenance, "wildcards", "mesh"), _text_in(provenance, "code", "digest")
     parts = [f"field {field}" if field else "", f"of mesh {mesh}" if mesh else "",
              f"by code {code[:12]}" if code else ""]  # fmt: skip
     return " ".join(filter(None, parts)) or "a file whose provenance names no stage"
 
 
-def _said(provenance, part, name):
+def _text_in(provenance, part, name):
     """Return a text in a part of a provenance, empty if it is not there: anybody writes files."""
     there = provenance.get(part)
     text = there.get(name) if isinstance(there, dict) else None

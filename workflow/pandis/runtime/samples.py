@@ -33,16 +33,16 @@ def sample_bytes(shape: str, *sizes: Number) -> bytes:
     """Return what the ``.pandis`` file of a closed form holds; parameters as of `sample`."""
     if shape not in SIZES:
         raise PandisError(f"{shape}: there is no such shape; there are {', '.join(SIZES)}")
-    given = tuple(float(size) for size in sizes or SIZES[shape])
-    wanted = len(SIZES[shape])
-    if len(given) != wanted or not all(np.isfinite(size) and size > 0 for size in given):
-        raise PandisError(f"{shape}: it has {wanted} sizes, each above zero, not {given}")
-    half = _half(shape, given)
+    numbers = tuple(float(size) for size in sizes or SIZES[shape])
+    count = len(SIZES[shape])
+    if len(numbers) != count or not all(np.isfinite(size) and size > 0 for size in numbers):
+        raise PandisError(f"{shape}: it has {count} sizes, each above zero, not {numbers}")
+    half = _half(shape, numbers)
     frame = Frame.of_bounds(-half, half)
     corners = frame.to_unit(np.stack([-half, half]))
     safe = np.concatenate([corners.ravel(), [0.0, 0.0]])  # its answers are exact everywhere
     wholes, provenance = [SHAPES.index(shape)], {"options": {"field": "exact"}}
-    return pack(SHAPE, frame, wholes, given, {"SAFE": safe}, provenance)
+    return pack(SHAPE, frame, wholes, numbers, {"SAFE": safe}, provenance)
 
 
 def _half(shape, sizes):

@@ -31,7 +31,7 @@ class ArrayField:
         if contents.field.kind not in _KINDS:
             raise PandisError(f"{self.path}: only splines and networks are functions of arrays")
         self._xp, self._put = xp, put
-        self._answer, self._held = _KINDS[contents.field.kind](contents)
+        self._answer, self._data = _KINDS[contents.field.kind](contents)
         self._placed: dict = {}
 
     def distance(self, points: Any) -> Any:
@@ -47,14 +47,14 @@ class ArrayField:
         xp = self._xp
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"points must be an array of shape (n, 3), not {tuple(points.shape)}")
-        held, like = self._for(points), self._put(np.array(self.frame.centre), points)
+        data, like = self._for(points), self._put(np.array(self.frame.centre), points)
         unit = (points - like) * self.frame.scale
         box = xp.clip(unit, -1, 1)
         way = unit - box
         beyond = (way * way).sum(-1)
         # no square root of zero, which has no derivative
         away = xp.where(beyond > 0, xp.sqrt(xp.where(beyond > 0, beyond, 1.0)), 0.0)
-        distance, direction = self._answer(xp, held, box, away, _grad(xp))
+        distance, direction = self._answer(xp, data, box, away, _grad(xp))
         length = xp.sqrt((direction * direction).sum(-1, keepdims=True))
         up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as pandis.h, where there is none
         normal = xp.where(length > 0, direction / xp.where(length > 0, length, 1.0), up)
@@ -72,7 +72,7 @@ class ArrayField:
     def _put_all(self, points):
         return {
             name: value if np.isscalar(value) else self._put(value, points)
-            for name, value in self._held.items()
+            for name, value in self._data.items()
         }
 
 
@@ -130,10 +130,10 @@ def _grad(xp):
     if xp.__name__ == "torch":
 
         def by_torch(function, points):
-            wanted = points if points.requires_grad else points.detach().requires_grad_()
+            leaf = points if points.requires_grad else points.detach().requires_grad_()
             with xp.enable_grad():
-                value = function(wanted)
-                (slope,) = xp.autograd.grad(value.sum(), wanted, create_graph=points.requires_grad)
+                value = function(leaf)
+                (slope,) = xp.autograd.grad(value.sum(), leaf, create_graph=points.requires_grad)
             return (value, slope) if points.requires_grad else (value.detach(), slope)
 
         return by_torch

@@ -15,7 +15,7 @@ def network(contents):
         return np.frombuffer(sections[name], "<f4")
 
     biases = floats("BIAS")
-    held = {
+    data = {
         "depth": depth,
         "outputs": outputs,
         "cells": cells,
@@ -31,30 +31,30 @@ def network(contents):
     for layer in range(depth):
         rows = slice((layer - 1) * width, layer * width)
         if layer:
-            held[f"weights_{layer}"] = hidden[rows, :width].astype(np.float32)
-        held[f"bias_{layer}"] = biases[layer * stride : layer * stride + width].copy()
+            data[f"weights_{layer}"] = hidden[rows, :width].astype(np.float32)
+        data[f"bias_{layer}"] = biases[layer * stride : layer * stride + width].copy()
     if cells:
-        held |= lattice("under", cells + 3, -1 - 2 / cells)
-        held["under_values"] = floats("BASE").astype(np.float64)
-    return _answer, held
+        data |= lattice("under", cells + 3, -1 - 2 / cells)
+        data["under_values"] = floats("BASE").astype(np.float64)
+    return _answer, data
 
 
-def _answer(xp, held, box, away, grad):
-    kind = held["weights_0"].dtype
+def _answer(xp, data, box, away, grad):
+    kind = data["weights_0"].dtype
 
     def outputs(points):
         h = _as(xp, points, kind)
-        for layer in range(held["depth"]):
-            h = xp.sin(h @ held[f"weights_{layer}"] + held[f"bias_{layer}"])
-        return _as(xp, h @ held["last"] + held["last_bias"], points.dtype)
+        for layer in range(data["depth"]):
+            h = xp.sin(h @ data[f"weights_{layer}"] + data[f"bias_{layer}"])
+        return _as(xp, h @ data["last"] + data["last_bias"], points.dtype)
 
-    if held["outputs"] == 4:
+    if data["outputs"] == 4:
         out = outputs(box)
         value, direction = out[:, 0], out[:, 1:]
     else:
         value, direction = grad(lambda points: outputs(points)[:, 0], box)
-    if held["cells"]:
-        more, slope, _ = dense_sum(xp, held, "under", off_edge(xp, box))
+    if data["cells"]:
+        more, slope, _ = dense_sum(xp, data, "under", off_edge(xp, box))
         value, direction = value + more, direction + slope
     return value + away, direction
 

@@ -10,22 +10,22 @@ _LIFT, _SHORT = 0.7, 0.02
 def spline(contents):
     """Return the function of a spline, and what it is made of."""
     wholes, reals = contents.wholes, contents.reals
-    held = {"inside": reals[9], "outside": reals[10]}
+    data = {"inside": reals[9], "outside": reals[10]}
     for level, (name, letter, kind) in enumerate((("coarse", "B", "<i2"), ("fine", "F", "<i1"))):
         size, bricks, low = wholes[level], wholes[2 + level], reals[level]
         stored = np.frombuffer(contents.sections[f"{letter}COF"], kind)
         values = (reals[3 + level] + reals[6 + level] * stored).astype(np.float32)
-        held |= lattice(name, size, low)
-        held[f"{name}_values"] = np.append(values, np.float32(0)).astype(np.float64)
-        held[f"{name}_blocks"] = _blocks(contents.sections, letter, bricks)
-        held[f"{name}_across"] = 4 * bricks
+        data |= lattice(name, size, low)
+        data[f"{name}_values"] = np.append(values, np.float32(0)).astype(np.float64)
+        data[f"{name}_blocks"] = _blocks(contents.sections, letter, bricks)
+        data[f"{name}_across"] = 4 * bricks
     size = wholes[8]
-    held |= lattice("far", size, reals[2])
+    data |= lattice("far", size, reals[2])
     stored = np.frombuffer(contents.sections["RCOF"], "<i2")
-    held["far_values"] = (reals[5] + reals[8] * stored).astype(np.float32).astype(np.float64)
+    data["far_values"] = (reals[5] + reals[8] * stored).astype(np.float32).astype(np.float64)
     sides = np.frombuffer(contents.sections["SIDE"], np.uint8)
-    held["free"] = np.unpackbits(sides)[: held["coarse_across"] ** 3].astype(bool)
-    return _answer, held
+    data["free"] = np.unpackbits(sides)[: data["coarse_across"] ** 3].astype(bool)
+    return _answer, data
 
 
 def lattice(name, size, low):
@@ -37,22 +37,24 @@ def _blocks(sections, letter, bricks):
     """Return where each block's coefficients begin (blocks³,); -1 where it is not kept."""
     brick = np.frombuffer(sections[f"{letter}BRK"], "<u2").reshape((bricks,) * 3)
     mask = np.frombuffer(sections[f"{letter}MSK"], "<u8")
-    kept = np.unpackbits(mask.astype("<u8").view(np.uint8), bitorder="little").reshape(-1, 4, 4, 4)
-    number = np.cumsum(kept.reshape(-1), dtype=np.int64).reshape(kept.shape) - 1
-    start = np.where(kept, 8 * number, -1)
+    stored = np.unpackbits(mask.astype("<u8").view(np.uint8), bitorder="little").reshape(
+        -1, 4, 4, 4
+    )
+    number = np.cumsum(stored.reshape(-1), dtype=np.int64).reshape(stored.shape) - 1
+    start = np.where(stored, 8 * number, -1)
     none = np.full((1, 4, 4, 4), -1)
     table = np.concatenate([start, none])[np.minimum(brick, len(start))]
     return table.transpose(0, 3, 1, 4, 2, 5).reshape(-1)
 
 
-def _answer(xp, held, box, away, _):
+def _answer(xp, data, box, away, _):
     p = off_edge(xp, box)
-    value, gradient, kept = _both(xp, held, p)
-    value, gradient = _sharpened(xp, held, p, value, gradient)
-    far, slope = _beyond(xp, held, p)
-    inside = kept & (away == 0)
-    free = _free(xp, held, p) | (away > 0)
-    bound = xp.where(free, xp.clip(far, held["outside"], None), xp.clip(far, None, -held["inside"]))
+    value, gradient, covered = _both(xp, data, p)
+    value, gradient = _sharpened(xp, data, p, value, gradient)
+    far, slope = _beyond(xp, data, p)
+    inside = covered & (away == 0)
+    free = _free(xp, data, p) | (away > 0)
+    bound = xp.where(free, xp.clip(far, data["outside"], None), xp.clip(far, None, -data["inside"]))
     return (
         xp.where(inside, value, bound + away),
         xp.where(inside[:, None], gradient, slope),
@@ -65,20 +67,20 @@ def off_edge(xp, box):
     return xp.clip(box, -edge, edge)
 
 
-def _both(xp, held, p):
-    value, gradient, kept = _level(xp, held, "coarse", p)
-    more, steeper, _ = _level(xp, held, "fine", p)
-    return value + more, gradient + steeper, kept
+def _both(xp, data, p):
+    value, gradient, covered = _level(xp, data, "coarse", p)
+    more, steeper, _ = _level(xp, data, "fine", p)
+    return value + more, gradient + steeper, covered
 
 
-def _sharpened(xp, held, p, value, gradient):
+def _sharpened(xp, data, p, value, gradient):
     """Take answers from some way up where a crease is rounded, and carry them back down."""
     missing = (1 - (gradient * gradient).sum(-1) - _SHORT) / (1 - _SHORT)
-    lift = xp.clip(-value, 0, _LIFT / held["coarse_rate"])
+    lift = xp.clip(-value, 0, _LIFT / data["coarse_rate"])
     lift = lift * xp.where(missing > 0, missing * missing * (3 - 2 * missing), 0.0)
-    above, steeper, kept = _both(xp, held, p + lift[:, None] * gradient)
+    above, steeper, covered = _both(xp, data, p + lift[:, None] * gradient)
     squared, length = (gradient * gradient).sum(-1), (steeper * steeper).sum(-1)
-    turns = (lift > 0) & kept & (squared > 0) & (length > 0)
+    turns = (lift > 0) & covered & (squared > 0) & (length > 0)
     normal = steeper / xp.sqrt(xp.where(turns, length, 1.0))[:, None]
     slope = xp.sqrt(xp.where(turns, squared, 1.0))
     carried = above - lift * (gradient * normal).sum(-1)
@@ -88,10 +90,10 @@ def _sharpened(xp, held, p, value, gradient):
     )
 
 
-def _place(xp, held, name, p):
+def _place(xp, data, name, p):
     """Return first nodes (n, 3), weights and slopes (n, 3, 4) of points, and which lie within."""
-    rate, size = held[f"{name}_rate"], held[f"{name}_size"]
-    x = (p - held[f"{name}_low"]) * rate
+    rate, size = data[f"{name}_rate"], data[f"{name}_size"]
+    x = (p - data[f"{name}_low"]) * rate
     cell = xp.floor(x)
     within = ((cell >= 1) & (cell <= size - 3)).all(-1)
     cell = xp.clip(cell, 1, size - 3)
@@ -123,10 +125,10 @@ def _sum(xp, c, weights, slopes):
     return (along_yz * x).sum(-1), gradient
 
 
-def _level(xp, held, name, p):
+def _level(xp, data, name, p):
     """Return what a lattice with gaps adds, and where it has all 64 coefficients."""
-    first, weights, slopes, within = _place(xp, held, name, p)
-    values, blocks, across = held[f"{name}_values"], held[f"{name}_blocks"], held[f"{name}_across"]
+    first, weights, slopes, within = _place(xp, data, name, p)
+    values, blocks, across = data[f"{name}_values"], data[f"{name}_blocks"], data[f"{name}_across"]
     parts = []
     for i in range(4):
         for j in range(4):
@@ -142,27 +144,27 @@ def _level(xp, held, name, p):
     return value * zero, gradient * zero[:, None], within & (at >= 0).all(-1)
 
 
-def dense_sum(xp, held, name, p):
+def dense_sum(xp, data, name, p):
     """Return values (n,) and gradients (n, 3) of a lattice without gaps, and which lie within."""
-    first, weights, slopes, within = _place(xp, held, name, p)
-    size, parts = held[f"{name}_size"], []
+    first, weights, slopes, within = _place(xp, data, name, p)
+    size, parts = data[f"{name}_size"], []
     for i in range(4):
         for j in range(4):
             row = ((first[:, 0] + i) * size + first[:, 1] + j) * size + first[:, 2]
-            parts += [held[f"{name}_values"][row + k] for k in range(4)]
+            parts += [data[f"{name}_values"][row + k] for k in range(4)]
     coefficients = xp.stack(parts, -1).reshape(-1, 4, 4, 4)
     return *_sum(xp, coefficients, weights, slopes), within
 
 
-def _beyond(xp, held, p):
-    value, gradient, within = dense_sum(xp, held, "far", p)
+def _beyond(xp, data, p):
+    value, gradient, within = dense_sum(xp, data, "far", p)
     zero = xp.where(within, 1.0, 0.0)
     return value * zero, gradient * zero[:, None]
 
 
-def _free(xp, held, p):
+def _free(xp, data, p):
     """Return which points lie in a block outside."""
-    at = (p - held["coarse_low"]) * held["coarse_rate"]
-    block = _whole(xp, xp.floor(xp.clip(at, 0, held["coarse_size"] - 2) / 2))
-    across = held["coarse_across"]
-    return held["free"][(block[:, 0] * across + block[:, 1]) * across + block[:, 2]]
+    at = (p - data["coarse_low"]) * data["coarse_rate"]
+    block = _whole(xp, xp.floor(xp.clip(at, 0, data["coarse_size"] - 2) / 2))
+    across = data["coarse_across"]
+    return data["free"][(block[:, 0] * across + block[:, 1]) * across + block[:, 2]]

@@ -35,10 +35,10 @@ def write_csharp(folder: str | PathLike[str]) -> list[Path]:
     compiler = find_compiler()
     if compiler is None:
         raise PandisError("no C compiler found: install gcc, or name one in CC")
-    made = build([compiler, *FLAGS, "-s"], SOURCE, ["-lm"], "csharp.so")
+    library = build([compiler, *FLAGS, "-s"], SOURCE, ["-lm"], "csharp.so")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = [folder / "Pandis.cs", folder / "libpandis.so"]
     shutil.copy(_HERE / "Pandis.cs", written[0])
-    shutil.copy(made, written[1])
+    shutil.copy(library, written[1])
     return written

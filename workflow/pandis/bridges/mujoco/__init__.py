@@ -50,14 +50,14 @@ def register() -> None:
             f"{NAME} is made for MuJoCo {' and '.join(VERSIONS)} in float64, and this is MuJoCo "
             f"{version}: it is not registered, and a model that names it does not compile"
         )
-    found = sorted(folder.glob("libmujoco*"))
-    if not found:
+    libraries = sorted(folder.glob("libmujoco*"))
+    if not libraries:
         raise PandisError(f"{folder}: there is no libmujoco here: install mujoco-core again")
-    core = ctypes.CDLL(str(found[0]))  # the one that is loaded
-    given = [ctypes.cast(getattr(core, name), ctypes.c_void_p) for name in _FUNCTIONS]
+    core = ctypes.CDLL(str(libraries[0]))  # the one that is loaded
+    functions = [ctypes.cast(getattr(core, name), ctypes.c_void_p) for name in _FUNCTIONS]
     plugin = ctypes.CDLL(str(library()))
-    if not plugin.pandis_mujoco_register((ctypes.c_void_p * len(given))(*given)):
-        raise PandisError(f"{NAME}: {found[0]} is of another version than {version}")
+    if not plugin.pandis_mujoco_register((ctypes.c_void_p * len(functions))(*functions)):
+        raise PandisError(f"{NAME}: {libraries[0]} is of another version than {version}")
 
 
 def package():
@@ -68,7 +68,7 @@ def package():
     PandisError
         There is none.
     """
-    found = find_spec("mujoco")
-    if found is None:
+    spec = find_spec("mujoco")
+    if spec is None:
         raise PandisError('there is no MuJoCo here: pip install "mujoco==4.0.1"')
-    return Path(found.submodule_search_locations[0])
+    return Path(spec.submodule_search_locations[0])

@@ -26,26 +26,32 @@ def asker(model, geom=0):
 
     core = ctypes.CDLL(str(next(package().glob("libmujoco*"))))
     core.mjc_getSDF.restype, core.mjc_distance.restype = ctypes.c_void_p, ctypes.c_double
-    data, made = mujoco.MjData(model), ctypes.c_void_p()
+    data, plugin = mujoco.MjData(model), ctypes.c_void_p()
     number = max(int(model.geom_plugin[geom]), 0)
     if model.nplugin:
-        made = ctypes.c_void_p(core.mjc_getSDF(ctypes.c_void_p(model._address), geom))
+        plugin = ctypes.c_void_p(core.mjc_getSDF(ctypes.c_void_p(model._address), geom))
     pose, kind = np.append(np.zeros(3), np.eye(3)), ctypes.c_int(mujoco.mjtGeom.mjGEOM_SDF)
-    at = pose.ctypes.data, pose[3:].ctypes.data, ctypes.addressof(kind)
-    asked = Sdf(ctypes.pointer(made), ctypes.pointer(ctypes.c_int(number)), 0, *at)
-    asked.kept = made, pose, kind  # as long as they are pointed at
+    sdf = Sdf(
+        ctypes.pointer(plugin),
+        ctypes.pointer(ctypes.c_int(number)),
+        0,
+        pose.ctypes.data,
+        pose[3:].ctypes.data,
+        ctypes.addressof(kind),
+    )
+    sdf.alive = plugin, pose, kind  # as long as they are pointed at
 
     def answers(points):
-        given = [ctypes.c_void_p(one._address) for one in (model, data)] + [ctypes.byref(asked)]
+        arguments = [ctypes.c_void_p(one._address) for one in (model, data)] + [ctypes.byref(sdf)]
         distances, gradients = np.empty(len(points)), np.empty((len(points), 3))
         for i, (point, gradient) in enumerate(
             zip(np.ascontiguousarray(points), gradients, strict=True)
         ):
             place, into = (ctypes.c_void_p(array.ctypes.data) for array in (point, gradient))
             if i % 3:  # sometimes the gradient alone, as MuJoCo may
-                core.mjc_gradient(*given, into, place)
-            distances[i] = core.mjc_distance(*given, place)
-            core.mjc_gradient(*given, into, place)
+                core.mjc_gradient(*arguments, into, place)
+            distances[i] = core.mjc_distance(*arguments, place)
+            core.mjc_gradient(*arguments, into, place)
         return distances, gradients
 
     return answers

@@ -181,9 +181,9 @@ class Bridge:
         give way downward.
         """
         model, data, mujoco = self.model, self.data, self._mujoco
-        found, turn = np.zeros((len(self._bodies), _SUMS, _SUMS)), np.empty((2, 3, model.nv))
+        matrices, turn = np.zeros((len(self._bodies), _SUMS, _SUMS)), np.empty((2, 3, model.nv))
         if not self._moves.any():
-            return found
+            return matrices
         warm, forces = data.qacc_warmstart.copy(), data.xfrc_applied.copy()
 
         def accelerations():
@@ -202,11 +202,11 @@ class Bridge:
             pushes = np.where(self._now[body] < 0, -pushes, pushes)  # as the hand pushes
             for k in range(_SUMS):
                 data.xfrc_applied[body, k] += pushes[k]
-                found[i, :, k] = jacobian @ (accelerations() - still) / pushes[k]
+                matrices[i, :, k] = jacobian @ (accelerations() - still) / pushes[k]
                 data.xfrc_applied[:] = forces
         accelerations()  # those of the trials are nobody's
         data.qacc_warmstart[:] = warm
-        return found
+        return matrices
 
     def _hand_over(self):
         rotations, translations, velocities, spins = [], [], [], []

@@ -44,7 +44,7 @@ def instances(model):
     """Return the `Instance` of every geom of the plugin `pandis.sdf` in a model."""
     import mujoco
 
-    made = []
+    result = []
     for geom, number in enumerate(model.geom_plugin.tolist()):
         # a plugin begins with its name
         if number < 0 or _core().mjp_getPluginAtSlot(int(model.plugin[number]))[0] != NAME.encode():
@@ -54,9 +54,9 @@ def instances(model):
             origin = np.array(model.mesh_pos[mesh])
             mujoco.mju_quat2Mat(turn, model.mesh_quat[mesh])
         scale = float(_config(model, number, "scale") or 1)
-        made.append(Instance(geom, number, _config(model, number, "file"), scale, origin,
+        result.append(Instance(geom, number, _config(model, number, "file"), scale, origin,
                              turn.reshape(3, 3)))  # fmt: skip
-    return made
+    return result
 
 
 @cache

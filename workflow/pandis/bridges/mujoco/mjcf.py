@@ -67,12 +67,12 @@ def mjcf_text(model, placed, meshes, frictions):
     root = ElementTree.Element("mujoco", model=model)
     plugin = _under(root, "extension/plugin", plugin=NAME)
     assets, world = _under(root, "asset"), _under(root, "worldbody")
-    made, drawn = {}, {}
+    numbers, drawn = {}, {}
     for name, each in placed.items():
         file = meshes.get(name)
         shape = each.field.path.resolve(), each.scale, file
-        if shape not in made:
-            made[shape] = name
+        if shape not in numbers:
+            numbers[shape] = name
             instance = _under(plugin, "instance", name=name)
             _under(instance, "config", key="file", value=str(shape[0]))
             _under(instance, "config", key="scale", value=repr(float(each.scale)))
@@ -89,7 +89,7 @@ def mjcf_text(model, placed, meshes, frictions):
         geom = _under(body, "geom", name=name, type="sdf", mesh=shown)
         if name in frictions:
             geom.set("friction", _numbers([frictions[name], _TURNING, _ROLLING]))
-        _under(geom, "plugin", instance=made[shape])
+        _under(geom, "plugin", instance=numbers[shape])
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 

@@ -27,12 +27,12 @@ _MOST = 1023
 _APART = 0.02
 
 
-def cook(field: NativeField, mesh: Any, folder: str | PathLike[str], **asked: Any) -> Path:
+def cook(field: NativeField, mesh: Any, folder: str | PathLike[str], **options: Any) -> Path:
     """Write the file that ``mesh.build_sdf(cache_dir=folder, ...)`` of Newton reads.
 
     Parameters
     ----------
-    field, mesh, asked
+    field, mesh, options
         As for `cooked`.
     folder : path-like
         Made if it is not there.
@@ -42,16 +42,16 @@ def cook(field: NativeField, mesh: Any, folder: str | PathLike[str], **asked: An
     PandisError
         As `cooked` does.
     """
-    name, held = cooked(field, mesh, **asked)
-    return put(folder, name, held)
+    name, content = cooked(field, mesh, **options)
+    return put(folder, name, content)
 
 
-def put(folder: str | PathLike[str], name: str, held: dict[str, Any]) -> Path:
+def put(folder: str | PathLike[str], name: str, content: dict[str, Any]) -> Path:
     """Write what `cooked` has returned into a folder of Newton's cache, in one step."""
     path = Path(folder) / f"{name}.sdf.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f"{path.name}.part.npz")  # NumPy adds the ending where it is missing
-    np.savez(beside, **held)
+    np.savez(beside, **content)
     replace(beside, path)
     return path
 
@@ -110,12 +110,12 @@ def cooked(
         raise PandisError(f"scale: a field cannot be stretched, and {scale} differ")
     if max_resolution is None and target_voxel_size is None:
         max_resolution = 64
-    for name, asked in (
+    for name, resolution in (
         ("max_resolution", max_resolution),
         ("target_voxel_size", target_voxel_size),
     ):
-        if asked is not None and not asked > 0:
-            raise PandisError(f"{name}: {asked} is no positive number")
+        if resolution is not None and not resolution > 0:
+            raise PandisError(f"{name}: {resolution} is no positive number")
     metres = float(length) * float(scale[0] if scale else 1)
     vertices = np.asarray(mesh.vertices, np.float32).reshape(-1, 3)
     vertices = vertices * np.array(scale or (1, 1, 1), np.float32)
@@ -130,7 +130,7 @@ def cooked(
     _check_place(distance, vertices)
     grid = Grid.around(vertices, margin, max_resolution, target_voxel_size)
     band = max(abs(float(side)) for side in narrow_band_range)
-    held = arrays(*build(distance, grid, band, fitted, progress), grid, texture_format)
+    content = arrays(*build(distance, grid, band, fitted, progress), grid, texture_format)
     return hashed(mesh, vertices, {
         "narrow_band_range": [float(side) for side in narrow_band_range],
         "target_voxel_size": None if target_voxel_size is None else float(target_voxel_size),
@@ -140,7 +140,7 @@ def cooked(
         "sign_method_resolved": _sign_method(mesh, sign_method),
         "winding_threshold_sign": 1,
         "scale": None if scale is None else [float(side) for side in scale],
-    }), held  # fmt: skip
+    }), content  # fmt: skip
 
 
 def arrays(coarse, blocks, values, flat, grid, texture_format):
@@ -193,10 +193,10 @@ def arrays(coarse, blocks, values, flat, grid, texture_format):
     }
 
 
-def hashed(mesh, vertices, asked):
+def hashed(mesh, vertices, options):
     """Return the name that Newton gives to what is asked of a mesh."""
     indices = np.ascontiguousarray(np.asarray(mesh.indices).reshape(-1), np.int32)
-    told = {
+    facts = {
         "kind": _KIND,
         "cache_format_version": VERSION,
         "mesh": {
@@ -208,16 +208,16 @@ def hashed(mesh, vertices, asked):
             "num_triangles": len(indices) // 3,
             "is_solid": bool(getattr(mesh, "is_solid", True)),
         },
-        "build_params": asked,
+        "build_params": options,
     }
-    text = json.dumps(told, sort_keys=True, separators=(",", ":"))
+    text = json.dumps(facts, sort_keys=True, separators=(",", ":"))
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
-def _sign_method(mesh, asked):
+def _sign_method(mesh, options):
     """Return how Newton would tell sides, which is a part of the name."""
-    if asked != "auto":
-        return asked
+    if options != "auto":
+        return options
     return "parity" if mesh.is_watertight else "winding"
 
 

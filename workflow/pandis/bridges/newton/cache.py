@@ -17,14 +17,14 @@ from pandis.runtime.field import NativeField, Number
 _NOTE = "__pandis__"
 
 
-class Kept(NamedTuple):
+class CacheFile(NamedTuple):
     """What such a file holds.
 
     Attributes
     ----------
     name : str
         What Newton calls it in its cache.
-    held : dict of str to ndarray
+    content : dict of str to ndarray
         What Newton reads.
     vertices : ndarray, shape (V, 3), float32
         Metres.
@@ -35,7 +35,7 @@ class Kept(NamedTuple):
     """
 
     name: str
-    held: dict[str, Any]
+    content: dict[str, Any]
     vertices: NDArray[np.float32]
     indices: NDArray[np.int32]
     options: dict[str, Any]
@@ -46,7 +46,7 @@ class Kept(NamedTuple):
         note = {"name": self.name, "options": self.options, "provenance": self.provenance}
         arrays = {"vertices": self.vertices, "indices": self.indices, _NOTE: json.dumps(note)}
         stream = io.BytesIO()
-        np.savez(stream, **self.held, **arrays)
+        np.savez(stream, **self.content, **arrays)
         return stream.getvalue()
 
 
@@ -58,7 +58,7 @@ def keep(
     options: dict[str, Any],
     provenance: dict[str, Any],
     progress: Any = lambda done, total: None,
-) -> Kept:
+) -> CacheFile:
     """Cook a mesh.
 
     Parameters
@@ -82,11 +82,11 @@ def keep(
     corners = np.asarray(vertices * length, np.float32)
     indices = np.ascontiguousarray(faces, np.int32).ravel()
     mesh = SimpleNamespace(vertices=corners, indices=indices, is_solid=True)
-    name, held = cooked(field, mesh, length=length, progress=progress, **options)
-    return Kept(name, held, corners, indices, options, provenance)
+    name, content = cooked(field, mesh, length=length, progress=progress, **options)
+    return CacheFile(name, content, corners, indices, options, provenance)
 
 
-def read(path: str | PathLike[str]) -> Kept:
+def read(path: str | PathLike[str]) -> CacheFile:
     """Read such a file.
 
     Raises
@@ -96,19 +96,19 @@ def read(path: str | PathLike[str]) -> Kept:
     """
     try:
         with np.load(path) as file:
-            held = dict(file)
-        note = json.loads(str(held.pop(_NOTE)))
+            content = dict(file)
+        note = json.loads(str(content.pop(_NOTE)))
         options = {key: tuple(value) if isinstance(value, list) else value
                    for key, value in note["options"].items()}  # fmt: skip
-        vertices, indices = held.pop("vertices"), held.pop("indices")
-        return Kept(note["name"], held, vertices, indices, options, note["provenance"])
+        vertices, indices = content.pop("vertices"), content.pop("indices")
+        return CacheFile(note["name"], content, vertices, indices, options, note["provenance"])
     except Exception as error:  # NumPy raises whatever its zip and its pickle do
         raise ArtifactError(
             f"{path}: damaged, or no file that the workflow wrote for Newton ({error})"
         ) from error
 
 
-def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> Kept:
+def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> CacheFile:
     """Put the distances of such a file into a folder, as ``build_sdf`` looks for them.
 
     Parameters
@@ -120,7 +120,7 @@ def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> Kept:
 
     Returns
     -------
-    Kept
+    CacheFile
         With ``vertices``, ``indices`` and ``options`` of the mesh to build.
 
     Raises
@@ -128,6 +128,6 @@ def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> Kept:
     ArtifactError
         It cannot be read, or is another one.
     """
-    kept = read(path)
-    put(Path(folder), kept.name, kept.held)
-    return kept
+    cache = read(path)
+    put(Path(folder), cache.name, cache.content)
+    return cache

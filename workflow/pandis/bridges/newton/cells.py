@@ -89,9 +89,9 @@ class Blocks(NamedTuple):
         whole = CELLS * places[:, None, None, None, :] + local
         size = CELLS * grid.blocks + 1
         keys = np.ravel_multi_index(tuple(np.moveaxis(whole, -1, 0)), size)
-        kept, index = np.unique(keys, return_inverse=True)
+        unique, index = np.unique(keys, return_inverse=True)
         return cls(
-            places, np.stack(np.unravel_index(kept, size), axis=-1), index.reshape(keys.shape)
+            places, np.stack(np.unravel_index(unique, size), axis=-1), index.reshape(keys.shape)
         )
 
     def corners(self):
@@ -133,11 +133,11 @@ def build(distance, grid, band, fitted, progress):
     blocks = Blocks.of(_lattice(grid.blocks)[near], grid)
     values = _ask(distance, grid.at(blocks.nodes), progress)
     bent = _bent(coarse, blocks, values) >= FLAT * np.linalg.norm(grid.blocks * CELLS * grid.cell)
-    flat, kept = blocks.places[~bent], Blocks.of(blocks.places[bent], grid)
-    values = values[np.isin(_keys(blocks.nodes, grid), _keys(kept.nodes, grid))]
-    if fitted and len(kept.places):
-        values = fit(distance, grid, kept, values, progress)
-    return coarse, kept, values, flat
+    flat, bent_blocks = blocks.places[~bent], Blocks.of(blocks.places[bent], grid)
+    values = values[np.isin(_keys(blocks.nodes, grid), _keys(bent_blocks.nodes, grid))]
+    if fitted and len(bent_blocks.places):
+        values = fit(distance, grid, bent_blocks, values, progress)
+    return coarse, bent_blocks, values, flat
 
 
 def fit(distance, grid, blocks, values, progress):
@@ -164,9 +164,9 @@ def fit(distance, grid, blocks, values, progress):
     for start in range(0, len(corners), step):
         part = slice(start, start + step)
         points = grid.at((first[part, None] + spots).reshape(-1, 3))
-        wanted = distance(points).reshape(-1, len(spots))
-        off[part] = wanted - values[corners[part]] @ weights.T
-        counts[part] = share * np.where(wanted < 0, 1, _OUTSIDE)
+        targets = distance(points).reshape(-1, len(spots))
+        off[part] = targets - values[corners[part]] @ weights.T
+        counts[part] = share * np.where(targets < 0, 1, _OUTSIDE)
         progress(min(start + step, len(corners)), len(corners))
     change, weight = np.zeros(count), counts
     for _ in range(_REWEIGHTED):
@@ -183,9 +183,9 @@ def _least_squares(corners, weights, weight, left, gathered):
 
     By conjugate gradients, each node divided by its own share of the equations.
     """
-    own = np.maximum(gathered(weight @ weights**2), np.finfo(np.float32).tiny)
+    diagonal = np.maximum(gathered(weight @ weights**2), np.finfo(np.float32).tiny)
     rest = gathered((weight * left) @ weights)
-    scaled = rest / own
+    scaled = rest / diagonal
     change, way, size = np.zeros(len(rest)), scaled, rest @ scaled
     enough = _ENOUGH**2 * size
     for _ in range(_ROUNDS):
@@ -195,7 +195,7 @@ def _least_squares(corners, weights, weight, left, gathered):
         step = size / (way @ pushed)
         change += step * way
         rest = rest - step * pushed
-        scaled = rest / own
+        scaled = rest / diagonal
         before, size = size, rest @ scaled
         way = scaled + size / before * way
     return change
@@ -223,5 +223,7 @@ def _bent(coarse, blocks, values):
     along = np.stack([1 - share, share])
     x, y, z = blocks.places.T
     corner = np.stack([coarse[x + i, y + j, z + k] for i, j, k in _CORNERS], axis=-1)
-    said = np.einsum("bijk,ix,jy,kz->bxyz", corner.reshape(-1, 2, 2, 2), along, along, along)
-    return np.abs(values[blocks.index] - said).max(axis=(1, 2, 3), initial=0)
+    interpolated = np.einsum(
+        "bijk,ix,jy,kz->bxyz", corner.reshape(-1, 2, 2, 2), along, along, along
+    )
+    return np.abs(values[blocks.index] - interpolated).max(axis=(1, 2, 3), initial=0)

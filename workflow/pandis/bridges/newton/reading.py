@@ -5,20 +5,20 @@ import numpy as np
 from pandis.bridges.newton.cells import LINEAR
 
 
-def sample(held, points):
+def sample(content, points):
     """Return distances (n,) and gradients (n, 3) at points (n, 3), metres.
 
     Parameters
     ----------
-    held : mapping
+    content : mapping
         Of a file: ``numpy.load(path)``.
     """
-    low, cell, size = held["min_extents"], held["cell_size"], int(held["subgrid_size"])
-    dims, slots = np.array(held["coarse_dims"]), held["subgrid_start_slots"]
-    most = {1: 255.0, 2: 65535.0, 4: 1.0}[int(held["quantization_mode"])]
+    low, cell, size = content["min_extents"], content["cell_size"], int(content["subgrid_size"])
+    dims, slots = np.array(content["coarse_dims"]), content["subgrid_start_slots"]
+    most = {1: 255.0, 2: 65535.0, 4: 1.0}[int(content["quantization_mode"])]
     scale, offset = (
-        float(held["subgrids_sdf_value_range"]) / most,
-        float(held["subgrids_min_sdf_value"]),
+        float(content["subgrids_sdf_value_range"]) / most,
+        float(content["subgrids_min_sdf_value"]),
     )
     inside = np.clip(points, low, low + dims * size * cell)
     at = (inside - low) / cell
@@ -34,8 +34,8 @@ def sample(held, points):
     corners = np.empty((len(points), 2, 2, 2))
     for x, y, z in np.ndindex(2, 2, 2):
         i, j, k = (first + (x, y, z)).T
-        corners[fine, x, y, z] = offset + scale * held["subgrid_data"][k[fine], j[fine], i[fine]]
-        corners[~fine, x, y, z] = held["coarse_sdf"][k[~fine], j[~fine], i[~fine]]
+        corners[fine, x, y, z] = offset + scale * content["subgrid_data"][k[fine], j[fine], i[fine]]
+        corners[~fine, x, y, z] = content["coarse_sdf"][k[~fine], j[~fine], i[~fine]]
     a = np.stack([1 - share, share], axis=1)
     slope = np.array([-1.0, 1.0])
     distance = np.einsum("nijk,ni,nj,nk->n", corners, a[:, :, 0], a[:, :, 1], a[:, :, 2])

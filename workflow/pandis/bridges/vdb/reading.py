@@ -122,9 +122,16 @@ def _grid(reader):
     if end != reader.at:
         raise ValueError("its grids end elsewhere")
     shape = (-1, SIDE, SIDE, SIDE)
-    read = np.concatenate(origins), values.reshape(shape), active.reshape(shape)
     middles, outside = (np.concatenate(parts) for parts in zip(*tiles, strict=True))
-    return name, Grid(*read, middles, outside, voxel, background)
+    return name, Grid(
+        np.concatenate(origins),
+        values.reshape(shape),
+        active.reshape(shape),
+        middles,
+        outside,
+        voxel,
+        background,
+    )
 
 
 def _children(reader, place, side, length, tiles):

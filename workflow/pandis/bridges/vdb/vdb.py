@@ -36,8 +36,11 @@ def vdb_bytes(volumes):
     for name, (topology, buffers) in grids.items():
         data += _text(name) + _text("Tree_float_5_4_3") + _text("")
         start = len(data) + 24
-        places = start, start + len(topology), start + len(topology) + len(buffers)
-        data += struct.pack("<3q", *places) + topology + buffers
+        data += (
+            struct.pack("<3q", start, start + len(topology), start + len(topology) + len(buffers))
+            + topology
+            + buffers
+        )
     return data
 
 
@@ -75,9 +78,9 @@ def _topology(origins, active, leaves):
         inner = np.unique(np.floor_divide(origins[here], INNER[1]) * INNER[1], axis=0)
         parts.append(_node(place, inner, OUTER[0], INNER[1], leaves))
         for below in inner:
-            own = (np.floor_divide(origins, INNER[1]) * INNER[1] == below).all(axis=1)
-            parts.append(_node(below, origins[own], INNER[0], SIDE, leaves))
-            parts += [_bits(mask) for mask in active[own]]
+            inside = (np.floor_divide(origins, INNER[1]) * INNER[1] == below).all(axis=1)
+            parts.append(_node(below, origins[inside], INNER[0], SIDE, leaves))
+            parts += [_bits(mask) for mask in active[inside]]
     return b"".join(parts)
 
 
@@ -111,5 +114,5 @@ def _entries(about):
 
 def _transform(voxel):
     """Return the map of voxels to places: a scale, with what OpenVDB keeps of it."""
-    kept = voxel, voxel, 1 / voxel, 1 / voxel**2, 0.5 / voxel
-    return _text("UniformScaleMap") + b"".join(struct.pack("<3d", *[value] * 3) for value in kept)
+    steps = voxel, voxel, 1 / voxel, 1 / voxel**2, 0.5 / voxel
+    return _text("UniformScaleMap") + b"".join(struct.pack("<3d", *[value] * 3) for value in steps)

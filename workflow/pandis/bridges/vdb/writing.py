@@ -56,26 +56,26 @@ def write_volume(
     for what, value in (("voxel", voxel), ("band", band), ("length", length)):
         if not (np.isfinite(value) and value > 0):
             raise PandisError(f"{what}: {value} is no positive number")
-    held = leaves(field, float(voxel), float(band), float(length), whole=path.suffix == ".nvdb")
+    volume = leaves(field, float(voxel), float(band), float(length), whole=path.suffix == ".nvdb")
     if path.suffix == ".vdb":
-        path.write_bytes(vdb_bytes({name: held}))
+        path.write_bytes(vdb_bytes({name: volume}))
     else:
-        _write_nvdb(held, path)
+        _write_nvdb(volume, path)
 
 
-def _write_nvdb(held, path):
+def _write_nvdb(tree, path):
     """Write a volume as Warp has it; what is in no block is outside to it."""
     try:
         import warp as wp
     except ImportError as error:
         raise PandisError('a .nvdb needs Warp: pip install "warp-lang>=1.19"') from error
     with wp.ScopedDevice("cpu"):
-        values = wp.array(held.values.reshape(-1), dtype=float)
-        origins = wp.array(held.origins.astype(np.int32), dtype=wp.vec3i)
+        values = wp.array(tree.values.reshape(-1), dtype=float)
+        origins = wp.array(tree.origins.astype(np.int32), dtype=wp.vec3i)
         volume = wp.Volume.allocate_by_tiles(
-            origins, voxel_size=held.voxel, bg_value=held.background
+            origins, voxel_size=tree.voxel, bg_value=tree.background
         )
-        wp.launch(_fill(), len(held.origins) * SIDE**3, [volume.id, origins, values])
+        wp.launch(_fill(), len(tree.origins) * SIDE**3, [volume.id, origins, values])
         volume.save_to_nvdb(str(path))
 
 

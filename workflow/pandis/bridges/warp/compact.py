@@ -15,7 +15,7 @@ from pandis.bridges.warp.nearest import (
     nearest_face,
     word_at,
 )
-from pandis.bridges.warp.splines import BOUND, INVALID, ONE, TINY, ZERO, told
+from pandis.bridges.warp.splines import BOUND, INVALID, ONE, TINY, ZERO, in_mesh_units
 from pandis.engine.cuda.feet import Foot, inner_foot, rim_foot
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -152,7 +152,7 @@ def compact_answer(field: Field, point: wp.vec3d) -> Answer:
     p = (u * nearer + half) / field.step
     face = nearest_face(field, p)
     if face == NONE:
-        return told(field, wp.float64(wp.nan), half, INVALID)
+        return in_mesh_units(field, wp.float64(wp.nan), half, INVALID)
     b, place = block_of(field, face >> 6), face & 63
     c0, c1 = corner_at(field, b, place, 0), corner_at(field, b, place, 1)
     c2 = corner_at(field, b, place, 2)
@@ -186,4 +186,4 @@ def compact_answer(field: Field, point: wp.vec3d) -> Answer:
         n = sign * (foot.offset / distance)
     if most > ONE:
         flag = BOUND
-    return told(field, sign * distance * size, n, flag)
+    return in_mesh_units(field, sign * distance * size, n, flag)

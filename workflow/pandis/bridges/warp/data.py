@@ -86,8 +86,8 @@ def upload(contents, device):
     fill = {SPLINE: _spline, COMPACT: _compact, NETWORK: _network}
 
     def there(name, kind, shape=None):
-        held = np.frombuffer(contents.sections[name], np.dtype(kind).newbyteorder("<"))
-        return to_device(held if shape is None else held.reshape(shape), kind)
+        section = np.frombuffer(contents.sections[name], np.dtype(kind).newbyteorder("<"))
+        return to_device(section if shape is None else section.reshape(shape), kind)
 
     def to_device(values, kind):
         return wp.array(np.ascontiguousarray(values, kind), device=device)
@@ -103,20 +103,20 @@ def upload(contents, device):
 
 
 def _lattice(size, low):
-    made = Lattice()
-    made.size, made.low, made.per_step = size, low, (size - 1) / (-2 * low)
-    return made
+    lattice = Lattice()
+    lattice.size, lattice.low, lattice.per_step = size, low, (size - 1) / (-2 * low)
+    return lattice
 
 
 def _spline(field, contents, there, _):
     wholes, reals = contents.wholes, contents.reals
     for level, (name, letter) in enumerate((("coarse", "B"), ("fine", "F"))):
-        made = _lattice(wholes[level], reals[level])
-        made.bricks = wholes[2 + level]
-        made.brick = there(f"{letter}BRK", np.uint16)
-        made.mask = there(f"{letter}MSK", np.uint64)
-        made.base = there(f"{letter}BAS", np.uint32)
-        setattr(field, name, made)
+        lattice = _lattice(wholes[level], reals[level])
+        lattice.bricks = wholes[2 + level]
+        lattice.brick = there(f"{letter}BRK", np.uint16)
+        lattice.mask = there(f"{letter}MSK", np.uint64)
+        lattice.base = there(f"{letter}BAS", np.uint32)
+        setattr(field, name, lattice)
     field.far = _lattice(wholes[8], reals[2])
     for level, each in enumerate((field.coarse, field.fine, field.far)):
         each.offset, each.scale = reals[3 + level], reals[6 + level]
@@ -128,10 +128,10 @@ def _spline(field, contents, there, _):
 def _compact(field, contents, there, to_device):
     field.step, field.reach = 2 * HALF / ((1 << contents.wholes[0]) - 1), contents.reals[0]
     field.branches, field.blocks = there("BRCH", np.uint64), there("BLCK", np.uint64)
-    held = np.frombuffer(contents.sections["PACK"], np.uint8)
+    section = np.frombuffer(contents.sections["PACK"], np.uint8)
     # a word may begin in any byte, and reads the next eight
-    whole = np.zeros(-(-len(held) // 8) + 1, np.uint64)
-    whole.view(np.uint8)[: len(held)] = held
+    whole = np.zeros(-(-len(section) // 8) + 1, np.uint64)
+    whole.view(np.uint8)[: len(section)] = section
     field.packed = to_device(whole, np.uint64)
 
 

@@ -102,15 +102,15 @@ def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_w
         _without_texts(model, {each.number for each in by_geom.values()}), **options
     )
     geoms = np.nonzero(model.geom_plugin >= 0)[0].tolist()
-    rows, kept = put.plugin_attr.numpy().copy(), []
+    rows, arrays = put.plugin_attr.numpy().copy(), []
     for row, geom in zip(rows, geoms, strict=True):
         if geom in fields:
             field = fields[geom]
-            held = wp.array([field.data], dtype=Field, device=put.plugin_attr.device)
-            kept += [field, held]
-            row[:] = _numbers(by_geom[geom], field.answer, held.ptr)
+            data = wp.array([field.data], dtype=Field, device=put.plugin_attr.device)
+            arrays += [field, data]
+            row[:] = _numbers(by_geom[geom], field.answer, data.ptr)
     put.plugin_attr = wp.array(rows, dtype=vec_pluginattr, device=put.plugin_attr.device)
-    put.pandis_fields = kept  # their memory is asked as long as the model is
+    put.pandis_fields = arrays  # their memory is asked as long as the model is
     return put
 
 

@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from pandis.bridges.warp.data import Answer, Field
-from pandis.bridges.warp.splines import BOUND, ZERO, dense_sum, into_box, off_edge, told
+from pandis.bridges.warp.splines import BOUND, ZERO, dense_sum, in_mesh_units, into_box, off_edge
 
 wp.set_module_options({"enable_backward": False})
 
@@ -28,7 +28,7 @@ def corrected(
     flag = int(0)
     if outside > ZERO:
         flag = BOUND
-    return told(field, d, g, flag)
+    return in_mesh_units(field, d, g, flag)
 
 
 @wp.func

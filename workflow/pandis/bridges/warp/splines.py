@@ -22,7 +22,7 @@ ZERO, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 class Sum:
     """A value with its gradient; ``kept`` is 0 where the lattice knows none."""
 
-    kept: wp.int32
+    covered: wp.int32
     value: wp.float64
     gradient: wp.vec3d
 
@@ -89,8 +89,8 @@ def block_at(lattice: Lattice, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.int3
 
 
 @wp.func
-def restored(lattice: Lattice, held: wp.float64) -> wp.float64:
-    return wp.float64(wp.float32(lattice.offset + lattice.scale * held))
+def restored(lattice: Lattice, stored: wp.float64) -> wp.float64:
+    return wp.float64(wp.float32(lattice.offset + lattice.scale * stored))
 
 
 @wp.func
@@ -100,7 +100,7 @@ def lattice_sum(lattice: Lattice, values: Any, p: wp.vec3d, whole: wp.int32) -> 
     x, y, z = along(lattice, p[0]), along(lattice, p[1]), along(lattice, p[2])
     if x.within + y.within + z.within < 3:
         return total
-    total.kept = 1
+    total.covered = 1
     # loops over constants are unrolled, and what lies in vectors stays in registers
     for i in range(4):
         for j in range(4):
@@ -127,7 +127,7 @@ def dense_sum(lattice: Lattice, values: Any, p: wp.vec3d) -> Sum:
     x, y, z = along(lattice, p[0]), along(lattice, p[1]), along(lattice, p[2])
     if x.within + y.within + z.within < 3:
         return total
-    total.kept = 1
+    total.covered = 1
     for i in range(4):
         for j in range(4):
             row = ((x.first + i) * lattice.size + y.first + j) * lattice.size + z.first
@@ -142,7 +142,7 @@ def dense_sum(lattice: Lattice, values: Any, p: wp.vec3d) -> Sum:
 def both(field: Field, p: wp.vec3d) -> Sum:
     """Return the sum of both lattices; not kept where the coarse one is not."""
     total = lattice_sum(field.coarse, field.coarse_values, p, 1)
-    if total.kept == 1:
+    if total.covered == 1:
         more = lattice_sum(field.fine, field.fine_values, p, 0)
         total.value += more.value
         total.gradient += more.gradient
@@ -160,7 +160,7 @@ def sharpened(field: Field, p: wp.vec3d, total: Sum) -> Sum:
     lift = lift * missing * missing * (wp.float64(3.0) - wp.float64(2.0) * missing)
     above = both(field, p + lift * g)
     slope, length = wp.length(g), wp.length(above.gradient)
-    if above.kept == 0 or not (slope > TINY and length > TINY):
+    if above.covered == 0 or not (slope > TINY and length > TINY):
         return total
     normal = above.gradient / length
     total.value = above.value - lift * wp.dot(g, normal)
@@ -200,7 +200,7 @@ def off_edge(p: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def told(field: Field, d: wp.float64, direction: wp.vec3d, flag: wp.int32) -> Answer:
+def in_mesh_units(field: Field, d: wp.float64, direction: wp.vec3d, flag: wp.int32) -> Answer:
     """Return an answer in mesh units, its normal of unit length."""
     answer = Answer()
     length = wp.length(direction)
@@ -221,8 +221,8 @@ def spline_answer(field: Field, point: wp.vec3d) -> Answer:
     p = off_edge(box)
     if outside == ZERO:
         total = both(field, p)
-        if total.kept == 1:
+        if total.covered == 1:
             total = sharpened(field, p, total)
-            return told(field, total.value, total.gradient, 0)
+            return in_mesh_units(field, total.value, total.gradient, 0)
     total = beyond(field, p, outside)
-    return told(field, total.value, total.gradient, BOUND)
+    return in_mesh_units(field, total.value, total.gradient, BOUND)

@@ -83,15 +83,15 @@ def with_proxies(fields, log):
     PandisError
         None has one.
     """
-    found = []
+    touchable = []
     for field in fields:
         if why := no_proxy(field):
             log(f"{field.path.stem}: not on the page: {why}")
         else:
-            found.append(field)
-    if not found:
+            touchable.append(field)
+    if not touchable:
         raise PandisError("none of these fields has a proxy: name another one in fields")
-    return found
+    return touchable
 
 
 def script(name):

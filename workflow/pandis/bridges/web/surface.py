@@ -41,15 +41,15 @@ def _values(field):
     distance = _distance(field, grid.reshape(-1, 3)).reshape(grid.shape[:3])
     # a distance changes by no more than one moves; networks and splines are a little steeper
     near = np.abs(distance) < 1.25 * (0.5 * BLOCK + 1) * step * np.sqrt(3)
-    asked = np.zeros(values.shape, bool)
+    known = np.zeros(values.shape, bool)
     for i, j, k in np.ndindex(distance.shape):
         block = tuple(slice(BLOCK * n, BLOCK * n + BLOCK + 1) for n in (i, j, k))
         if near[i, j, k]:
-            asked[block] = True
+            known[block] = True
         else:
             values[block] = distance[i, j, k]
-    where = np.argwhere(asked)
-    values[asked] = _distance(field, at[where])
+    where = np.argwhere(known)
+    values[known] = _distance(field, at[where])
     return values
 
 

@@ -213,8 +213,9 @@ class Bvh:
         """
         points = np.ascontiguousarray(points, np.float64)
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))
-        columns = distance.ctypes.data, normal.ctypes.data
-        if not self._library.bvh_scan(self._tree, points.ctypes.data, len(points), *columns):
+        if not self._library.bvh_scan(
+            self._tree, points.ctypes.data, len(points), distance.ctypes.data, normal.ctypes.data
+        ):
             raise PandisError("not enough memory for all faces at once")
         return distance, normal
 

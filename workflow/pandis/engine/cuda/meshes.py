@@ -277,11 +277,11 @@ class MeshLabels:
         Up to the distance ``on_surface`` the direction is the pseudonormal.
         """
         with self._lock, wp.ScopedStream(self._stream):
-            asked = self._there(np.asarray(points, np.float64), wp.vec3d)
-            distances = wp.empty(len(asked), dtype=wp.float64, device=self.device)
-            normals = wp.empty(len(asked), dtype=wp.vec3d, device=self.device)
-            given = [self._tree, asked, wp.float64(on_surface)]
-            wp.launch(label, len(asked), given, [distances, normals], device=self.device)
+            queries = self._there(np.asarray(points, np.float64), wp.vec3d)
+            distances = wp.empty(len(queries), dtype=wp.float64, device=self.device)
+            normals = wp.empty(len(queries), dtype=wp.vec3d, device=self.device)
+            arguments = [self._tree, queries, wp.float64(on_surface)]
+            wp.launch(label, len(queries), arguments, [distances, normals], device=self.device)
             return distances.numpy(), normals.numpy()
 
 

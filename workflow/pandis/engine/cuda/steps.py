@@ -98,5 +98,5 @@ def launch(kernel, shape, *arguments):
         import torch
 
         stream = wp.stream_from_torch(torch.cuda.current_stream(first.device))
-    given = [wp.from_torch(v) if hasattr(v, "data_ptr") else v for v in arguments]
-    wp.launch(kernel, shape, given, device=device, stream=stream)
+    inputs = [wp.from_torch(v) if hasattr(v, "data_ptr") else v for v in arguments]
+    wp.launch(kernel, shape, inputs, device=device, stream=stream)

@@ -121,13 +121,13 @@ class SparseSpline:
 
     def __init__(self, lattice, masks, coefficients):
         self.lattice = lattice
-        kept = masks.reshape(-1)
-        occupied = np.flatnonzero(kept)
+        blocks = masks.reshape(-1)
+        occupied = np.flatnonzero(blocks)
         if len(occupied) >= _NO_BRICK:
             raise ValueError(f"{len(occupied):,} bricks are too many")
-        self._brick = np.full(len(kept), _NO_BRICK, np.uint16)
+        self._brick = np.full(len(blocks), _NO_BRICK, np.uint16)
         self._brick[occupied] = np.arange(len(occupied))
-        self._mask = np.ascontiguousarray(kept[occupied], np.uint64)
+        self._mask = np.ascontiguousarray(blocks[occupied], np.uint64)
         counts = np.bitwise_count(self._mask).astype(np.int64)
         if counts.sum() != len(coefficients):
             raise ValueError("as many blocks of coefficients as bits are needed")
@@ -161,17 +161,17 @@ class SparseSpline:
         ndarray, shape (n,), uint8
             0 where no coefficient is kept, 1 where some are, 2 where all 64 are.
         """
-        kept = np.empty(len(points), np.uint8)
+        covered = np.empty(len(points), np.uint8)
 
         def part(low, high):
             self._library.spline_evaluate(
                 ctypes.byref(self._layout), self._coefficients.ctypes.data, self._blank,
                 points[low:].ctypes.data, high - low, value[low:].ctypes.data,
-                gradient[low:].ctypes.data, kept[low:].ctypes.data,
+                gradient[low:].ctypes.data, covered[low:].ctypes.data,
             )  # fmt: skip
 
         in_threads(part, len(points))
-        return kept
+        return covered
 
 
 def pack(blocks):

@@ -38,8 +38,8 @@ def write_partial(plan):
     """
     checker, good, refused = Checker(plan), [], dict(plan.refused)
     for mesh in plan.meshes:
-        wanted = [Path(path) for path in plan.report_artifacts(mesh)]
-        faults = [checker.fault(o) for o in plan.outputs(mesh) if Path(o.path) in wanted]
+        paths = [Path(path) for path in plan.report_artifacts(mesh)]
+        faults = [checker.fault(o) for o in plan.outputs(mesh) if Path(o.path) in paths]
         if any(faults):
             refused[mesh] = (
                 last_words(plan, mesh) or f"its results are not whole: {next(filter(None, faults))}"
@@ -95,18 +95,18 @@ def last_words(plan, mesh):
     )
     for path in reversed(logs):
         text = path.read_text(encoding="utf-8", errors="replace")
-        _, mark, said = text.rpartition("] error: ")
+        _, mark, words = text.rpartition("] error: ")
         if mark:
-            return said.strip()
+            return words.strip()
     return ""
 
 
 def main():
     """Read what was planned from stdin, and write what can be written."""
-    given = json.loads(sys.stdin.read())
+    plan_facts = json.loads(sys.stdin.read())
     try:
-        plan = Plan(given["config"], given["root"], given["files"])
-        if was_stopped(plan, given["since"]):
+        plan = Plan(plan_facts["config"], plan_facts["root"], plan_facts["files"])
+        if was_stopped(plan, plan_facts["since"]):
             return 1
         refused = write_partial(plan)
     except PandisError as error:

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 
 from pandis.base.errors import PandisError
-from pandis.bridges.newton.kept import read as read_kept
+from pandis.bridges.newton.cache import read as read_kept
 from pandis.pipeline.export.vti import read_note
 from pandis.pipeline.kinds.session import read_export, read_program_metadata
 from pandis.pipeline.report.seal import SEALED, read_seal
@@ -87,8 +87,8 @@ def asked_for(plan):
     if any(Path(path).exists() for path in last) or not stages:
         return outputs, []
     stages.add("refuse")
-    asked = [output for output in outputs if output.stage in stages]
-    return asked, [output for output in outputs if output.stage not in stages]
+    due = [output for output in outputs if output.stage in stages]
+    return due, [output for output in outputs if output.stage not in stages]
 
 
 def left_over(plan):
@@ -107,24 +107,26 @@ def remedy(plan, faults):
     A file that is lost or damaged is made again alone: if its bytes come out the same, as all do
     except durations, nothing that was made from it runs again.
     """
-    given = f"-j2{_configfiles(plan)}"
+    common = f"-j2{_configfiles(plan)}"
     stale = [output for output, fault in faults if fault.startswith(_STALE)]
     # what waits for an input that is lost is whole again with that
     apart = (*_STALE, _WAITS)
     lost = [output for output, fault in faults if not fault.startswith(apart)]
-    said = []
+    commands = []
     outputs = [output.path for output in lost if output.stage != "refuse"]
     if outputs:
-        said.append(
+        commands.append(
             f"To restore what is lost or damaged, without making again what follows from it: "
-            f"snakemake {given} -f {' '.join(outputs)} && snakemake {given} -- all"
+            f"snakemake {common} -f {' '.join(outputs)} && snakemake {common} -- all"
         )
     if stale:
         paths = " ".join(output.path for output in stale)
-        said.append(f"To mend what is stale: snakemake {given} -R {paths} -- all")
+        commands.append(f"To mend what is stale: snakemake {common} -R {paths} -- all")
     if any(output.stage == "refuse" for output in lost):
-        said.append("Meshes that are refused must be repaired, or removed from the configuration.")
-    return "\n".join(said)
+        commands.append(
+            "Meshes that are refused must be repaired, or removed from the configuration."
+        )
+    return "\n".join(commands)
 
 
 #: How what is wrong begins where a result is whole, but not of this configuration and code.
@@ -151,8 +153,8 @@ class Checker:
         if not path.is_file():
             return "missing"
         if output.stage == "fetch":
-            wanted = self.plan.entries[output.wildcards["mesh"]].sha256.lower()
-            return None if file_digest(path) == wanted else "damaged: its sha256 is another"
+            expected = self.plan.entries[output.wildcards["mesh"]].sha256.lower()
+            return None if file_digest(path) == expected else "damaged: its sha256 is another"
         try:
             stored = self._provenance(path)
         except PandisError as error:
@@ -217,10 +219,10 @@ class Checker:
     def _collection(self, path):
         """Return what is wrong with collection.csv: the page beside it vouches for it."""
         try:
-            wanted = read_seal(path.with_suffix(".html")).get("table")
+            expected = read_seal(path.with_suffix(".html")).get("table")
         except (PandisError, OSError):
             return "its input, the page beside it, is missing or damaged"
-        return None if file_digest(path) == wanted else "differs from the page beside it"
+        return None if file_digest(path) == expected else "differs from the page beside it"
 
     def _companion(self, path):
         """Return what is wrong with a file for people: it repeats its artifact's attributes."""
@@ -233,8 +235,8 @@ class Checker:
         except (PandisError, ValueError, KeyError):
             return "damaged, or without its artifact"
         companion.pop("mesh", None)
-        wanted = {key: value for key, value in attributes.items() if key != "header"}
-        return None if companion == wanted else "differs from its artifact"
+        expected = {key: value for key, value in attributes.items() if key != "header"}
+        return None if companion == expected else "differs from its artifact"
 
     def _provenance(self, path):
         """Return an output's provenance; None for a plain companion file."""
@@ -281,9 +283,9 @@ def _differences(one, other):
     """Return the names of the options in which two sets differ, `recipe.steps` within a recipe."""
     names = []
     for key in sorted(set(one) | set(other)):
-        values = one.get(key), other.get(key)
-        if all(isinstance(value, dict) for value in values):
-            names += [f"{key}.{name}" for name in _differences(*values)]
-        elif values[0] != values[1]:
+        before, after = one.get(key), other.get(key)
+        if isinstance(before, dict) and isinstance(after, dict):
+            names += [f"{key}.{name}" for name in _differences(before, after)]
+        elif before != after:
             names.append(key)
     return names

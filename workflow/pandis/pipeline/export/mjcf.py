@@ -65,12 +65,12 @@ def _differences(text, placed, size):
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # where MuJoCo writes what it warns of
         try:
-            return max(_off(name, *asked, size) for name, *asked in _asked(text, placed))
+            return max(_off(name, *query, size) for name, *query in _queries(text, placed))
         finally:
             os.chdir(here)
 
 
-def _asked(text, placed):
+def _queries(text, placed):
     """Yield the name of each field, where it is placed, its geom, and what asks MuJoCo for it."""
     import mujoco
 
@@ -86,11 +86,11 @@ def _off(name, each, geom, ask, size):
     """Return the largest difference of a field's distances, as a share of the size."""
     rng = np.random.default_rng(0)
     points = each.field.frame.to_mesh(rng.uniform(-_REACH, _REACH, (_POINTS, 3)))
-    wanted = each.field.query(points)
+    expected = each.field.query(points)
     distance, gradient = ask((each.scale * points - geom.origin) @ geom.turn)
     # a last bit of a point may change which of two faces is nearest: not of nearly all
-    turned = np.abs(gradient @ geom.turn.T - wanted.normal).max(axis=1)
-    off = float(np.abs(distance - each.scale * wanted.distance).max() / size)
+    turned = np.abs(gradient @ geom.turn.T - expected.normal).max(axis=1)
+    off = float(np.abs(distance - each.scale * expected.distance).max() / size)
     if not (off <= _CLOSE and np.percentile(turned, 99) <= 1e-4):  # NaN fails too
         raise PandisError(
             f"{name}: MuJoCo has other distances than the library, by {off:.3g} of the size: "

@@ -4,8 +4,8 @@ import numpy as np
 
 from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
+from pandis.bridges.newton.cache import keep
 from pandis.bridges.newton.cells import CELLS
-from pandis.bridges.newton.kept import keep
 from pandis.bridges.newton.reading import sample
 from pandis.pipeline.kinds.field import ExactField
 from pandis.pipeline.kinds.native import native_bytes
@@ -21,7 +21,7 @@ _MEAN = 0.05
 
 
 def export_newton(body, size, provenance, log, progress):
-    """Return a ``.npz`` file that `pandis.bridges.newton.kept.unpack` puts into Newton's cache.
+    """Return a ``.npz`` file that `pandis.bridges.newton.cache.unpack` puts into Newton's cache.
 
     Parameters
     ----------
@@ -50,22 +50,22 @@ def export_newton(body, size, provenance, log, progress):
     length = size * body.frame.scale / UNIT_SIDE
     reports = {}
 
-    def told(done, total):
+    def report(done, total):
         reports.setdefault(total, progress("cook", total)).update(done)
 
-    kept = keep(field, body.vertices, body.faces, length, options, provenance, told)
-    _compare(kept.held, field, length, size, log)
-    return seal_zip(kept.packed())
+    data = keep(field, body.vertices, body.faces, length, options, provenance, report)
+    _compare(data.content, field, length, size, log)
+    return seal_zip(data.packed())
 
 
-def _compare(held, field, length, size, log):
+def _compare(content, field, length, size, log):
     """Compare what Newton interpolates with the exact distance, wherever the grid reaches."""
     rng = np.random.default_rng(0)
-    points = rng.uniform(held["min_extents"], held["max_extents"], (_POINTS, 3))
+    points = rng.uniform(content["min_extents"], content["max_extents"], (_POINTS, 3))
     exact = field.query(points / length).distance * length
-    off, exact = np.abs(sample(held, points)[0] - exact), np.abs(exact)
+    off, exact = np.abs(sample(content, points)[0] - exact), np.abs(exact)
     # between nodes a distance changes no more than the way does; in the band nodes are fine
-    cell = float(np.linalg.norm(held["cell_size"]))
+    cell = float(np.linalg.norm(content["cell_size"]))
     band = exact < _BAND * size
     bound = np.where(band, cell, CELLS * cell)
     # edges and creases are off by a part of a cell, and they are few
@@ -76,7 +76,7 @@ def _compare(held, field, length, size, log):
         )
     near = exact < _NEAR * size
     log(
-        f"voxels of {1e3 * float(held['cell_size'].max()):.3g} mm: distances are off by "
+        f"voxels of {1e3 * float(content['cell_size'].max()):.3g} mm: distances are off by "
         f"{1e6 * float(off[near].mean()):.3g} µm in the mean, within {1e3 * _NEAR * size:.3g} mm "
         f"of the surface, and by {1e6 * float(off[near].max()):.3g} µm at most"
     )

@@ -31,18 +31,18 @@ def export_volumes(paths, log):
     """
     fields = with_distances([NativeField(path) for path in paths], log)
     low, high = fields[0].bounds
-    voxel, held = float((high - low).max()) / ALONG, {}
+    voxel, volumes = float((high - low).max()) / ALONG, {}
     for field in fields:
         try:
-            held[field.path.stem] = leaves(field, voxel, _BAND)
+            volumes[field.path.stem] = leaves(field, voxel, _BAND)
         except PandisError as error:
             log(f"{field.path.stem}: left out: {error}")
-    if not held:
+    if not volumes:
         raise PandisError(
             f"no field has anything inside at voxels of {voxel:.3g}: take vdb out of export.also, "
             "and write smaller voxels with `pandis volume --voxel`"
         )
-    data = vdb_bytes(held)
+    data = vdb_bytes(volumes)
     read = read_vdb(data)
     for field in fields:
         if grid := read.get(field.path.stem):
@@ -59,8 +59,8 @@ def _compare(field, grid):
     points = (grid.origins[:, None] + local.reshape(-1, 3)).reshape(-1, 3) * grid.voxel
     parts = [field.query(points[i : i + _CHUNK]).distance for i in range(0, len(points), _CHUNK)]
     distance = np.concatenate(parts).reshape(grid.values.shape)
-    wanted = np.clip(distance, -grid.background, grid.background).astype(np.float32)
-    if not np.array_equal(grid.values, wanted):
+    expected = np.clip(distance, -grid.background, grid.background).astype(np.float32)
+    if not np.array_equal(grid.values, expected):
         raise PandisError(
             f"{field.path.stem}: the volume holds other distances than the field: this is a defect "
             "of the export: please report it"
@@ -82,10 +82,10 @@ def _check_leaves(field, grid):
     low, high = field.bounds
     voxels = np.rint(rng.uniform(low, high, (_CHUNK, 3)) / grid.voxel).astype(int)
     near = np.abs(field.query(voxels * grid.voxel).distance) < grid.voxel
-    held = {tuple(origin) for origin in grid.origins.tolist()}
+    origins = {tuple(origin) for origin in grid.origins.tolist()}
     side = grid.active.shape[1]
     blocks = np.unique(np.floor_divide(voxels[near], side) * side, axis=0)
-    if not held.issuperset(map(tuple, blocks.tolist())):
+    if not origins.issuperset(map(tuple, blocks.tolist())):
         raise PandisError(
             f"{field.path.stem}: the volume lacks a part of the surface: this is a defect of the "
             "export: please report it"

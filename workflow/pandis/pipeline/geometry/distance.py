@@ -46,7 +46,7 @@ class MeshDistance:
         self.vertices = np.ascontiguousarray(vertices, np.float64)
         self.faces = np.ascontiguousarray(faces, np.int32)
         self._tree = Bvh(self.vertices, self.faces)
-        self._asked = 0
+        self._checked = 0
 
     def label(self, points: Points, ties=True, check=True):
         """Answer everything there is to know at points.
@@ -73,11 +73,11 @@ class MeshDistance:
 
     def _answer(self, points, tie, check, feet):
         labels = self._tree.label(points, SURFACE_DISTANCE, check, tie, feet)
-        self._asked += len(points)
-        allowed = max(1, MAX_OVERRULED * self._asked)
+        self._checked += len(points)
+        allowed = max(1, MAX_OVERRULED * self._checked)
         if self._tree.overruled > allowed:
             raise PandisError(
-                f"the signs of {self._tree.overruled:,} of {self._asked:,} points by the mesh's "
+                f"the signs of {self._tree.overruled:,} of {self._checked:,} points by the mesh's "
                 "pseudonormals contradict its winding number: it is not closed, or folds over "
                 "itself where the repair did not see it; let the repair rebuild it (mesh.rungs: "
                 "[remesh])"
@@ -174,8 +174,13 @@ class ShapeDistance:
                     _, beside = self.distance_and_normal(points + step)
                     tied |= np.einsum("ij,ij->i", normal, beside) < np.cos(TIE_ANGLE)
                 flags[tied] |= TIED
-        nowhere = np.full(len(points), -1, np.int32), np.full((len(points), 3), np.nan)
-        return Labels(distance, normal, *nowhere, flags)
+        return Labels(
+            distance,
+            normal,
+            np.full(len(points), -1, np.int32),
+            np.full((len(points), 3), np.nan),
+            flags,
+        )
 
     def distance_and_normal(self, points: Points, progress=None, check=True):
         """Answer as `MeshDistance.distance_and_normal` does."""

@@ -122,8 +122,8 @@ def _cut_over(triangles, faces, wider):
     inside, owner = triangles[within], np.flatnonzero(within)
     for place, way in planes:
         height = np.einsum("nk,njk->nj", way[owner], inside - place[owner, None]) + wider
-        inside, out, kept = _split(inside, height)
-        owner = owner[kept]
+        inside, out, active = _split(inside, height)
+        owner = owner[active]
         beside.append(out)
     return _Over(inside, _corners_apart(inside, faces[owner])), np.concatenate(beside)
 

@@ -12,7 +12,7 @@ import numpy as np
 from pandis.base.streams import generator
 from pandis.pipeline.geometry.measure import draw_contacts, promise
 from pandis.pipeline.geometry.sampling import HELD_OUT
-from pandis.pipeline.run.ask.budget import Limits, told, told_figures
+from pandis.pipeline.run.ask.budget import Limits, describe_figures, describe_force
 
 #: Points that a promise rests on.
 PROMISED = 2 * HELD_OUT
@@ -79,13 +79,13 @@ class Points:
         """Return the `pandis.pipeline.run.ask.budget.Limits` of a target."""
         return Limits.of(target, self.scale.newtons, self.mean_force)
 
-    def told(self, figures):
+    def describe(self, figures):
         """Say what was measured of a field, in millinewtons and percent first."""
-        return told_figures(figures, self.scale.newtons, self.mean_force)
+        return describe_figures(figures, self.scale.newtons, self.mean_force)
 
-    def told_limits(self, limits):
+    def describe_limits(self, limits):
         """Say what is asked for."""
-        mean = told(limits.mean, self.scale.newtons, self.mean_force)
+        mean = describe_force(limits.mean, self.scale.newtons, self.mean_force)
         tail = f"{1e3 * self.scale.newtons * limits.tail:.3g} mN at p99"
         return f"{mean} on average, {tail}, {100 * limits.missed:.2g} % of the surface missing"
 
@@ -105,10 +105,10 @@ class Points:
         if limits is not None:
             figures, _ = promise(force_at, self.choosing)
             if limits.excess(figures) > 1:
-                return Measured(figures, self.told(figures), limits.excess(figures))
+                return Measured(figures, self.describe(figures), limits.excess(figures))
         figures, upper = promise(force_at, self.promising)
         if limits is None:
             return Measured(figures, "", 0.0)
         excess = limits.excess(upper)
         close = "" if limits.excess(figures) > 1 else ", too close to what is asked to promise it"
-        return Measured(figures, self.told(figures) + close if excess > 1 else "", excess)
+        return Measured(figures, self.describe(figures) + close if excess > 1 else "", excess)

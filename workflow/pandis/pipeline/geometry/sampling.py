@@ -151,8 +151,8 @@ def blue_noise(surface, count, rng):
         gone = ~alive[pairs]
         crowding -= _sums(pairs, np.where(gone.any(axis=1), closeness, 0.0), len(points))
         crowding[~alive] = 0
-        kept = ~gone.any(axis=1)
-        pairs, closeness = pairs[kept], closeness[kept]
+        free = ~gone.any(axis=1)
+        pairs, closeness = pairs[free], closeness[free]
     return tuple(column[alive] for column in drawn)
 
 

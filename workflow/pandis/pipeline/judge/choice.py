@@ -62,13 +62,13 @@ class Chooser:
         PandisError
             Nothing meets the budget, or a control does.
         """
-        self.log(f"asked for: {self.points.told_limits(self.limits)}")
+        self.log(f"asked for: {self.points.describe_limits(self.limits)}")
         self._refuse_the_too_thin()
         self._try_controls()
         for name, kind in KINDS.items():
             field = kind_module(name, "choice").choose(self) if kind.chosen else None
             if field:
-                return field.arrays, field.attributes | self._told(field.choice), field.finish
+                return field.arrays, field.attributes | self._record(field.choice), field.finish
         raise PandisError(self._refusal())
 
     def _refuse_the_too_thin(self):
@@ -81,9 +81,9 @@ class Chooser:
                 f"device.size larger (it is {size:g} m), or name fields instead of `fields: auto`"
             )
 
-    def _told(self, choice):
+    def _record(self, choice):
         scale = self.points.scale
-        says = self.points.told(choice.held_out)
+        says = self.points.describe(choice.held_out)
         self.log(f"chosen: {choice.field}, {choice.bytes:,} bytes; it {says}")
         return ChoiceRecord(
             choice=choice,
@@ -100,7 +100,7 @@ class Chooser:
             name, measured = self._nearest
             nearest = f" The nearest is {name}, which {measured.why}."
         return (
-            f"no field meets the budget of {self.points.told_limits(self.limits)}.{nearest} "
+            f"no field meets the budget of {self.points.describe_limits(self.limits)}.{nearest} "
             f"Ask for less: a larger budget.force_error, budget.tail, budget.bytes or "
             f"budget.query_time. What was considered: {reasons}"
         )
@@ -152,7 +152,7 @@ class Chooser:
         if candidate is None:
             return None, None
         measured = self.points.measure(candidate.force, self.limits)
-        self.log(f"{maker.form} of size {size:,}: {self.points.told(measured.figures)}")
+        self.log(f"{maker.form} of size {size:,}: {self.points.describe(measured.figures)}")
         if not measured.why:
             measured = self.proved(candidate.field, measured)
         return measured, candidate
@@ -162,8 +162,8 @@ class Chooser:
     def proved(self, field, measured):
         """Export a field that meets the budget, and ask its file all that it must pass."""
         try:
-            asked = NativeOptions(weight_bits=self.options.weight_bits)
-            data = export_native(field, self.body, asked, {}, _silent)
+            native = NativeOptions(weight_bits=self.options.weight_bits)
+            data = export_native(field, self.body, native, {}, _silent)
         except PandisError as error:
             return measured._replace(why=f"meets the errors, but cannot be exported: {error}",
                                      excess=max(measured.excess, 1.0))  # fmt: skip
@@ -201,8 +201,8 @@ class Chooser:
 
     def say_least(self):
         """Say what grids and splines can reach, before anything is trained."""
-        said = "; ".join(f"{one.field}: {one.why}" for one in self.considered)
-        self.log(f"before a network is trained, what the other kinds can reach: {said}")
+        reasons = "; ".join(f"{one.field}: {one.why}" for one in self.considered)
+        self.log(f"before a network is trained, what the other kinds can reach: {reasons}")
 
     def choice(self, name, bytes_, measured, seconds):
         """Return what is said of a field that meets the budget."""

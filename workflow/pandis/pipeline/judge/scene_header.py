@@ -77,28 +77,28 @@ def _placed(prefix, files, placed):
 
 
 def _materials(name, placed):
-    rows = [_numbers(made.values()) for made in placed.materials.values()]
+    rows = [_numbers(material.values()) for material in placed.materials.values()]
     return _table("pandis_material", name, rows)
 
 
 def _textures(name, placed):
     """Return the constants of an object's texture, the last of which has this name."""
-    asked = list(placed.textures.values())
-    if not asked:
+    options = list(placed.textures.values())
+    if not options:
         return ""
-    made, single = texture_for(placed.textures, placed.scale), len(asked) == 1
+    texture, single = texture_for(placed.textures, placed.scale), len(options) == 1
     lines, entries = "", []
-    for i, each in enumerate(asked):
+    for i, each in enumerate(options):
         if each is None:
             entries.append("{NULL, NULL, 0, 0}")
             continue
-        own = made if single else made.parts[i]
+        part = texture if single else texture.parts[i]
         kind = "ridges" if each.kind == "waves" else "bumps"
-        height, length, *direction = own.numbers
+        height, length, *direction = part.numbers
         numbers = f"{height!r}, {length!r}" + (f", {_numbers(direction)}" if direction else "")
         lines += f"static const pandis_{kind} {name}_{kind}_{i} = {{{numbers}}};\n"
         entries.append(
-            f"{{pandis_{each.kind}, &{name}_{kind}_{i}, {own.most!r}, {own.steepest!r}}}"
+            f"{{pandis_{each.kind}, &{name}_{kind}_{i}, {part.most!r}, {part.steepest!r}}}"
         )
     if single:
         return f"{lines}static const pandis_texture {name} = {entries[0]};\n"
@@ -107,5 +107,5 @@ def _textures(name, placed):
         + _table("pandis_texture", f"{name}_parts", entries)
         + f"static const pandis_patches {name}_patches = {{{name}_parts, {len(entries)}}};\n"
         f"static const pandis_texture {name} = {{pandis_by_region, &{name}_patches, "
-        f"{made.most!r}, {made.steepest!r}}};\n"
+        f"{texture.most!r}, {texture.steepest!r}}};\n"
     )

@@ -58,13 +58,13 @@ def try_scene(name, files, options, progress, log):
         A force is not that of asking every object.
     """
     opened = {(path.parent.parent.name, path.stem): NativeField(path) for path in files}
-    objects = [_place(asked, opened[asked.mesh, asked.field]) for asked in options.objects]
+    objects = [_place(option, opened[option.mesh, option.field]) for option in options.objects]
     points = walk(objects, options)
     scene = NativeScene(objects)
     answer = scene.answer(points, timed=True)
     different = _compare(scene, points, answer.force, progress)
     touched = answer.force.any(axis=1)
-    beside = [opened.get((asked.mesh, asked.beside)) for asked in options.objects]
+    beside = [opened.get((option.mesh, option.beside)) for option in options.objects]
     described = list(map(_describe, options.objects, objects, beside))
     _check_names(options.objects, described, log)
     felt, proxies, no_proxies = _touch(objects, described, beside, points, options.radius)
@@ -72,8 +72,8 @@ def try_scene(name, files, options, progress, log):
         objects=described,
         ticks=len(points),
         speed=options.speed,
-        asked_mean=float(answer.asked.mean()),
-        asked_max=int(answer.asked.max()),
+        asked_mean=float(answer.queries.mean()),
+        asked_max=int(answer.queries.max()),
         touched_share=float(touched.mean()),
         different=int(different),
         median_us=float(np.median(answer.seconds) * 1e6),
@@ -90,7 +90,7 @@ def try_scene(name, files, options, progress, log):
         "points": points,
         "force": answer.force,
         "flag": answer.flag,
-        "asked": answer.asked.astype(np.int32),
+        "asked": answer.queries.astype(np.int32),
         "seconds": answer.seconds,
     } | felt
     text = json.dumps(record.attributes(), indent=2) + "\n"
@@ -98,30 +98,30 @@ def try_scene(name, files, options, progress, log):
     return arrays, record.attributes() | {"header": header}, text
 
 
-def _place(asked, field):
+def _place(option, field):
     """Return an object of the configuration with its field, metres and newtons."""
-    rotation = Rotation.from_rotvec(asked.rotation, degrees=True).as_matrix()
-    return Placed.at(field, asked.size, asked.stiffness, asked.position, rotation)
+    rotation = Rotation.from_rotvec(option.rotation, degrees=True).as_matrix()
+    return Placed.at(field, option.size, option.stiffness, option.position, rotation)
 
 
-def _describe(asked, placed, beside):
+def _describe(option, placed, beside):
     names = placed.field.region_names or (beside.region_names if beside else ())
     return PlacedRecord(
-        **dict(asked),
+        **dict(option),
         file=placed.field.path.as_posix(),
         beside_file=beside.path.as_posix() if beside else None,
         rotation_matrix=placed.rotation.tolist(),
         translation=placed.translation.tolist(),
         scale=placed.scale,
-        materials=materials_for(asked.contact, names),
-        textures=textures_for(asked.contact, names),
+        materials=materials_for(option.contact, names),
+        textures=textures_for(option.contact, names),
     )
 
 
 def _check_names(objects, described, log):
     """Tell of materials in the configuration that nothing in the scene is made of."""
     known = {name for placed in described for name in placed.materials} - {WHOLE}
-    unknown = {name for asked in objects for name in unknown_materials(asked.contact, known)}
+    unknown = {name for option in objects for name in unknown_materials(option.contact, known)}
     there = f"they name {', '.join(sorted(known))}" if known else "their files name no materials"
     for name in sorted(unknown):
         log(f"contact.materials.{name}: no object of the scene is made of it: {there}")
@@ -129,22 +129,24 @@ def _check_names(objects, described, log):
 
 def _touch(objects, described, beside, points, radius):
     """Go the same way through proxies; return arrays, a `TouchedRecord`, and why there is none."""
-    for asked, placed in zip(described, objects, strict=True):
-        if asked.contact.kind == "penalty":
-            return {}, None, f"{asked.name}: contact.kind asks for penalty forces"
+    for option, placed in zip(described, objects, strict=True):
+        if option.contact.kind == "penalty":
+            return {}, None, f"{option.name}: contact.kind asks for penalty forces"
         try:
             NativeContact(placed, radius)
         except PandisError as error:
-            return {}, None, f"{asked.name}: {error}"
-    materials = [[Material(**made) for made in asked.materials.values()] for asked in described]
-    textures = [texture_for(asked.textures, asked.scale) for asked in described]
+            return {}, None, f"{option.name}: {error}"
+    materials = [
+        [Material(**values) for values in option.materials.values()] for option in described
+    ]
+    textures = [texture_for(option.textures, option.scale) for option in described]
     scene = TouchedScene(objects, radius, materials, beside, textures=textures)
     answer = scene.follow(points, _PERIOD, timed=True)
     every = scene.step_all(points, _PERIOD)
     record = TouchedRecord(
         radius=radius,
-        queries_mean=float(answer.asked.mean()),
-        queries_max=int(answer.asked.max()),
+        queries_mean=float(answer.queries.mean()),
+        queries_max=int(answer.queries.max()),
         touched_share=float((answer.touched > 0).mean()),
         different=int((answer.force != every).any(axis=1).sum()),
         median_us=float(np.median(answer.seconds) * 1e6),
@@ -152,7 +154,7 @@ def _touch(objects, described, beside, points, radius):
     )
     felt = {
         "proxy_force": answer.force,
-        "proxy_asked": answer.asked.astype(np.int32),
+        "proxy_asked": answer.queries.astype(np.int32),
         "proxy_seconds": answer.seconds,
     }
     return felt, record, ""
@@ -210,10 +212,10 @@ def _sentence(record):
 
 
 def _proxies(record):
-    made = record.proxies
-    if made is None:
+    proxies = record.proxies
+    if proxies is None:
         return f"no proxies ({record.no_proxies})"
     return (
-        f"through proxies {made.queries_mean:.2f} queries per tick, at most {made.queries_max}, "
-        f"{made.median_us:.2g} µs, p99.9 {made.p999_us:.2g}"
+        f"through proxies {proxies.queries_mean:.2f} queries per tick, at most "
+        f"{proxies.queries_max}, {proxies.median_us:.2g} µs, p99.9 {proxies.p999_us:.2g}"
     )

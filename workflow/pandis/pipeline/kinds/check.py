@@ -58,19 +58,19 @@ def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
     if left_out is not None:
         points = points[~left_out(points)]
     distance, normal = answer(points)
-    wanted = reference(frame.to_unit(points))
-    differences = _differences(distance.astype(np.float64) * frame.scale, normal, *wanted)
+    expected = reference(frame.to_unit(points))
+    differences = _differences(distance.astype(np.float64) * frame.scale, normal, *expected)
     bounds = {"distance": DISTANCE, "force": FORCE * rounding, "normal": NORMAL, "length": 1e-5}
     if double is not None and any(not differences[key] <= bounds[key] for key in bounds):
-        own = _differences(*wanted[:2], *double(frame.to_unit(points)))
-        bounds = {key: max(bound, 2 * own[key]) for key, bound in bounds.items()}
+        rounding_off = _differences(*expected[:2], *double(frame.to_unit(points)))
+        bounds = {key: max(bound, 2 * rounding_off[key]) for key, bound in bounds.items()}
     return _within(differences, bounds)
 
 
 def _differences(distance, normal, wanted_distance, wanted_normal, length):
     """Return the largest differences between answers, unit frame, by what they are of."""
-    force, wanted = penalty_force(distance, normal), penalty_force(wanted_distance, wanted_normal)
-    force_off = np.linalg.norm(force - wanted, axis=1)
+    force, expected = penalty_force(distance, normal), penalty_force(wanted_distance, wanted_normal)
+    force_off = np.linalg.norm(force - expected, axis=1)
     normal_off = np.linalg.norm(normal - wanted_normal, axis=1)
     return {
         "distance": float(np.abs(distance - wanted_distance).max()),

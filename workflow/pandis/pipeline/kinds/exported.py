@@ -55,8 +55,8 @@ class ExportedField(Field):
 
     def distance_and_normal(self, points):
         """Answer in mesh units: as a program would, but a closed form through its frame."""
-        asked = super() if self._is_formula else self.file
-        return asked.distance_and_normal(points)
+        answering = super() if self._is_formula else self.file
+        return answering.distance_and_normal(points)
 
     def placed(self, factor, offset):
         """Return the field as it would be, had its mesh come in other units and elsewhere."""

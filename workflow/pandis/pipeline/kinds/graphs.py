@@ -65,9 +65,9 @@ def unsealed_digest(model):
     """Return the SHA-256 of a model without the entry that holds this very digest."""
     bare = onnx.ModelProto()
     bare.CopyFrom(model)
-    kept = [entry for entry in bare.metadata_props if entry.key != _SEAL]
+    unsealed = [entry for entry in bare.metadata_props if entry.key != _SEAL]
     del bare.metadata_props[:]
-    bare.metadata_props.extend(kept)
+    bare.metadata_props.extend(unsealed)
     return hashlib.sha256(bare.SerializeToString(deterministic=True)).hexdigest()
 
 

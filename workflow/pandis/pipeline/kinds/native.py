@@ -3,6 +3,8 @@
 The format: docs/format.md. What a file holds, each kind's ``file`` module says.
 """
 
+from functools import partial
+
 import numpy as np
 
 from pandis.base.errors import PandisError
@@ -50,9 +52,9 @@ class FieldFile:
 
     def data(self, provenance, **sections):
         """Return the file's bytes, with more sections."""
-        number, wholes, reals, own = self.parts()
-        own = own | sections
-        return pack(number, self.field.frame, wholes, reals, own, provenance, self.version)
+        number, wholes, reals, contents = self.parts()
+        contents = contents | sections
+        return pack(number, self.field.frame, wholes, reals, contents, provenance, self.version)
 
     def differences(self, exported, left_out=None):
         """Compare the file with its field; return the largest differences by what they are of.
@@ -146,11 +148,11 @@ def export_native(field, body, options, provenance, log):
     file = field_file(field, options.weight_bits)
     number, wholes, reals, sections = file.parts()
     sections = sections | file.faces(body, options.original_faces)
-    parts = number, field.frame, wholes, reals
+    write = partial(pack, number, field.frame, wholes, reals)
     # the file that is checked is let go of before the next one is made: each can be a gigabyte
-    safe = _checked(file, pack(*parts, sections, provenance, file.version), body, log)
+    safe = _checked(file, write(sections, provenance, file.version), body, log)
     sections |= {"SAFE": np.asarray(safe, np.float64)}
-    return pack(*parts, sections, provenance, file.version)
+    return write(sections, provenance, file.version)
 
 
 def _checked(file, data, body, log):
@@ -159,8 +161,8 @@ def _checked(file, data, body, log):
     for note in file.notes(exported.file):
         log(note)
     differences = file.differences(exported)
-    told = ", ".join(f"{key} {value:.1g}" for key, value in differences.items())
-    log(f"answers as the library does: the largest differences (unit frame) are {told}")
+    summary = ", ".join(f"{key} {value:.1g}" for key, value in differences.items())
+    log(f"answers as the library does: the largest differences (unit frame) are {summary}")
     safe = file.clearance(exported, body)
     log(
         "a scene trusts its distances in free space to within {:.2g} of the unit frame, and where "

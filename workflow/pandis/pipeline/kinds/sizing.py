@@ -121,7 +121,7 @@ def search(maker, points, task, log):
         if candidate is None:
             raise PandisError(f"{what}: none that covers the band fits into {target.bytes:,} bytes")
         tried = [(size, points.measure(candidate.force))]
-    log(f"{maker.form}-auto: {points.told(tried[-1][1].figures)}")
+    log(f"{maker.form}-auto: {points.describe(tried[-1][1].figures)}")
     return candidate.arrays, candidate.attributes | {"sizing": sizing_of(target, tried)}
 
 
@@ -148,13 +148,13 @@ def _smallest(maker, points, target, what, log):
             continue
         measured = points.measure(candidate.force, limits)
         tried.append((size, measured))
-        log(f"{maker.form} of size {size:,}: {points.told(measured.figures)}")
+        log(f"{maker.form} of size {size:,}: {points.describe(measured.figures)}")
         if not measured.why:
             return candidate, tried
     if not tried:
         raise PandisError(f"{what}: no size that is tried could come near what is asked")
     size, best = min(tried, key=lambda one: one[1].excess)
     raise PandisError(
-        f"{what}: no size meets {points.told_limits(limits)}; the nearest, {size:,}, {best.why}: "
-        "ask for less, or for another kind of field"
+        f"{what}: no size meets {points.describe_limits(limits)}; the nearest, {size:,}, "
+        f"{best.why}: ask for less, or for another kind of field"
     )

@@ -6,7 +6,7 @@ from pandis.base.frame import Frame
 from pandis.pipeline.geometry.shapes import find_shape
 from pandis.pipeline.mesh.diagnosis import diagnose
 from pandis.pipeline.mesh.intake import find_file, read_mesh
-from pandis.pipeline.mesh.regions import kept, named_in, read_beside
+from pandis.pipeline.mesh.regions import named_in, read_beside, regions_after
 from pandis.pipeline.mesh.repair import repair
 
 
@@ -33,9 +33,10 @@ def build(options, source_file, log):
     source = options.source
     if source.startswith("analytic:"):
         return _closed_form(source, log)
-    limits = options.reader_seconds, options.reader_memory_gb
     path = find_file(str(source_file or source))
-    reading, record = read_mesh(source, path, options.sha256, *limits)
+    reading, record = read_mesh(
+        source, path, options.sha256, options.reader_seconds, options.reader_memory_gb
+    )
     vertices, faces = reading.vertices, reading.faces
     log(f"read {source}")
     for note in reading.notes:
@@ -52,7 +53,7 @@ def build(options, source_file, log):
     }
     repaired, regions = (arrays["vertices"], arrays["faces"]), None
     if beside:
-        regions = kept((vertices, faces), *beside, *repaired, log)
+        regions = regions_after((vertices, faces), *beside, *repaired, log)
     if regions:
         arrays["region"], attributes["regions"] = regions
     return arrays, attributes

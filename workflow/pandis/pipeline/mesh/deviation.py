@@ -142,9 +142,9 @@ def provenance(source, result, reference):
     distance : ndarray, shape (F,), float32
         From the face's centre to the source, mesh units.
     """
-    _, kept, _ = _common(source, result)
-    origin, distance = np.where(kept, 0, 1).astype(np.uint8), np.zeros(len(kept), np.float32)
-    new = np.flatnonzero(~kept)
+    _, common, _ = _common(source, result)
+    origin, distance = np.where(common, 0, 1).astype(np.uint8), np.zeros(len(common), np.float32)
+    new = np.flatnonzero(~common)
     if len(new):
         centres = result.vertices[result.faces[new]].mean(axis=1)
         distance[new] = reference.distance(centres)

@@ -16,7 +16,7 @@ MOST = 255
 #: Formats whose readers keep the order of a file's triangles.
 IN_ORDER = "obj", "ply", "stl", "off"
 #: Where a face asks what it is made of: at its middle, and next to each corner.
-_ASKED = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / np.array([[3], [6], [6], [6]])
+_PLACES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / np.array([[3], [6], [6], [6]])
 
 
 def named_in(reading, log):
@@ -97,7 +97,7 @@ def read_beside(path, form, count):
     return region, [str(name) for name in names]
 
 
-def kept(mesh, region, names, vertices, faces, log):
+def regions_after(mesh, region, names, vertices, faces, log):
     """Return the regions of a repaired mesh, by those of the mesh that was read.
 
     Parameters
@@ -122,8 +122,8 @@ def kept(mesh, region, names, vertices, faces, log):
         return None
     names = [names[i] for i in used]
     count = np.bincount(carried)
-    told = ", ".join(f"{name} ({n:,} faces)" for name, n in zip(names, count, strict=True))
-    log(f"materials: {told}")
+    counts = ", ".join(f"{name} ({n:,} faces)" for name, n in zip(names, count, strict=True))
+    log(f"materials: {counts}")
     return carried.reshape(-1).astype(np.uint8), names
 
 
@@ -143,8 +143,10 @@ def carry(vertices, faces, region, onto, onto_faces):
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces)
     tree = igl.AABB()
     tree.init(vertices, faces.astype(np.int64))
-    points = np.einsum("ak,fkj->afj", _ASKED, onto[onto_faces]).reshape(-1, 3)
+    points = np.einsum("ak,fkj->afj", _PLACES, onto[onto_faces]).reshape(-1, 3)
     _, nearest, _ = tree.squared_distance(vertices, faces.astype(np.int64), points)
-    said = region[nearest].reshape(len(_ASKED), -1)
-    votes = (said[:, None] == said).sum(axis=1)  # argmax takes the first of equals: the middle
-    return np.take_along_axis(said, votes.argmax(axis=0)[None], axis=0)[0].astype(np.uint8)
+    candidates = region[nearest].reshape(len(_PLACES), -1)
+    votes = (candidates[:, None] == candidates).sum(
+        axis=1
+    )  # argmax takes the first of equals: the middle
+    return np.take_along_axis(candidates, votes.argmax(axis=0)[None], axis=0)[0].astype(np.uint8)

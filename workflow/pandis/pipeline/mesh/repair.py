@@ -103,11 +103,11 @@ def _climb(ladder):
     if _without_inside(ladder, flat):
         _thicken(ladder)
         return
-    small = ladder.options.small_hole, ladder.options.max_hole_edges
+    share, edges = ladder.options.small_hole, ladder.options.max_hole_edges
     if ladder.now.boundary_edges and ladder.options.open != "thicken":
-        _part_with_loose(ladder, small)
+        _part_with_loose(ladder)
     if ladder.now.boundary_edges and ladder.options.open != "cap":
-        holes = large_holes(ladder.vertices, ladder.faces, *small)
+        holes = large_holes(ladder.vertices, ladder.faces, share, edges)
         if holes and ladder.options.open == "thicken":
             _thicken(ladder)
             return
@@ -163,7 +163,7 @@ def _without_inside(ladder, flat):
     raise PandisError(f"{what}. {THICKEN}")
 
 
-def _part_with_loose(ladder, small):
+def _part_with_loose(ladder):
     """Leave loose pieces out if holes are to be capped, and name them.
 
     Raises
@@ -171,16 +171,17 @@ def _part_with_loose(ladder, small):
     PandisError
         There are some, and `mesh.open` says ``refuse``.
     """
-    debris, inside = loose_pieces(ladder.vertices, ladder.faces, *small)
-    loose, told = debris | inside, []
+    share, edges = ladder.options.small_hole, ladder.options.max_hole_edges
+    debris, inside = loose_pieces(ladder.vertices, ladder.faces, share, edges)
+    loose, notes = debris | inside, []
     for which, called in ((debris, "loose pieces that enclose nothing"),
                           (inside, "open pieces inside of what is closed")):  # fmt: skip
         if which.any():
             count = len(np.unique(components(ladder.faces)[0][which]))
-            told.append(f"{count} {called} ({which.sum():,} of {len(loose):,} faces)")
-    if not told:
+            notes.append(f"{count} {called} ({which.sum():,} of {len(loose):,} faces)")
+    if not notes:
         return
-    what = " and ".join(told)
+    what = " and ".join(notes)
     if ladder.options.open == "cap":
         ladder.leave_out(loose, what)
         return
@@ -193,8 +194,8 @@ def _part_with_loose(ladder, small):
 def _orient(ladder):
     """Turn faces outward, and say how much matter becomes a cavity by that."""
     before = ladder.faces
-    kept = ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
-    if not kept or len(before) != len(ladder.faces):
+    accepted = ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
+    if not accepted or len(before) != len(ladder.faces):
         return
     label, count = components(ladder.faces)
     was, now = (signed_volumes(ladder.vertices, f, label, count) for f in (before, ladder.faces))

@@ -11,6 +11,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -81,9 +82,9 @@ def read(path, form, folder, *, seconds, memory_gb):
     try:
         return _run("read_file", (None, None), seconds, memory_gb, parameters)
     except ToolError as error:
-        prefix, _, said = str(error).partition(": ")
+        prefix, _, message = str(error).partition(": ")
         if prefix == FormatError.__name__:
-            raise FormatError(said) from None
+            raise FormatError(message) from None
         raise
 
 
@@ -96,16 +97,16 @@ def _run(operation, mesh, seconds, memory_gb, parameters):
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
     with tempfile.TemporaryDirectory() as folder:
-        given, output = Path(folder) / "given.npz", Path(folder) / "result.npz"
+        source, output = Path(folder) / "given.npz", Path(folder) / "result.npz"
         if vertices is not None:
-            np.savez(given, vertices=vertices, faces=faces)
+            np.savez(source, vertices=vertices, faces=faces)
         command = [
             sys.executable,
             "-m",
             __spec__.name,
             operation,
             json.dumps(parameters),
-            str(given),
+            str(source),
             str(output),
         ]
         root = str(Path(__file__).resolve().parents[3])
@@ -177,8 +178,9 @@ def union(vertices, faces):
         exact = cgal.remesh_self_intersections(v, f, detect_only=True)[2]
         return np.concatenate([cleanup.crossing_faces(v, f), exact.reshape(-1, 2)])
 
-    none = np.empty((0, 3)), np.empty((0, 3), np.int64)
-    vertices, faces, birth = cgal.mesh_boolean(vertices, faces, *none, "union")
+    vertices, faces, birth = cgal.mesh_boolean(
+        vertices, faces, np.empty((0, 3)), np.empty((0, 3), np.int64), "union"
+    )
     if not len(faces):
         return vertices, faces
     # the order in which the pieces of a cut face come differs from run to run
@@ -310,13 +312,13 @@ OPERATIONS = {
 
 def main(arguments):
     """Run one operation and store its mesh."""
-    operation, parameters, given, output = arguments
-    mesh = ()
-    if Path(given).is_file():
-        with np.load(given) as data:
-            mesh = data["vertices"], data["faces"]
+    operation, parameters, source, output = arguments
+    operate = OPERATIONS[operation]
+    if Path(source).is_file():
+        with np.load(source) as data:
+            operate = partial(operate, data["vertices"], data["faces"])
     try:
-        vertices, faces, *more = OPERATIONS[operation](*mesh, **json.loads(parameters))
+        vertices, faces, *more = operate(**json.loads(parameters))
     except MemoryError:
         raise
     except Exception as error:

@@ -58,10 +58,10 @@ def collect(meshes, threads, progress, note):
         Keys of `COLUMNS`, one row for each file; ``picture``, a ``data:`` URI, in the first.
     """
     report, rows = progress("meshes", len(meshes), "meshes"), []
-    for done, (own, digests) in enumerate(each(_read, list(meshes.items()), threads), 1):
+    for done, (rows_of_mesh, digests) in enumerate(each(_read, list(meshes.items()), threads), 1):
         for path, digest in digests.items():
             note(path, digest)
-        rows += own
+        rows += rows_of_mesh
         report.update(done)
     return rows
 
@@ -85,9 +85,9 @@ def _read(work):
         "components": after.components,
         "genus": after.genus,
     }
-    told = [facts(path) for path in files] or [dict.fromkeys(("file", "bytes", "made_of"), "")]
+    contents = [facts(path) for path in files] or [dict.fromkeys(("file", "bytes", "made_of"), "")]
     rows = [row | {"file": Path(one["file"]).name, "bytes": one["bytes"], "holds": one["made_of"],
-                   "picture": ""} for one in told]  # fmt: skip
+                   "picture": ""} for one in contents]  # fmt: skip
     rows[0]["picture"] = _picture(mesh)
     digests = {str(path): file_digest(path) for path in files}
     return rows, digests | {str(stored): mesh.digest}

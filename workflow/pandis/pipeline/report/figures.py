@@ -15,7 +15,7 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 
 _COLOURS = {form: one for kind in KINDS.values() for form, one in kind.colours.items()}
 _COLOURS[AUTO] = "#e4572e"
-_KEPT, _CAP = (176, 190, 214), (60, 160, 90)
+_UNCHANGED, _CAP = (176, 190, 214), (60, 160, 90)
 #: Of fields that are trained, one after the other; and of kinds that name none.
 _LEARNED = ("#d62828", "#f3722c", "#b5179e", "#f48fb1", "#7f1d1d", "#ff7f50")
 _OTHER = "#708090"
@@ -53,13 +53,13 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
     percent = 100 * deviation / diagonal
     moved = percent[origin == 1]
     norm = mpl.colors.Normalize(0, max(moved.max(initial=0.0), 0.01))
-    colours = np.full((len(faces), 3), _KEPT, float)
+    colours = np.full((len(faces), 3), _UNCHANGED, float)
     colours[origin == 1] = 255 * mpl.colormaps["plasma"](norm(moved))[:, :3]
     colours[origin == 2] = _CAP
     figure = Figure(figsize=(11, 5), layout="constrained")
     for index, view in enumerate((VIEW, [-v for v in VIEW])):
         _show(figure.add_subplot(1, 2, index + 1), vertices, faces, view, colours)
-    for colour, name in ((_KEPT, "kept"), (_CAP, "cap of a hole")):
+    for colour, name in ((_UNCHANGED, "kept"), (_CAP, "cap of a hole")):
         figure.axes[0].plot([], [], "s", color=np.array(colour) / 255, label=name)
     figure.legend(frameon=False, loc="outside lower center", ncols=2)
     bar = figure.colorbar(mpl.cm.ScalarMappable(norm, "plasma"), ax=figure.axes, shrink=0.7)
@@ -225,14 +225,14 @@ def error_against_time(rows, specs, networks):
         shown, best = [row for row in known if row[key] != "" and row[key] > 0], []
         for row, unbeaten in zip(shown, pareto(shown, ("contact_mean", key)), strict=True):
             exact = row["contact_mean"] == 0  # zero has no place on a logarithmic axis
-            at = (row[key], floor if exact else row["contact_mean"])
-            best += [at] if unbeaten else []
+            x, y = row[key], floor if exact else row["contact_mean"]
+            best += [(x, y)] if unbeaten else []
             look = colour(by_name[row["field"]], networks)
             fill = {} if may_be_used(row) else {"markerfacecolor": "none"}
             size = 7 if unbeaten else 5
-            panel.loglog(*at, "v" if exact else "o", color=look, ms=size, **fill)
+            panel.loglog(x, y, "v" if exact else "o", color=look, ms=size, **fill)
             note = row["field"] + (" (error 0)" if exact else "")
-            panel.annotate(note, at, textcoords="offset points", xytext=(7, -3), fontsize=7)
+            panel.annotate(note, (x, y), textcoords="offset points", xytext=(7, -3), fontsize=7)
         line = np.array(sorted(best, key=lambda at: (at[0], -at[1]))).reshape(-1, 2)
         panel.plot(*line.T, color="#888888", lw=1, zorder=0)
         panel.grid(True, which="major", alpha=0.25)

@@ -24,7 +24,7 @@ from pandis.pipeline.report.section import Section
 from pandis.pipeline.report.tables import COLUMNS, CONTACT, FEW, control_rows, summary_rows
 from pandis.pipeline.report.touch import shared, touch, touchable
 from pandis.pipeline.report.view import view
-from pandis.pipeline.run.ask.budget import Limits, told, told_figures
+from pandis.pipeline.run.ask.budget import Limits, describe_figures, describe_force
 from pandis.pipeline.run.ask.catalogue import parse_field
 from pandis.pipeline.run.host.processes import each
 from pandis.pipeline.run.job.artifact import file_digest, read_artifact
@@ -58,13 +58,13 @@ def mesh_sections(meshes, threads, progress, note):
     list of pandis.pipeline.report.section.Section
         In the order of ``meshes``.
     """
-    told, sections = progress("pages", len(meshes), "meshes"), []
+    report, sections = progress("pages", len(meshes), "meshes"), []
     work = [(name, *of) for name, of in meshes.items()]
     for section, digests in each(_read_and_draw, work, threads):
         for path, digest in digests.items():
             note(path, digest)
         sections.append(section)
-        told.update(len(sections))
+        report.update(len(sections))
     return sections
 
 
@@ -178,16 +178,16 @@ def _versions(artifacts):
 
 def _chosen(record):
     """Return a choice with what it promises, and what was asked for, in words."""
-    scale, wanted = record.scale, Limits(**record.limits)
-    said = told(wanted.mean, scale.newtons, scale.mean_force)
-    tail = told(wanted.tail, scale.newtons, scale.mean_force)
+    scale, limits = record.scale, Limits(**record.limits)
+    mean = describe_force(limits.mean, scale.newtons, scale.mean_force)
+    tail = describe_force(limits.tail, scale.newtons, scale.mean_force)
     return {
         "field": record.choice.field,
         "bytes": record.choice.bytes,
         "considered": record.considered,
-        "says": told_figures(record.choice.held_out, scale.newtons, scale.mean_force),
-        "wanted": f"at most {said} on average, {tail} at p99, and "
-        f"{100 * wanted.missed:.2g} % of the surface missing",
+        "says": describe_figures(record.choice.held_out, scale.newtons, scale.mean_force),
+        "wanted": f"at most {mean} on average, {tail} at p99, and "
+        f"{100 * limits.missed:.2g} % of the surface missing",
     }
 
 
@@ -289,12 +289,12 @@ def build(sections, refused=None):
             )
         ),
     )
-    own = [
+    panels = [
         (resources.files("pandis.pipeline.report") / f"{name}.js").read_text(encoding="utf-8")
         for name in ("page", "view")
     ]
     touches, loop = shared(sections)
-    scripts = [script("solid"), *own, *([script("touch")] if touches else [])]
+    scripts = [script("solid"), *panels, *([script("touch")] if touches else [])]
     environment.filters["number"] = _number
     environment.filters["percent"] = _percent
     return environment.get_template("page.html").render(

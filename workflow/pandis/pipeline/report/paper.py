@@ -229,8 +229,8 @@ def _scan_errors(section):
     bases = [path[b].mean if b in known else None for b in BASELINES]
     networks = repeats(section.models)
     trained = next((names for names in networks if "pandis" in names), ["pandis"])
-    asked = {BRUTE: ["exact"], "pandis": trained}
-    rows = [(title, asked.get(f, [f]), printed[k]) for k, (f, title) in enumerate(METHODS.items())]
+    groups = {BRUTE: ["exact"], "pandis": trained}
+    rows = [(title, groups.get(f, [f]), printed[k]) for k, (f, title) in enumerate(METHODS.items())]
     rows += [(title, [field], None) for field, title in CUBES.items() if field in known]
     rows += [(", ".join(names), names, None) for names in networks if names != trained]
     for title, fields, paper in rows:
@@ -255,11 +255,11 @@ def _trained(models):
     if not models:
         return ""
     options = models[0].options
-    said = [f"weighting {options['weighting']}"] if "weighting" in options else []
+    words = [f"weighting {options['weighting']}"] if "weighting" in options else []
     if options.get("points") == "vertices":
-        said.append("on vertices")
+        words.append("on vertices")
     seeds = f"{len(models)} seed{'s' * (len(models) > 1)}"
-    return ", ".join([*said, f"{models[0].steps:,} steps", seeds])
+    return ", ".join([*words, f"{models[0].steps:,} steps", seeds])
 
 
 def _sphere(section):

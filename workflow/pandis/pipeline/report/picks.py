@@ -66,10 +66,10 @@ def _file_is_sound(verdict):
     """Tell whether the validation of an exported file has found nothing that forbids its use."""
     devices = verdict.devices.values()
     pressed = all(device.holds and not device.pressed_missing for device in devices)
-    kept = not any(touched.passes for touched in _touched(verdict))
+    holds = not any(touched.passes for touched in _touched(verdict))
     if _lets_through(verdict)[0]:  # then it is recommended through a proxy
-        kept = kept and verdict.proxy.in_time
-    whole = verdict.agrees and verdict.in_time and verdict.walls.holds and pressed and kept
+        holds = holds and verdict.proxy.in_time
+    whole = verdict.agrees and verdict.in_time and verdict.walls.holds and pressed and holds
     return bool(whole and _safe(verdict) != 0)
 
 
@@ -102,12 +102,12 @@ def _pick(row, verdict, folder):
     if row["contact_mean"] > 0:
         percent = f"{row['contact_percent']:.2g} % of the force"
         error = f"{row['contact_millinewtons']:.3g} mN ({percent})"
-    safe, told = "No device was simulated.", "not known"
+    safe, stiffness = "No device was simulated.", "not known"
     if most is not None:
-        told = f"{most:,.0f} N/m"
+        stiffness = f"{most:,.0f} N/m"
         safe = (
-            f"It is safe up to {told} in a light hand, by simulation; a device that is armed gets "
-            f"at most {SHARE} of what is safe on it."
+            f"It is safe up to {stiffness} in a light hand, by simulation; a device that is armed "
+            f"gets at most {SHARE} of what is safe on it."
         )
     passes, presses = _lets_through(verdict)
     through = ""
@@ -123,7 +123,7 @@ def _pick(row, verdict, folder):
         "error": error,
         "size": _size(row["bytes"]),
         "time": f"{row['native_p50_us']:.2g} µs",
-        "most": told,
+        "most": stiffness,
         "safe": safe,
     }
 

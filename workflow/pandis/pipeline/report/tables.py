@@ -165,8 +165,8 @@ def _errors(evaluation, field):
         "trajectory_p99": path.p99,
         "trajectory_max": path.max,
         "trajectory_angle": path.angle,
-        "shallow_mean": _told(errors["shallow"].mean) if "shallow" in errors else "",
-        "deep_mean": _told(errors["deep"].mean) if "deep" in errors else "",
+        "shallow_mean": _mean_text(errors["shallow"].mean) if "shallow" in errors else "",
+        "deep_mean": _mean_text(errors["deep"].mean) if "deep" in errors else "",
     }
     if path.mean < ROUNDING:
         row |= {key: 0.0 for key in row if key.startswith("trajectory")}
@@ -192,10 +192,10 @@ def _contact(errors, evaluation):
     }
     if figures.mean < ROUNDING:
         row |= {key: 0.0 for key in row if key.startswith("contact")}
-    return row | {"contact_shallow_mean": _told(errors[SHALLOW].mean)}
+    return row | {"contact_shallow_mean": _mean_text(errors[SHALLOW].mean)}
 
 
-def _told(mean):
+def _mean_text(mean):
     """Return a mean error as it is reported: nothing but rounding is none."""
     return 0.0 if mean < ROUNDING else mean
 

@@ -13,13 +13,13 @@ _EACH, _ALL = 1_000_000, 6_000_000
 
 def touchable(paths):
     """Return the files that go onto the page: of those with a proxy the smallest, 1 MB of them."""
-    kept, left = [], _EACH
+    files_shown, left = [], _EACH
     for path in sorted(map(Path, paths), key=lambda path: (path.stat().st_size, path.name)):
         size = path.stat().st_size
         if size <= left and not no_proxy(NativeField(path)):
-            kept.append(path)
+            files_shown.append(path)
             left -= size
-    return kept
+    return files_shown
 
 
 def touch(paths, size, stiffness, view):

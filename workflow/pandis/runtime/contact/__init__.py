@@ -156,8 +156,9 @@ class Feel(NamedTuple):
 
     def scene(self, placed: Placed) -> "TouchedScene":
         """Return the `TouchedScene` of one object."""
-        touched = [self.materials], [self.regions]
-        return TouchedScene([placed], self.radius, *touched, self.queries, [self.texture])
+        return TouchedScene(
+            [placed], self.radius, [self.materials], [self.regions], self.queries, [self.texture]
+        )
 
 
 class NativeContact:
@@ -259,7 +260,7 @@ class SceneForces(NamedTuple):
 
     force: Floats
     flag: NDArray[np.uint8]
-    asked: NDArray[np.int64]
+    queries: NDArray[np.int64]
     touched: NDArray[np.int64]
     seconds: Floats | None
 
@@ -327,13 +328,13 @@ class TouchedScene(NativeScene):
         path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
         count = len(path)
         force, flag = np.empty((count, 3)), np.empty(count, np.uint8)
-        asked, touched = np.empty(count, np.int64), np.empty(count, np.int64)
+        queries, touched = np.empty(count, np.int64), np.empty(count, np.int64)
         seconds = np.empty(count) if timed else None
         self._touching.contact_scene_follow(
             self._scene, path.ctypes.data, count, dt, force.ctypes.data, flag.ctypes.data,
-            asked.ctypes.data, touched.ctypes.data, seconds.ctypes.data if timed else None,
+            queries.ctypes.data, touched.ctypes.data, seconds.ctypes.data if timed else None,
         )  # fmt: skip
-        return SceneForces(force, flag, asked, touched, seconds)
+        return SceneForces(force, flag, queries, touched, seconds)
 
     def touches(self, position: ArrayLike, dt: Number = 1e-3) -> tuple[NDArray[np.int32], Touches]:
         """Make one step; returns the objects (n,) that are touched, and their `Touches`."""

@@ -49,15 +49,15 @@ def materials_for(contact, names):
     dict of str to dict
         By name the fields of a `Material`.
     """
-    given = {name: contact.materials.get(name, contact) for name in names or ()}
+    surfaces = {name: contact.materials.get(name, contact) for name in names or ()}
     return {
         name: {
-            "sticking": made.sticking,
-            "sliding": made.sticking if made.sliding is None else made.sliding,
-            "damping": made.damping,
-            "drag": made.drag,
+            "sticking": surface.sticking,
+            "sliding": surface.sticking if surface.sliding is None else surface.sliding,
+            "damping": surface.damping,
+            "drag": surface.drag,
         }
-        for name, made in (given or {WHOLE: contact}).items()
+        for name, surface in (surfaces or {WHOLE: contact}).items()
     }
 
 
@@ -108,15 +108,15 @@ def texture_for(textures, scale):
     scale : float
         Metres of the object's mesh unit.
     """
-    made = [asked and _made(asked, scale) for asked in textures.values()]
-    return made[0] if len(made) == 1 else Texture.by_region(made) if made else None
+    parts = [options and _texture(options, scale) for options in textures.values()]
+    return parts[0] if len(parts) == 1 else Texture.by_region(parts) if parts else None
 
 
-def _made(asked, scale):
-    height, length = asked.height / scale, asked.length / scale
-    if asked.kind == "noise":
+def _texture(options, scale):
+    height, length = options.height / scale, options.length / scale
+    if options.kind == "noise":
         return Texture.noise(height, length)
-    return Texture.waves(height, length, asked.direction)
+    return Texture.waves(height, length, options.direction)
 
 
 def as_array(material):
@@ -160,9 +160,9 @@ class Texture(ctypes.Structure):
     def _of(cls, name, most, steepest, *numbers):
         data = (ctypes.c_double * len(numbers))(*numbers)
         function = ctypes.cast(getattr(load(SOURCE), name), ctypes.c_void_p)
-        made = cls(function, ctypes.addressof(data), most, steepest)
-        made._kept, made.numbers = data, numbers
-        return made
+        texture = cls(function, ctypes.addressof(data), most, steepest)
+        texture._memory, texture.numbers = data, numbers
+        return texture
 
     @classmethod
     def waves(cls, height: Number, length: Number, direction: ArrayLike) -> "Texture":
@@ -178,14 +178,14 @@ class Texture(ctypes.Structure):
     @classmethod
     def by_region(cls, textures: Iterable["Texture | None"]) -> "Texture":
         """Return that of regions, each with a texture, or with None where it is smooth."""
-        given = [cls() if each is None else each for each in textures]
-        table = (cls * len(given))(*given)
-        patches = _Patches(ctypes.addressof(table), len(given))
+        parts = [cls() if each is None else each for each in textures]
+        table = (cls * len(parts))(*parts)
+        patches = _Patches(ctypes.addressof(table), len(parts))
         height = ctypes.cast(load(SOURCE).pandis_by_region, ctypes.c_void_p)
-        most, steepest = (max(getattr(each, k) for each in given) for k in ("most", "steepest"))
-        made = cls(height, ctypes.addressof(patches), most, steepest)
-        made._kept, made.parts = (table, patches), given
-        return made
+        most, steepest = (max(getattr(each, k) for each in parts) for k in ("most", "steepest"))
+        texture = cls(height, ctypes.addressof(patches), most, steepest)
+        texture._memory, texture.parts = (table, patches), parts
+        return texture
 
     @classmethod
     def of(cls, function: Height, most: Number, steepest: Number) -> "Texture":
@@ -196,7 +196,7 @@ class Texture(ctypes.Structure):
             gradient.contents[:] = slope
             return raised
 
-        made = cls(None, None, most, steepest)
-        made._kept = HEIGHT(height)
-        made.height = ctypes.cast(made._kept, ctypes.c_void_p)
-        return made
+        texture = cls(None, None, most, steepest)
+        texture._memory = HEIGHT(height)
+        texture.height = ctypes.cast(texture._memory, ctypes.c_void_p)
+        return texture

@@ -50,7 +50,7 @@ class Limits(ctypes.Structure):
     )  # fmt: skip
 
 
-class Said(ctypes.Structure):
+class DeviceReport(ctypes.Structure):
     """What a device says of itself, in metres and newtons; 0 where it says nothing."""
 
     _fields_ = (
@@ -121,7 +121,7 @@ class _Outcome(ctypes.Structure):
         ("worst", ctypes.c_double),
         *((name, ctypes.c_double) for name in ("strongest", "steepest", "fastest", "added")),
         *((n, ctypes.c_longlong) for n in ("cut", "slowed", "damped", "armed_at", "signs")),
-        ("spec", Said),
+        ("spec", DeviceReport),
         ("limits", Limits),
         ("why", ctypes.c_char * 256),
     )
@@ -151,7 +151,7 @@ class Session(NamedTuple):
         The first tick whose force was given, -1 if none was.
     signs : int
         How often energy was missing or the probe shook.
-    said : Said
+    report : DeviceReport
         What the device says of itself.
     limits : Limits
         What was kept.
@@ -184,7 +184,7 @@ class Session(NamedTuple):
     damped: int
     armed_at: int
     signs: int
-    said: Said
+    report: DeviceReport
     limits: Limits
     stand_in: bool
     simulated: bool
@@ -196,7 +196,7 @@ class Session(NamedTuple):
     @property
     def model(self):
         """What the device calls itself."""
-        return self.said.model.decode(errors="replace")
+        return self.report.model.decode(errors="replace")
 
     @property
     def sentence(self):
@@ -209,7 +209,7 @@ class Session(NamedTuple):
 
 
 #: What a callback that never came back may still write to.
-_KEPT = []
+_ALIVE = []
 
 
 @cache
@@ -223,7 +223,7 @@ def library():
     """
     lib = load(Path(__file__).with_name("client.c"))
     mirrors = {
-        "guard_limits": Limits, "device_spec": Said, "simulated_spec": Simulated,
+        "guard_limits": Limits, "device_spec": DeviceReport, "simulated_spec": Simulated,
         "client_order": _Order, "client_outcome": _Outcome,
     }  # fmt: skip
     compare_layouts(lib.client_layout, mirrors)
@@ -273,7 +273,7 @@ class Order(NamedTuple):
         Called every so many ticks (``every``), in the time of ticks alone: a simulation that keeps
         step with the simulated device. What it raises ends the run, and is raised after it.
     every : int
-    held : int
+    hold : int
         Ticks for which a force is held before another one is asked for: 1 on any device.
 
     Notes
@@ -294,7 +294,7 @@ class Order(NamedTuple):
     bridge: object = None
     between: object = None
     every: int = 1
-    held: int = 1
+    hold: int = 1
 
 
 def run_device(path, name, order):
@@ -347,19 +347,19 @@ def run_simulated(device, start, rest, press, order, clock=False):
     ]
     path = np.zeros((order.ticks, 3))
     places = [column.ctypes.data for column in (*columns, path)]
-    given = ctypes.byref(device)
-    session = _run(order, lambda *ends: library().client_simulated(given, *places, clock, *ends))
+    pointer = ctypes.byref(device)
+    session = _run(order, lambda *ends: library().client_simulated(pointer, *places, clock, *ends))
     return session._replace(path=path[: len(session.position)])
 
 
 def _by_the_clock(order):
     """Refuse what would keep a device waiting, or its forces old."""
-    if order.between is not None or order.held != 1:
+    if order.between is not None or order.hold != 1:
         raise ValueError("between and held are for simulated time: use Bridge.order by the clock")
 
 
 def _run(order, function, watchdog=None):
-    if min(order.ticks, order.every, order.held) < 1:
+    if min(order.ticks, order.every, order.hold) < 1:
         raise ValueError("at least one tick is needed, and between calls and forces, too")
     position, force, proxy = (np.zeros((order.ticks, 3)) for _ in range(3))
     taken, since = np.zeros(order.ticks), np.zeros(order.ticks)
@@ -372,21 +372,21 @@ def _run(order, function, watchdog=None):
             raised.append(error)
         return len(raised)
 
-    given = _Order(
+    order_ = _Order(
         order.scene.address, order.limits, order.period, order.deadline, order.overruns, order.gap,
         order.patience, order.expected, order.armed, order.ticks,
         *(column.ctypes.data for column in (position, force, taken, since, proxy)),
         order.bridge.address if order.bridge else None,
-        _BETWEEN(between) if order.between else _BETWEEN(), order.every, order.held,
+        _BETWEEN(between) if order.between else _BETWEEN(), order.every, order.hold,
         _BETWEEN(watchdog.start) if watchdog else _BETWEEN(),
         ctypes.addressof(watchdog.pulse) if watchdog else None,
     )  # fmt: skip
     ended = _Outcome()
-    function(ctypes.byref(given), ctypes.byref(ended))
+    function(ctypes.byref(order_), ctypes.byref(ended))
     if raised:
         raise raised[0]
     if ended.hangs:  # the callback is still at it, and may come back
-        _KEPT.append((order, given, ended, watchdog, position, force, taken, since, proxy))
+        _ALIVE.append((order, order_, ended, watchdog, position, force, taken, since, proxy))
         position, force, taken, since, proxy = (
             v.copy() for v in (position, force, taken, since, proxy)
         )

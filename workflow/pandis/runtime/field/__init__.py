@@ -226,8 +226,7 @@ class NativeField:
         """
         points = as_rows(points)
         clear = np.empty(len(points))
-        where = points.ctypes.data, len(points), clear.ctypes.data
-        self._library.runtime_clear(self._field, *where)
+        self._library.runtime_clear(self._field, points.ctypes.data, len(points), clear.ctypes.data)
         return clear
 
     def faces(self, points: ArrayLike) -> NDArray[np.int32]:
@@ -238,8 +237,7 @@ class NativeField:
         """
         points = as_rows(points)
         faces = np.empty(len(points), np.int32)
-        where = points.ctypes.data, len(points), faces.ctypes.data
-        self._library.runtime_faces(self._field, *where)
+        self._library.runtime_faces(self._field, points.ctypes.data, len(points), faces.ctypes.data)
         return faces
 
     def regions(self, points: ArrayLike) -> NDArray[np.int32]:
@@ -249,8 +247,9 @@ class NativeField:
         """
         points = as_rows(points)
         regions = np.empty(len(points), np.int32)
-        where = points.ctypes.data, len(points), regions.ctypes.data
-        self._library.runtime_regions(self._field, *where)
+        self._library.runtime_regions(
+            self._field, points.ctypes.data, len(points), regions.ctypes.data
+        )
         return regions
 
     @property

@@ -88,12 +88,12 @@ class Contents(NamedTuple):
         if part is None:
             return None
         try:
-            said = json.loads(bytes(part))
+            content = json.loads(bytes(part))
         except ValueError as error:  # what is no UTF-8, too
             raise ArtifactError(f"{self.field.path}: its provenance is no JSON: {error}") from error
-        if not isinstance(said, dict):
+        if not isinstance(content, dict):
             raise ArtifactError(f"{self.field.path}: its provenance is no JSON object")
-        return said
+        return content
 
 
 def read_contents(path):

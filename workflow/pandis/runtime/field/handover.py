@@ -26,8 +26,8 @@ class SharedField(MovingField):
         self._room = np.empty(room // 8)
         self._handover = ctypes.create_string_buffer(self._library.runtime_handover_bytes())
         lender = self._lender._field
-        room = self._room.ctypes.data, self._room.nbytes
-        self._library.pandis_handover_open(self._handover, lender, *room)
+        address, size = self._room.ctypes.data, self._room.nbytes
+        self._library.pandis_handover_open(self._handover, lender, address, size)
         self.take()
 
     def refit(self, vertices: ArrayLike) -> float:
@@ -44,8 +44,7 @@ class SharedField(MovingField):
             There are more or fewer, or one is no finite number; the old shape stays.
         """
         start, vertices = time.perf_counter(), self._checked(vertices)
-        shape = vertices.ctypes.data, len(vertices)
-        if self._library.pandis_handover_refit(self._handover, *shape):
+        if self._library.pandis_handover_refit(self._handover, vertices.ctypes.data, len(vertices)):
             raise ValueError(self._NO_SHAPE)
         return time.perf_counter() - start
 

@@ -35,8 +35,8 @@ class MovingField(NativeField):
         """Take room (bytes) for one shape, and make it that of the lender."""
         self._room = np.empty(room // 8)
         lender = self._lender._field
-        room = self._room.ctypes.data, self._room.nbytes
-        self._library.pandis_refit_open(self._field, lender, *room)
+        address, size = self._room.ctypes.data, self._room.nbytes
+        self._library.pandis_refit_open(self._field, lender, address, size)
 
     def refit(self, vertices: ArrayLike) -> float:
         """Move the vertices.

@@ -61,7 +61,7 @@ class Answers(NamedTuple):
 
     force: Floats
     flag: NDArray[np.uint8]
-    asked: NDArray[np.int64]
+    queries: NDArray[np.int64]
     seconds: Floats | None
 
 
@@ -95,9 +95,9 @@ def _fill(place, placed):
 
 def placed_object(placed):
     """Return an object, for other C code, of something `Placed`, which has to live as long."""
-    made = _Object()
-    _fill(made, placed)
-    return made
+    entry = _Object()
+    _fill(entry, placed)
+    return entry
 
 
 @cache
@@ -183,17 +183,18 @@ class NativeScene:
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         count = len(points)
         force, flag = np.empty((count, 3)), np.empty(count, np.uint8)
-        asked, seconds = np.empty(count, np.int64), np.empty(count) if timed else None
+        queries, seconds = np.empty(count, np.int64), np.empty(count) if timed else None
         self._library.scene_forces(
             self._scene, points.ctypes.data, count, force.ctypes.data, flag.ctypes.data,
-            asked.ctypes.data, seconds.ctypes.data if timed else None,
+            queries.ctypes.data, seconds.ctypes.data if timed else None,
         )  # fmt: skip
-        return Answers(force, flag, asked, seconds)
+        return Answers(force, flag, queries, seconds)
 
     def ask_all(self, points: ArrayLike) -> Floats:
         """Return the forces (n, 3) at points (n, 3) by asking every object at every point."""
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         force = np.empty_like(points)
-        objects = self._placed, len(self.objects)
-        self._library.scene_ask_all(*objects, points.ctypes.data, len(points), force.ctypes.data)
+        self._library.scene_ask_all(
+            self._placed, len(self.objects), points.ctypes.data, len(points), force.ctypes.data
+        )
         return force

@@ -72,8 +72,8 @@ class Poses:
             object turns more than halfway round in a period. The last frame stays.
         """
         shapes = (3, 3), (3,), (3,), (3,)
-        given = rotations, translations, velocities, spins
-        parts = [np.asarray(part, np.float64) for part in given]
+        arrays = rotations, translations, velocities, spins
+        parts = [np.asarray(part, np.float64) for part in arrays]
         if any(part.shape != (self._count, *s) for part, s in zip(parts, shapes, strict=True)):
             raise ValueError(
                 f"the scene has {self._count} objects: give as many rotations (3 by 3), "

@@ -83,13 +83,13 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
                 arrays[f"force_{field.name}"] = force
                 errors[name][field.name] |= _path_shares(force, trajectory, contacts)
             if field.keeps_length:
-                kept = _unnormalised(field)(points)
-                errors[name][field.name + UNNORMALISED] = statistics(kept, exact)
+                unnormalised = _unnormalised(field)(points)
+                errors[name][field.name + UNNORMALISED] = statistics(unnormalised, exact)
         if not field.ordered:
-            asked = {field.name: force_of(field)}
+            forces = {field.name: force_of(field)}
             if field.keeps_length:
-                asked[field.name + UNNORMALISED] = _unnormalised(field)
-            for name, force_at in asked.items():
+                forces[field.name + UNNORMALISED] = _unnormalised(field)
+            for name, force_at in forces.items():
                 for contact, figures in contact_errors(force_at, contacts).items():
                     errors[contact][name] = figures
         report.update(index + 1)

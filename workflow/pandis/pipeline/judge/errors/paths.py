@@ -122,7 +122,7 @@ def verdict(table, models):
     str
         Empty where nothing can be said.
     """
-    said = []
+    sentences = []
     for names in repeats({n: m for n, m in models.items() if n in table}):
         for baseline in BASELINES:
             ratios = [table[n].ratios[baseline] for n in names if baseline in table[n].ratios]
@@ -130,7 +130,9 @@ def verdict(table, models):
                 continue
             what, mean = ", ".join(names), np.mean(ratios)
             if len(ratios) == 1:
-                said.append(f"{what} has {mean:.2f} times the error of {baseline} (one training)")
+                sentences.append(
+                    f"{what} has {mean:.2f} times the error of {baseline} (one training)"
+                )
                 continue
             half = interval(ratios)
             how = (
@@ -138,8 +140,8 @@ def verdict(table, models):
                 else "a larger error than" if mean - half > 1
                 else "about the same error as"
             )  # fmt: skip
-            said.append(
+            sentences.append(
                 f"{what} have {how} {baseline}: {mean:.2f} ± {half:.2f} times "
                 f"({len(ratios)} trainings)"
             )
-    return "; ".join(said) + "." if said else ""
+    return "; ".join(sentences) + "." if sentences else ""

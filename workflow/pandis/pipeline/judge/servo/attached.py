@@ -38,12 +38,12 @@ class Span(NamedTuple):
     deadline: float
 
 
-def stiffness_for(asked, spec, pressed, walls, sound=True):
+def stiffness_for(stiffness, spec, pressed, walls, sound=True):
     """Return the stiffness that a device may be armed with, and why it may not be armed at all.
 
     Parameters
     ----------
-    asked : float
+    stiffness : float
         N/m, of the configuration.
     spec : pandis.pipeline.judge.servo.devices.Specification
     pressed : pandis.pipeline.run.records.hardware.Pressed or None
@@ -60,7 +60,7 @@ def stiffness_for(asked, spec, pressed, walls, sound=True):
     refused : str
         Empty, or why no force may be sent.
     """
-    most = min(asked, spec.stiffest(1 / spec.rate))
+    most = min(stiffness, spec.stiffest(1 / spec.rate))
     if pressed is None or walls is None:
         return most, "no safe stiffness is known for this field on this device"
     if not sound:
@@ -102,14 +102,14 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     spec = DEVICES[options.model]
     # the device's scheduler has a rate of its own
     period = 1 / spec.rate
-    given, refused = stiffness_for(scale.stiffness, spec, pressed, walls, sound)
+    stiffness, refused = stiffness_for(scale.stiffness, spec, pressed, walls, sound)
     consent = options.arm and os.environ.get(CONSENT) == "1"
     armed = consent and not refused
-    placed = Placed.at(field, scale.size, given)
+    placed = Placed.at(field, scale.size, stiffness)
     order = Order(
         feel.scene(placed) if feel else NativeScene([placed]),
         max(1, round(span.seconds / period)),
-        spec.limits(period, given),
+        spec.limits(period, stiffness),
         period,
         span.deadline,
         expected=spec.force,
@@ -133,7 +133,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
         ended=session.sentence,
         code=session.code,
         ticks=len(session.force),
-        stiffness=given,
+        stiffness=stiffness,
         strongest_n=session.strongest,
         steepest_n=session.steepest,
         fastest_m_s=session.fastest,
@@ -167,7 +167,7 @@ def _statement(session, armed, consent, touched):
 
 def _reach(session, size):
     """Say if the object, in the middle of the device's own workspace, reaches beyond it."""
-    room = 1e3 * (np.array(session.said.high) - np.array(session.said.low))
+    room = 1e3 * (np.array(session.report.high) - np.array(session.report.low))
     if (room <= 0).any() or (1e3 * size <= room).all():
         return ""
     box = " x ".join(f"{side:.0f}" for side in room)

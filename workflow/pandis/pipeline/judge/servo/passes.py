@@ -240,10 +240,10 @@ def judge(runs, oracle, error, detours=True, radius=0.0):
     -------
     Judged
     """
-    margin, found = error + MARGIN, []
-    held = [_Run.of(session, proxies) for session, proxies in runs]
-    for some in range(0, len(held), _TOGETHER):
-        group = held[some : some + _TOGETHER]
+    margin, passes = error + MARGIN, []
+    followed = [_Run.of(session, proxies) for session, proxies in runs]
+    for some in range(0, len(followed), _TOGETHER):
+        group = followed[some : some + _TOGETHER]
         looks = oracle.look(np.concatenate([run.places for run in group]))
         ends = np.cumsum([len(run.places) for run in group])[:-1]
         parts = zip(*(np.split(column, ends) for column in looks), strict=True)
@@ -254,13 +254,13 @@ def judge(runs, oracle, error, detours=True, radius=0.0):
                 if depth > margin
                 else _fault(run, distance, outward, margin, oracle, detours)
             )
-            found.append((fault, depth))
-    faults = [fault for fault, _ in found]
+            passes.append((fault, depth))
+    faults = [fault for fault, _ in passes]
     return Judged(
-        presses=len(held),
-        ended=sum(run.ended for run in held),
+        presses=len(followed),
+        ended=sum(run.ended for run in followed),
         **{name: faults.count(name) for name in ("deep", "crossed", "around")},
-        deepest=max((float(depth) for _, depth in found), default=0.0),
+        deepest=max((float(depth) for _, depth in passes), default=0.0),
     )
 
 
@@ -274,8 +274,8 @@ class _Run(NamedTuple):
     @classmethod
     def of(cls, session, proxies):
         if session.cause != DONE:  # from its end on nobody has asked for a force
-            given = np.flatnonzero(session.force.any(axis=1))
-            proxies = proxies[: given[-1] + 1 if len(given) else 1]
+            pushed = np.flatnonzero(session.force.any(axis=1))
+            proxies = proxies[: pushed[-1] + 1 if len(pushed) else 1]
         moved = np.concatenate([[True], (np.diff(proxies, axis=0) != 0).any(axis=1)])
         apart = float(np.linalg.norm(proxies[-1] - session.position[-1]))
         return cls(proxies[moved], session.cause != DONE, apart)
@@ -324,9 +324,9 @@ def _leads_around(places, margin, oracle, longest):
         way = np.linalg.norm(tried - start, axis=1) + np.linalg.norm(tried - goal, axis=1)
         tried = tried[way <= longest]
         free = oracle.look(tried)[0] if len(tried) else np.empty(0)
-        kept = (free > _LEAST * margin) & (cdist(tried, centres) >= radius / 2).all(axis=1)
-        centres, radius = np.concatenate([centres, tried[kept]]), np.append(radius, free[kept])
-        grown = np.append(grown, np.zeros(kept.sum(), bool))
+        new = (free > _LEAST * margin) & (cdist(tried, centres) >= radius / 2).all(axis=1)
+        centres, radius = np.concatenate([centres, tried[new]]), np.append(radius, free[new])
+        grown = np.append(grown, np.zeros(new.sum(), bool))
         left = np.linalg.norm(centres - goal, axis=1) - radius
         if (left <= margin).any():
             return True

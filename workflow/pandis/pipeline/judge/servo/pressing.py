@@ -86,8 +86,15 @@ def contact(trajectory, places, thin, size):
     """
     normals, metres = trajectory["normal"], size / UNIT_SIDE
     above = trajectory["points"] - trajectory["distance"][:, None] * normals
-    pressed = places.feet * metres, places.outward, places.radius * metres
-    return Contact(above * metres, normals, *pressed, thin.feet * metres, thin.outward)
+    return Contact(
+        above * metres,
+        normals,
+        places.feet * metres,
+        places.outward,
+        places.radius * metres,
+        thin.feet * metres,
+        thin.outward,
+    )
 
 
 def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
@@ -123,13 +130,15 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     others.append(hand._replace(stiffness=0.0, damping=0.0))
     rigs = [rig, *(_Rig(field, spec, surface, size, other, rate, feel) for other in others)]
     # in the time of ticks nothing is late, however many rigs run beside each other
-    found = list(each(lambda one: one.safe(stiffness), rigs, thread_count()))
-    safe, limit = found[0]
-    held = {one.hand.damping: most for one, (most, _) in zip(rigs[:-1], found[:-1], strict=True)}
+    searched = list(each(lambda one: one.safe(stiffness), rigs, thread_count()))
+    safe, limit = searched[0]
+    stiffest = {
+        one.hand.damping: most for one, (most, _) in zip(rigs[:-1], searched[:-1], strict=True)
+    }
     return Pressed(
         hand=hand.damping,
-        hands={f"{damping:g}": held[damping] for damping in sorted(held)},
-        released_n_m=found[-1][0],
+        hands={f"{damping:g}": stiffest[damping] for damping in sorted(stiffest)},
+        released_n_m=searched[-1][0],
         stiffness=stiffness,
         strongest_n=max(run.strongest for run in every),
         steepest_n_per_ms=max(run.steepest for run in every) * 1e-3 * rate,
@@ -185,7 +194,7 @@ class _Rig:
 
     def presses(self, stiffness):
         if stiffness not in self._pressed:  # the ladder has a rung at the stiffness asked for
-            wanted, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
+            order, device = self.order(stiffness, self.ticks), self.simulated(stiffness)
             self._pressed[stiffness] = []
             for point, normal, radius, start in self.picked:
                 press = self.strength(stiffness, radius)
@@ -195,8 +204,8 @@ class _Rig:
                 )
                 rest[: self.wait], push[: self.wait] = start, 0.0
                 if self.feel:
-                    wanted.scene.restart()
-                run = run_simulated(device, start, rest, push, wanted)
+                    order.scene.restart()
+                run = run_simulated(device, start, rest, push, order)
                 self._pressed[stiffness].append(run)
         return self._pressed[stiffness]
 
@@ -212,8 +221,8 @@ class _Rig:
         start = self._free(self.surface.points[:1], self.surface.normals[:1])[0]
         rest = np.concatenate([np.tile(start, (self.wait, 1)), rest])
         push = np.concatenate([np.zeros((self.wait, 3)), push])
-        device, wanted = self.simulated(stiffness), self.order(stiffness, len(rest))
-        return run_simulated(device, start, rest, push, wanted)
+        device, order = self.simulated(stiffness), self.order(stiffness, len(rest))
+        return run_simulated(device, start, rest, push, order)
 
     def is_quiet(self, run):
         path = run.path[self.wait + (len(run.path) - self.wait) * 2 // 3 :]
@@ -225,20 +234,20 @@ class _Rig:
         Presses that friction may have stopped before the wall are ignored. If that leaves none,
         the share is 1.
         """
-        told = []
+        shares = []
         for run, (_, _, radius, _) in zip(self.presses(stiffness), self.picked, strict=True):
             touched = bool(run.force.any())
             carried = self.strength(stiffness, radius) <= _STUCK * self.spec.friction
             if touched or not carried or run.armed_at < 0:
-                told.append(touched and self.is_quiet(run))
-        return float(np.mean(told)) if told else 1.0
+                shares.append(touched and self.is_quiet(run))
+        return float(np.mean(shares)) if shares else 1.0
 
     def safe(self, stiffness):
         """Return the largest stiffness that is quiet and passive, and what keeps it from more."""
         last, why = 0.0, ""
-        for wanted in LADDER * stiffness:
-            runs = self.presses(wanted)
-            if self.quiet(wanted) < CALM:
+        for trial in LADDER * stiffness:
+            runs = self.presses(trial)
+            if self.quiet(trial) < CALM:
                 why = "beyond that it shakes, or holds nothing"
             if min(run.worst for run in runs) < -SLACK:
                 why = "beyond that the wall gives energy"
@@ -246,8 +255,8 @@ class _Rig:
                 why = "beyond that a run ends early"
             if why:
                 break
-            last = float(wanted)
-            if wanted > self.spec.stiffness:
+            last = float(trial)
+            if trial > self.spec.stiffness:
                 break
         if last >= self.spec.stiffness:
             return self.spec.stiffness, "the most that is tried on this device"

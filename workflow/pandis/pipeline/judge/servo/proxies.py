@@ -1,5 +1,6 @@
 """A field felt through a proxy: what it costs, whether a wall lets it through, what is safe."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -97,9 +98,13 @@ def feel_for(field, beside, contact, size, seconds, deadline):
     materials, textures = materials_for(contact, names), textures_for(contact, names)
     fit = int(SHARE * deadline / seconds) if seconds > 0 else MOST
     queries = contact.queries or min(max(fit, LEAST), MOST)
-    made = tuple(Material(**values) for values in materials.values())
+    surfaces = tuple(Material(**values) for values in materials.values())
     texture = texture_for(textures, Placed.at(field, size, 1.0).scale)
-    return Feel(contact.radius, made, regions, queries, texture), Surfaces(materials, textures), ""
+    return (
+        Feel(contact.radius, surfaces, regions, queries, texture),
+        Surfaces(materials, textures),
+        "",
+    )
 
 
 def regions_among(exports):
@@ -135,7 +140,7 @@ def felt_again(field, verdict, size, folder):
     pandis.base.errors.PandisError
         Of several materials, no file in the folder says which one a face is made of.
     """
-    materials = tuple(Material(**made) for made in verdict.materials.values())
+    materials = tuple(Material(**values) for values in verdict.materials.values())
     beside = None
     if len(materials) > 1 and not field.region_names:
         beside = regions_among(folder.glob("*.pandis"))
@@ -203,13 +208,14 @@ def touch_device(name, field, feel, surface, walls, truth, options, rate):
     error = truth.error(field, options.size)
     rng = generator(options.seed, PRESSES)
     above = ABOVE + feel.radius
-    hard = surface.hard_feet, surface.hard_outward
-    presses = draw(*hard, spec, pressed.stiffness, _SLANT, rng, above)
+    presses = draw(
+        surface.hard_feet, surface.hard_outward, spec, pressed.stiffness, _SLANT, rng, above
+    )
     presses = free_starts(presses, truth.oracle, above)
-    given = field, spec, options.size, pressed.stiffness, presses
-    judged = judge(run(*given, feel), truth.oracle, error, radius=feel.radius)
-    other = judge(run(*given), truth.oracle, error, detours=False)
-    made = TouchVerdict(
+    run_presses = partial(run, field, spec, options.size, pressed.stiffness, presses)
+    judged = judge(run_presses(feel), truth.oracle, error, radius=feel.radius)
+    other = judge(run_presses(), truth.oracle, error, detours=False)
+    touched = TouchVerdict(
         **dict(pressed),
         device=name,
         presses=judged.presses,
@@ -218,8 +224,8 @@ def touch_device(name, field, feel, surface, walls, truth, options, rate):
         deepest_m=judged.deepest,
         holds=walls.holds,
     )
-    said = {"verdict": proxy_verdict(made), "sentence": proxy_sentence(made)}
-    return made.model_copy(update=said)
+    words = {"verdict": proxy_verdict(touched), "sentence": proxy_sentence(touched)}
+    return touched.model_copy(update=words)
 
 
 def _levels(values):

@@ -96,15 +96,15 @@ def known(path, model, size, through_proxy=False):
         return Known(why=f"{verdict} is about {report.rate:g} Hz, this device about another")
     if not (validated.agrees and validated.in_time):
         return Known(why=f"{verdict} says: {validated.sentence}")
-    proxy, said = None, validated.devices
+    proxy, devices = None, validated.devices
     if through_proxy:
         proxy = validated.proxy
         if proxy is None:
             return Known(why=f"{verdict} is about no proxy: {validated.no_proxy}")
         if not proxy.in_time:
             return Known(why=f"{verdict} says: a proxy computes too long with it")
-        said = proxy.devices
-    pressed = said.get(model)
+        devices = proxy.devices
+    pressed = devices.get(model)
     if pressed is None:
         return Known(why=f"{verdict} knows no {model}: add it to hardware.devices")
     return Known(pressed, validated.walls, "", proxy)
@@ -146,18 +146,20 @@ def touch_simulated(field, model, size, stiffness, seconds, feel=None):
     return run_simulated(device, rest[0], rest, np.zeros(3), order, clock=True)
 
 
-def _feel(field, given, proxy):
+def _feel(field, options, proxy):
     """Return how a field is felt through a proxy: as it was validated, or as the user says."""
-    feel = felt_again(field, proxy, given.size, given.field.resolve().parent) if proxy else Feel()
-    if given.radius is not None:
-        feel = feel._replace(radius=given.radius)
-    if given.friction is not None:
-        rubs = Material(given.friction, given.friction, 0.0, 0.0)
+    feel = (
+        felt_again(field, proxy, options.size, options.field.resolve().parent) if proxy else Feel()
+    )
+    if options.radius is not None:
+        feel = feel._replace(radius=options.radius)
+    if options.friction is not None:
+        rubs = Material(options.friction, options.friction, 0.0, 0.0)
         feel = feel._replace(materials=(rubs,))
     return feel
 
 
-def told(session, stiffness):
+def describe(session, stiffness):
     """Return what became of a run, in a sentence."""
     return (
         f"{session.sentence}: {len(session.force):,} ticks at {stiffness:.0f} N/m, at most "
@@ -182,43 +184,39 @@ def main(words=None):
     parser.add_argument("--radius", type=float, help="of the proxy, m; by default as validated")
     parser.add_argument("--friction", type=float, help="force per force; by default as validated")
     parser.add_argument("--arm", action="store_true", help="send forces, with PANDIS_ARM=1")
-    given = parser.parse_args(words)
-    if not given.simulated and given.model not in ATTACHED:
+    line = parser.parse_args(words)
+    if not line.simulated and line.model not in ATTACHED:
         parser.error(f"only {' and '.join(ATTACHED)} can be attached; others with --simulated")
-    asked = [value for value in (given.radius, given.friction) if value is not None]
-    if asked and not (given.proxy and given.simulated):
+    overrides = [value for value in (line.radius, line.friction) if value is not None]
+    if overrides and not (line.proxy and line.simulated):
         parser.error("a device has the contact that was validated: --radius and --friction are for "
                      "--simulated --proxy")  # fmt: skip
-    if not all(value >= 0 for value in asked):
+    if not all(value >= 0 for value in overrides):
         parser.error("--radius and --friction are numbers from 0 on")
     try:
-        field = NativeField(given.field)
+        field = NativeField(line.field)
     except PandisError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    found = known(given.field, given.model, given.size, given.proxy)
-    pressed, walls, why = found.pressed, found.walls, found.why
-    feel = _feel(field, given, found.proxy) if given.proxy else None
-    print(f"{given.field}: longest side {UNIT_SIDE / field.frame.scale:g} in the mesh's units")
+    validated = known(line.field, line.model, line.size, line.proxy)
+    pressed, walls, why = validated.pressed, validated.walls, validated.why
+    feel = _feel(field, line, validated.proxy) if line.proxy else None
+    print(f"{line.field}: longest side {UNIT_SIDE / field.frame.scale:g} in the mesh's units")
     if why:
         print(f"no safe stiffness is known: {why}")
-    if given.simulated:
-        most = min(given.stiffness, DEVICES[given.model].stiffness)
-        stiffness = most if why else stiffness_for(most, DEVICES[given.model], pressed, walls)[0]
+    if line.simulated:
+        most = min(line.stiffness, DEVICES[line.model].stiffness)
+        stiffness = most if why else stiffness_for(most, DEVICES[line.model], pressed, walls)[0]
         try:
-            session = touch_simulated(
-                field, given.model, given.size, stiffness, given.seconds, feel
-            )
+            session = touch_simulated(field, line.model, line.size, stiffness, line.seconds, feel)
         except PandisError as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
-        print(f"A simulated device ran, and no other. It {told(session, stiffness)}.")
+        print(f"A simulated device ran, and no other. It {describe(session, stiffness)}.")
         return 0
-    options = AttachedOptions(
-        library=given.library, name=given.name, model=given.model, arm=given.arm
-    )
-    span = Span(given.seconds, HardwareOptions().deadline)
-    scale = Scale(given.size, given.stiffness)
+    options = AttachedOptions(library=line.library, name=line.name, model=line.model, arm=line.arm)
+    span = Span(line.seconds, HardwareOptions().deadline)
+    scale = Scale(line.size, line.stiffness)
     try:
         _, run = run_attached(field, scale, options, span, pressed, walls, feel=feel)
     except PandisError as error:

@@ -95,7 +95,7 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
     surface = contact(trajectory.arrays, walls.pressed, walls.thin, options.size)
     report = progress("fields", len(exports), "fields")
     idle = run_ticks(None, points, _ticks(options), options.rate)
-    asked = AGAIN if options.ask_again else ONCE
+    mode = AGAIN if options.ask_again else ONCE
     arrays["lateness"] = idle.lateness
     path_in, beside = _entered(trajectory.arrays, options.size), regions_among(exports)
     _check_names(options.contact, beside, log)
@@ -129,7 +129,7 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
         )
         report.update(index + 1)
     attributes = HardwareRecord(
-        statement=f"{_statement(fields)} {asked}",
+        statement=f"{_statement(fields)} {mode}",
         devices={name: DEVICES[name]._asdict() for name in options.devices},
         machine=describe() | {"governor": governor()},
         locked=idle.locked,
@@ -163,14 +163,17 @@ def _attached(field, surface, servo, devices, options, felt=None):
     if pressed is None or options.rate != rate:  # what is safe at one rate is not at another
         chosen = options.model_copy(update={"devices": [model], "rate": rate})
         if felt:
-            given = field, felt.feel, surface, servo.walls, felt.truth, options
-            pressed = touch_device(model, *given, rate)
+            pressed = touch_device(
+                model, field, felt.feel, surface, servo.walls, felt.truth, options, rate
+            )
         else:
             pressed = press_devices(field, surface, servo.walls, chosen)[model]
     sound = servo.agrees and servo.in_time and (felt is None or felt.verdict.in_time)
     span = Span(options.seconds, options.deadline)
-    given = Scale.of(options), options.attached, span, pressed, servo.walls, sound
-    return run_attached(field, *given, felt and felt.feel)
+    return run_attached(
+        field, Scale.of(options), options.attached, span, pressed, servo.walls, sound,
+        felt and felt.feel,
+    )  # fmt: skip
 
 
 def _entered(trajectory, size):
@@ -193,8 +196,12 @@ def _check_names(contact, beside, log):
 
 def _statement(fields):
     """Say what ran: that a device did only where one has."""
-    said = [v.attached.statement for v in fields.values() if v.attached]
-    return " ".join([WHAT_RAN, *dict.fromkeys(said)]) if said else f"{NO_ATTACHED} {WHAT_RAN}"
+    statements = [v.attached.statement for v in fields.values() if v.attached]
+    return (
+        " ".join([WHAT_RAN, *dict.fromkeys(statements)])
+        if statements
+        else f"{NO_ATTACHED} {WHAT_RAN}"
+    )
 
 
 def pushing_feet(field, walls):
@@ -256,8 +263,8 @@ def validate(field, frame, points, reference, walls, options):
     """
     run = run_ticks(field, points, _ticks(options), options.rate, options.ask_again)
     force = run.force * frame.scale  # distances came in mesh units
-    wanted = reference[np.arange(len(force)) % len(points)]
-    difference = np.linalg.norm(force - wanted, axis=1).max()
+    expected = reference[np.arange(len(force)) % len(points)]
+    difference = np.linalg.norm(force - expected, axis=1).max()
     missed = run.compute > options.deadline
     share, late = float(missed.mean()), _late(run.lateness, options)
     agrees = bool(difference <= AGREEMENT)
@@ -277,11 +284,11 @@ def validate(field, frame, points, reference, walls, options):
         walls=walls,
     )
     servo = servo.model_copy(update={"verdict": machine_verdict(servo)})
-    said = {"sentence": _sentence(servo, options)}
+    words = {"sentence": _sentence(servo, options)}
     if options.loaded_seconds:
-        said["loaded"] = _loaded(field, points, options)
+        words["loaded"] = _loaded(field, points, options)
     arrays = {"compute": run.compute, "lateness": run.lateness, "force": force}
-    return arrays, servo.model_copy(update=said)
+    return arrays, servo.model_copy(update=words)
 
 
 def _loaded(field, points, options):

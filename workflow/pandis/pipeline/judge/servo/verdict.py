@@ -47,23 +47,23 @@ def proxy_verdict(touched):
     ----------
     touched : pandis.pipeline.run.records.hardware.TouchVerdict
     """
-    kept = touched.holds and touched.presses and not touched.passes
-    return "pass" if kept and _is_good(touched) else "fail"
+    sound = touched.holds and touched.presses and not touched.passes
+    return "pass" if sound and _is_good(touched) else "fail"
 
 
 def proxy_sentence(touched):
     """Say what a simulated device made of a field through a proxy."""
-    said = (
+    clauses = (
         f"no wall lets it through in {touched.presses} presses of 1.2 times the largest force "
         f"({touched.penalty_passes} with penalty forces)"
     )
     if touched.passes:
-        said = (
+        clauses = (
             f"walls let it through in {touched.passes} of {touched.presses} presses "
             f"({touched.penalty_passes} with penalty forces)"
         )
     if not touched.presses:
-        said = "there is no room to press it hard, so that nothing is known of its walls"
+        clauses = "there is no room to press it hard, so that nothing is known of its walls"
     faults = [*_faults(touched.device, touched), *_unrest(touched)]
     if not touched.holds:
         faults.append("the field's forces are not the exact ones")
@@ -74,7 +74,7 @@ def proxy_sentence(touched):
             f"use at most {touched.safe_n_m:.0f} N/m ({touched.limited_by}), in a light hand "
             f"{touched.hands[light]:.0f}"
         )
-    return f"Through a proxy: {'; '.join([said, *faults, advice])}."
+    return f"Through a proxy: {'; '.join([clauses, *faults, advice])}."
 
 
 def device_sentence(name, pressed, walls):
@@ -188,18 +188,18 @@ def machine_sentence(servo, options):
 
 def paragraph(servo, devices, options, proxy=None):
     """Return what to do about a field: the machine's sentence, then what is said of each device."""
-    said = [machine_sentence(servo, options)]
+    sentences = [machine_sentence(servo, options)]
     if proxy and not proxy.touching_share:
-        said.append(
+        sentences.append(
             "The proxy touched nothing along the trajectory, so that its time is not known: it "
             "began where the field is not free."
         )
     elif proxy and not proxy.in_time:
-        said.append(
+        sentences.append(
             f"A proxy does not hold the rate with it: {100 * proxy.miss_share:.2g} % of its ticks "
             "compute too long; make contact.queries smaller, or take another field."
         )
     for name, device in devices.items():
-        said.append(device.sentence)
-        said += [proxy.devices[name].sentence] if proxy and name in proxy.devices else []
-    return " ".join(said)
+        sentences.append(device.sentence)
+        sentences += [proxy.devices[name].sentence] if proxy and name in proxy.devices else []
+    return " ".join(sentences)

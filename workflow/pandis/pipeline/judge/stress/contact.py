@@ -88,14 +88,14 @@ def wanted_force(exact, places, scale, device):
     return np.minimum(HOLDS * holding(exact, places, scale, device), device.force_limit)
 
 
-def hold(answer, places, wanted, scale, device):
+def hold(answer, places, force, scale, device):
     """Count the walls that give way before the exact ones do at the same point.
 
     Parameters
     ----------
     answer : callable
     places : pandis.pipeline.geometry.places.Stratified
-    wanted : ndarray, shape (n,)
+    force : ndarray, shape (n,)
         From `wanted_force`.
     scale : pandis.base.physical.Scale
     device : pandis.pipeline.judge.stress.physical.Device
@@ -109,8 +109,8 @@ def hold(answer, places, wanted, scale, device):
         ``limit``, ``broken_limit``, ``passed``.
     """
     forces = holding(answer, places, scale, device)
-    share = forces / np.maximum(wanted, 1e-12)
-    short = wanted - forces >= np.where(places.wall, ROUNDING, JUDGED)
+    share = forces / np.maximum(force, 1e-12)
+    short = force - forces >= np.where(places.wall, ROUNDING, JUDGED)
     early = float(places.weight[share < 1 - 1e-6].sum())
     broken = float(places.weight[(share < BREAKS) & short].sum())
     return {

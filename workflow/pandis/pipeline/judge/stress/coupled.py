@@ -76,18 +76,18 @@ class Press(NamedTuple):
         How far the probe shakes in the last third, above 30 Hz, peak to peak, m.
     energy : ndarray, shape (n,)
         What the wall has taken from the device, J; negative: it has given.
-    held : ndarray, shape (n,)
+    share : ndarray, shape (n,)
         Mean force of the last third, as a share of the press; infinite where friction holds it.
     """
 
     swing: np.ndarray
     energy: np.ndarray
-    held: np.ndarray
+    share: np.ndarray
 
     @property
     def calm(self):
         """Where (n,) the probe neither shakes nor goes through."""
-        return (self.swing < QUIET) & (self.held >= HOLDS)
+        return (self.swing < QUIET) & (self.share >= HOLDS)
 
 
 def simulate(
@@ -159,23 +159,30 @@ def shaking(path, period=TICK):
     return np.linalg.norm(np.ptp(fast[mean:-mean], axis=0), axis=-1)
 
 
-def stable_stiffness(answer, places, wanted, scale, device):
+def stable_stiffness(answer, places, force, scale, device):
     """Return the largest stiffness of the ladder up to which presses on CALM of the area are calm.
 
     Pressed with what the hand presses with, or half of what walls must hold at that stiffness
     (``wanted``: at the one asked for) if that is less: an absent wall is quiet, but holds nothing.
     """
     count, ladder = len(places.feet), LADDER * scale.stiffness
-    every = np.tile(places.feet, (len(LADDER), 1)), np.tile(places.outward, (len(LADDER), 1))
-    holds = _HARD * np.outer(LADDER, wanted).ravel()
+    holds = _HARD * np.outer(LADDER, force).ravel()
     press = np.minimum(device.press, holds)
-    runs = simulate(answer, *every, np.repeat(ladder, count), scale, device, press)
+    runs = simulate(
+        answer,
+        np.tile(places.feet, (len(LADDER), 1)),
+        np.tile(places.outward, (len(LADDER), 1)),
+        np.repeat(ladder, count),
+        scale,
+        device,
+        press,
+    )
     calm = runs.calm.reshape(len(LADDER), count) @ places.weight >= CALM
     steps = int(np.logical_and.accumulate(calm).sum())
     return float(ladder[steps - 1]) if steps else 0.0
 
 
-def presses(answer, places, wanted, scale, device):
+def presses(answer, places, force, scale, device):
     """Press on places, as the hand does and as hard as the exact wall holds when it swings.
 
     Returns
@@ -183,20 +190,27 @@ def presses(answer, places, wanted, scale, device):
     ndarray, shape (2, n), bool
         Whether each press stays calm, at the stiffness asked for.
     """
-    press = np.concatenate([np.minimum(device.press, _HARD * wanted), _HARD * wanted])
-    every = np.tile(places.feet, (2, 1)), np.tile(places.outward, (2, 1))
+    press = np.concatenate([np.minimum(device.press, _HARD * force), _HARD * force])
     stiffness = np.full(len(press), scale.stiffness)
-    return simulate(answer, *every, stiffness, scale, device, press).calm.reshape(2, -1)
+    return simulate(
+        answer,
+        np.tile(places.feet, (2, 1)),
+        np.tile(places.outward, (2, 1)),
+        stiffness,
+        scale,
+        device,
+        press,
+    ).calm.reshape(2, -1)
 
 
-def closed_loop(answer, places, wanted, calm, rests, scale, device):
+def closed_loop(answer, places, force, calm, rests, scale, device):
     """Find where a device and a hand shake on a field or go through, and up to which stiffness.
 
     Parameters
     ----------
     answer : callable
     places : pandis.pipeline.geometry.places.Stratified
-    wanted : ndarray, shape (n,)
+    force : ndarray, shape (n,)
         How hard walls must hold, N: see `pandis.pipeline.judge.stress.contact.wanted_force`.
     calm : ndarray, shape (2, n), bool
         From `presses`, of the exact field: where the shape itself lets a probe slip off or
@@ -213,9 +227,9 @@ def closed_loop(answer, places, wanted, calm, rests, scale, device):
         the worse of a light and a hard press; ``stable_n_m``; ``least_n_m``: the stiffness asked
         for, or what the exact field reaches; ``limit``; ``passed``.
     """
-    pressed = presses(answer, places, wanted, scale, device)
+    pressed = presses(answer, places, force, scale, device)
     restless = float(((calm & ~pressed) * places.weight).sum(axis=1).max())
-    stable = stable_stiffness(answer, places, wanted, scale, device)
+    stable = stable_stiffness(answer, places, force, scale, device)
     least = float(min(scale.stiffness, rests))
     passed = bool(restless <= ALLOWED and stable >= least)
     return {

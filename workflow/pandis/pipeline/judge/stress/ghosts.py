@@ -47,11 +47,11 @@ def ghosts(answer, engine, surface, count, scale, rng):
     feet, outward, _, _ = surface.draw(count, rng)
     near = feet + rng.uniform(0, PROBE_DEPTHS["deep"], count)[:, None] * outward
     near = near[(np.abs(near) <= 1).all(axis=1)]
-    anywhere, asked = haunted(answer, engine)
+    anywhere, where = haunted(answer, engine)
     points = np.concatenate([near, anywhere])
     beside = np.arange(len(points)) < len(near)
     height, direction = engine.distance_and_normal(points, check=False)
-    distance, normal = (np.concatenate(pair) for pair in zip(answer(near), asked, strict=True))
+    distance, normal = (np.concatenate(pair) for pair in zip(answer(near), where, strict=True))
     vectors, free = penalty_force(distance, normal), height > 0
     sizes = np.linalg.norm(vectors, axis=1)
     force = sizes * scale.newtons
@@ -100,10 +100,10 @@ def haunted(answer, engine):
     axis = np.linspace(-1 + half, 1 - half, _CELLS)
     cells = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     corners = np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    asked = []
+    tried = []
     for halving in range(_HALVINGS + 1):
         distance, normal = answer(cells)
-        asked.append((cells, distance, normal))
+        tried.append((cells, distance, normal))
         if halving == _HALVINGS:
             break
         reach = np.sqrt(3) * half
@@ -115,5 +115,5 @@ def haunted(answer, engine):
         half /= 2
         if not len(cells):
             break
-    points, distance, normal = (np.concatenate(columns) for columns in zip(*asked, strict=True))
+    points, distance, normal = (np.concatenate(columns) for columns in zip(*tried, strict=True))
     return points, (distance, normal)

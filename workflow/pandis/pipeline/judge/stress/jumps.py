@@ -46,11 +46,11 @@ def jumps(answer, exact, shell, along, scale, device):
     for name, way in {"encoder": device.encoder, **WAYS}.items():
         part = slice(None, None, 1 if name == _COUNTED else 10)
         change = _changes(answer, shell.points[part], along[part], way * scale.metre)
-        figures |= _told(name, change * scale.newtons)
+        figures |= _change_figures(name, change * scale.newtons)
         if name == _COUNTED:
             flat = way * scale.metre
             exactly = _changes(exact, shell.points, along, flat)
-            figures |= _told("exact", exactly * scale.newtons)
+            figures |= _change_figures("exact", exactly * scale.newtons)
             reference = _nearby(exact, shell.points, along, flat, exactly)
             share = excess(change, reference, STEEP * flat, shell.weight)
             worst = _upper(change - reference, shell.weight, RARE)
@@ -59,7 +59,7 @@ def jumps(answer, exact, shell, along, scale, device):
     return figures | {"jumps": share, "worst_n": worst_n, "limit": ALLOWED, "passed": bool(passed)}
 
 
-def _told(name, change):
+def _change_figures(name, change):
     """Return the figures of changes of a force, newtons."""
     levels = {
         "p999": np.percentile(change, 99.9),

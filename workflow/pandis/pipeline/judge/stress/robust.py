@@ -82,7 +82,7 @@ def invariance(field, shell):
     """
     frame, points = field.frame, shell.points
     wanted_distance, wanted_normal = field.answer(points)
-    wanted = penalty_force(wanted_distance, wanted_normal)
+    expected = penalty_force(wanted_distance, wanted_normal)
     length, off, changed = UNIT_SIDE / frame.scale, 0.0, 0.0
     cases = [(f, 0.0) for f in SCALES] + [(1.0, o) for o in OFFSETS]
     for factor, offset in cases:
@@ -91,7 +91,7 @@ def invariance(field, shell):
         distance, normal = field.placed(factor, move).distance_and_normal(there)
         distance = distance * frame.scale / factor
         off = max(off, float(np.abs(distance - wanted_distance).max()))
-        change = np.linalg.norm(penalty_force(distance, normal) - wanted, axis=1)
+        change = np.linalg.norm(penalty_force(distance, normal) - expected, axis=1)
         changed = max(changed, float(shell.weight[~(change <= SAME)].sum()))
     passed = off <= SAME and changed <= ELSEWHERE
     return {"distance": off, "changed": changed, "limit": SAME, "passed": passed}

@@ -44,7 +44,7 @@ from pandis.pipeline.run.records.stress import StressRecord
 class Question(NamedTuple):
     """What is asked of a field, the figure that tells most, and what a failure is said to be."""
 
-    asked: str
+    text: str
     figure: str
     failing: str
 
@@ -191,13 +191,13 @@ class Suite:
         self.along = directions(len(self.ways.points), rng)
         self.pushed = self._places(PUSHED, rng, "judged")
         self.pressed = self._places(PRESSED, rng)
-        self.wanted = {
+        self.exact_force = {
             name: wanted_force(self.exact, places, self.scale, self.device)
             for name, places in (("pushed", self.pushed), ("pressed", self.pressed))
         }
-        pressing = self.pressed, self.wanted["pressed"], self.scale, self.device
-        self.calm = presses(self.exact, *pressing)
-        self.rests = stable_stiffness(self.exact, *pressing)
+        force, device = self.exact_force["pressed"], self.device
+        self.calm = presses(self.exact, self.pressed, force, self.scale, device)
+        self.rests = stable_stiffness(self.exact, self.pressed, force, self.scale, device)
         #: How thick the solid is below the points pushed into, however thick.
         self.thickness = inscribed_radius(engine, self.pushed.feet, self.pushed.outward)
         self.odd = special_points(body.corners, body.faces, self.pushed, self.thickness)
@@ -206,7 +206,7 @@ class Suite:
         return stratify(self.surface, self.engine, self.scale, count, rng, among)
 
     @cached_property
-    def held(self):
+    def exact_hold(self):
         """What the exact field holds through a proxy, at the points pushed into."""
         exact = ExactField("exact", self.body)
         follow = Felt.of(ExportedField("exact", ExactFile(exact, 32, _UNCUT).data({})), self.scale)
@@ -259,7 +259,7 @@ class Suite:
         rng, engine = streams.generator(self.seed, streams.WANDER), self.engine
         way = wander(self.pushed, rng)
         return {
-            "holds": holds(follow, self.pushed, self.held, self.scale),
+            "holds": holds(follow, self.pushed, self.exact_hold, self.scale),
             "keeps": keeps(follow, engine, self.loops, self.device),
             "stays": stays(follow, engine, error, way, self.scale),
         }
@@ -273,13 +273,19 @@ class Suite:
         return {
             "missing": lambda: absence(answer, self.contacts),
             "other": lambda: otherness(answer, self.contacts),
-            "hold": lambda: hold(answer, self.pushed, self.wanted["pushed"], scale, device),
+            "hold": lambda: hold(answer, self.pushed, self.exact_force["pushed"], scale, device),
             "contacts": lambda: ghosts(answer, self.engine, self.surface, BESIDE, scale, rng),
             "work": lambda: work(answer, exact, self.loops, scale, device),
             "stiffness": lambda: stiffness(answer, exact, self.shell, scale, device),
             "jumps": lambda: jumps(answer, exact, self.ways, self.along, scale, device),
             "closed_loop": lambda: closed_loop(
-                answer, self.pressed, self.wanted["pressed"], self.calm, self.rests, scale, device
+                answer,
+                self.pressed,
+                self.exact_force["pressed"],
+                self.calm,
+                self.rests,
+                scale,
+                device,
             ),
             "invariance": lambda: invariance(field, self.shell),
             "precision": lambda: precision(answer, exact, self.shell, scale),
@@ -322,11 +328,11 @@ def stress(fields, controls, suite, count, progress, proxies=True):
     tried = {control.name: failures(suite.ask(control, progress, first=True))
              for control in controls}  # fmt: skip
     demand_failure("the stress suite", (name for name, failed in tried.items() if not failed))
-    asked = [field for field in fields if not field.ordered]
+    plain = [field for field in fields if not field.ordered]
     if proxies and not failures(suite.feel(nothing, 0.0)):
         demand_failure("the stress suite of proxies", ["a proxy that nothing holds"])
 
-    answered, felt = _shared_out(asked, suite, count, progress, proxies)
+    answered, felt = _shared_out(plain, suite, count, progress, proxies)
     holds = suite.thickness * suite.scale.newtons
     arrays = {"pushed": suite.pushed.feet, "holding_newtons": holds}
     record = StressRecord(

@@ -57,7 +57,8 @@ def time_fields(fields, exports, natives, body, points, options, progress):
     arrays, figures = {}, {}
     report = progress("fields", len(answers), "fields")
     for index, (name, answer, engine, counts) in enumerate(answers):
-        single, batched = time_queries(answer, points, *counts)
+        queries, batch, repeats = counts
+        single, batched = time_queries(answer, points, queries, batch, repeats)
         arrays |= {f"single_{name}": single, f"batch_{name}": batched}
         figures[name] = summarise(single, batched) | {"engine": engine}
         if options.cold:
@@ -65,9 +66,9 @@ def time_fields(fields, exports, natives, body, points, options, progress):
             figures[name]["cold_p50_us"] = float(np.median(cold) * 1e6)
         report.update(index + 1)
     for path in natives:
-        seconds_of, told = time_native(NativeField(path), points, options)
+        seconds_of, quantiles = time_native(NativeField(path), points, options)
         arrays |= {f"{way}_{path.stem}": seconds for way, seconds in seconds_of.items()}
-        figures.setdefault(path.stem, {}).update(told)
+        figures.setdefault(path.stem, {}).update(quantiles)
     return arrays, TimingRecord(fields=figures, machine=describe()).attributes()
 
 
@@ -131,8 +132,8 @@ def time_program(path, mesh, points, options, figures, log):
     frame, name = Frame.of(mesh), path.stem
     points = frame.to_mesh(points)
     distance, normal, seconds = libtorch.ask(path, points, options.queries)
-    wanted = Session(path.with_suffix(".onnx")).distance_and_normal(points)
-    force, wanted_force = penalty_force(distance, normal), penalty_force(*wanted)
+    expected = Session(path.with_suffix(".onnx")).distance_and_normal(points)
+    force, wanted_force = penalty_force(distance, normal), penalty_force(*expected)
     off = np.linalg.norm(force - wanted_force, axis=1).max() * frame.scale
     if not off <= 2 * FORCE:  # each may differ by so much from the network
         raise PandisError(

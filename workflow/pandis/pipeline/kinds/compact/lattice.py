@@ -130,9 +130,9 @@ def _cleaned(faces, sheets, lines):
     equal = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     lines.append(faces[equal])
     faces = faces[~equal]
-    kept = _without_pairs(faces)
-    sheets.append(faces[~kept])
-    return faces[kept]
+    unpaired = _without_pairs(faces)
+    sheets.append(faces[~unpaired])
+    return faces[unpaired]
 
 
 def _without_pairs(faces):
@@ -147,9 +147,9 @@ def _without_pairs(faces):
     group = 2 * which + even
     sorted_by = np.argsort(group, kind="stable")
     first = np.searchsorted(group[sorted_by], group[sorted_by])
-    kept = np.ones(len(faces), bool)
-    kept[sorted_by] = np.arange(len(faces)) - first >= gone[which[sorted_by]]
-    return kept
+    single = np.ones(len(faces), bool)
+    single[sorted_by] = np.arange(len(faces)) - first >= gone[which[sorted_by]]
+    return single
 
 
 def _turn_edges(vertices, faces, flat):

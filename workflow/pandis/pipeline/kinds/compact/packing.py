@@ -49,7 +49,7 @@ def build_compact(body, bits, seed, log):
         Points farther from the surface than it can have moved are on the wrong side.
     """
     arrays, record = pack_body(body, bits)
-    log(told(arrays, record))
+    log(describe(arrays, record))
     record = limit_queries(arrays, record)
     compare_sides(body, arrays, record, seed)
     return arrays, record
@@ -132,7 +132,7 @@ def size_of(arrays):
     return sum(part.nbytes for part in arrays.values())
 
 
-def told(arrays, record):
+def describe(arrays, record):
     """Return what a compact mesh has come to, in words."""
     return (
         f"{record.bits} bits: {record.faces:,} of {record.faces_before:,} faces in "

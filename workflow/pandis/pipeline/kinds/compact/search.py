@@ -10,10 +10,10 @@ from pandis.pipeline.geometry.measure import promise
 from pandis.pipeline.kinds.compact.packing import (
     bound_deviation,
     compare_sides,
+    describe,
     limit_queries,
     pack_body,
     size_of,
-    told,
 )
 from pandis.pipeline.kinds.compact.reference import CompactField
 from pandis.pipeline.kinds.compact.spec import BITS, KIND
@@ -92,7 +92,7 @@ class Packer:
         for error, candidate in tried:
             record = bound_deviation(self.body, candidate.arrays, candidate.field.record)
             known = f"; mean error of the force {error:.2g}" if error < inf else ""
-            self.log(f"{told(candidate.arrays, record)}{known}")
+            self.log(f"{describe(candidate.arrays, record)}{known}")
             record = limit_queries(candidate.arrays, record)
             try:
                 compare_sides(self.body, candidate.arrays, record, self.seed)
@@ -187,10 +187,10 @@ class CompactSizing:
             candidate = self.packer.within(budget)
             if candidate is None:
                 continue
-            asked = self._limits if self.target.bytes is None else None
-            measured = self.points.measure(candidate.force, asked)
+            limits = self._limits if self.target.bytes is None else None
+            measured = self.points.measure(candidate.force, limits)
             tried.append((size_of(candidate.arrays), measured))
-            self.log(f"compact-auto: {self.points.told(measured.figures)}")
+            self.log(f"compact-auto: {self.points.describe(measured.figures)}")
             if not measured.why:
                 return candidate.arrays, candidate.attributes | {
                     "sizing": sizing_of(self.target, tried)
@@ -203,13 +203,13 @@ class CompactSizing:
     def _refusal(self, tried):
         what = "compact-auto (bake.auto.compact)"
         if not tried:
-            asked = self.target.bytes
-            fits = f" that fits into {asked:,} bytes" if asked else ""
+            budget = self.target.bytes
+            fits = f" that fits into {budget:,} bytes" if budget else ""
             return f"{what}: no compact mesh{fits} has every point on its right side"
         size, best = min(tried, key=lambda one: one[1].excess)
         return (
-            f"{what}: no compact mesh meets {self.points.told_limits(self._limits)}; the nearest, "
-            f"{size:,} bytes, {best.why}: ask for less"
+            f"{what}: no compact mesh meets {self.points.describe_limits(self._limits)}; the "
+            f"nearest, {size:,} bytes, {best.why}: ask for less"
         )
 
 

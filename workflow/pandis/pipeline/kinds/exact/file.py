@@ -11,7 +11,7 @@ from pandis.runtime.field import MESH, SHAPE, SHAPES, NativeField
 
 #: A query looks at so many nodes, leaves and faces, which takes about a tenth of a tick and cuts
 #: nothing on scans; more where that would cut a query next to the surface.
-_MOST = 1000
+MOST = 1000
 #: By how much distances may differ from the library's (unit frame).
 _ROUNDING = 1e-12
 
@@ -50,7 +50,7 @@ class File(FieldFile):
             answer, clear = native.query_within(frame.to_mesh(points), np.inf)
             return answer.distance, clear
 
-        return least_limit(_MOST, engine.vertices, engine.faces, query)
+        return least_limit(MOST, engine.vertices, engine.faces, query)
 
     def faces(self, body, original_faces):
         """See `FieldFile.faces`."""
@@ -65,5 +65,5 @@ class File(FieldFile):
         """See `FieldFile.differences`."""
         if self.shape:
             return super().differences(exported)
-        found = super().differences(exported, self.left_out)
-        return found | check_nearest(exported, self.field.engine, _ROUNDING)
+        differences = super().differences(exported, self.left_out)
+        return differences | check_nearest(exported, self.field.engine, _ROUNDING)

@@ -178,12 +178,12 @@ def complete(values, content, axes):
     return values, ~beyond
 
 
-def _nearest(wanted, source, step):
+def _nearest(nodes, source, step):
     """Return the nearest source node (3, m) of each wanted node, and the way to it (m,)."""
     shape = step / step[0]
     _, index = distance_transform_edt(~source, sampling=shape, return_indices=True)
-    nearest = index[:, wanted]
-    way = np.linalg.norm((nearest - np.argwhere(wanted).T) * shape[:, None], axis=0) * step[0]
+    nearest = index[:, nodes]
+    way = np.linalg.norm((nearest - np.argwhere(nodes).T) * shape[:, None], axis=0) * step[0]
     return nearest, way
 
 

@@ -82,7 +82,7 @@ def train(task, samples, strata, points, checkpoint, progress, log):
         finish()
         best = min(tried, key=lambda one: one.excess)
         raise PandisError(
-            f"train.{task.name}: no network meets {points.told_limits(limits)}; of "
+            f"train.{task.name}: no network meets {points.describe_limits(limits)}; of "
             f"{len(tried)}, up to {recipe.width} units per layer, the nearest, of "
             f"{best.size}, {best.why}: ask for less, or give more steps or width"
         )

@@ -89,9 +89,9 @@ def compare(answer, artifact, what, log):
 
     def reference(points, network=single):
         clamped, outside = clamp_to_box(points)
-        given = torch.from_numpy(clamped).to(next(network.parameters()).dtype)
+        inputs = torch.from_numpy(clamped).to(next(network.parameters()).dtype)
         with torch.no_grad():
-            output, direction = network.forward_with_gradient(given)
+            output, direction = network.forward_with_gradient(inputs)
         output, direction = output.double().numpy(), direction.double().numpy()
         if output.shape[1] > 1:
             direction = output[:, 1:]

@@ -144,9 +144,9 @@ class SplineFit:
         fine_inside = _inside(fine_masks, lattice.size)
         fine_nodes = _flat(kept_nodes(fine_masks), lattice.size)[fine_inside]
         levels = [level, Level(lattice, fine_nodes)]
-        targets, wanted = self.targets, _SAMPLES * len(levels[1].nodes)
-        if wanted > len(targets.points):
-            targets = self._draw(wanted)
+        targets, count = self.targets, _SAMPLES * len(levels[1].nodes)
+        if count > len(targets.points):
+            targets = self._draw(count)
         start.append(np.zeros(len(levels[1].nodes)))
         done = _BASE_ROUNDS * _STEPS
         fitted = fit(
@@ -229,9 +229,9 @@ class SplineFit:
             new[np.unique(flat, return_index=True)[1]] = True
             costs = np.cumsum(_FINE_BLOCK + _BRICK_BYTES * new)
             room = int(np.searchsorted(costs, free, side="right"))
-        kept = np.zeros(score.size, bool)
-        kept[order[:room]] = True
-        return kept.reshape(score.shape)
+        chosen = np.zeros(score.size, bool)
+        chosen[order[:room]] = True
+        return chosen.reshape(score.shape)
 
     def _far(self):
         """Return the dense coefficients (FAR_SIZE,) * 3 of the far lattice."""
@@ -257,8 +257,8 @@ def box_lattice(size):
 
 def samples_for(size=None, budget=None):
     """Return how many samples a spline of ``size`` nodes per axis, or ``budget`` bytes, wants."""
-    wanted = 2 * budget if budget else 32 * size**2
-    return int(np.clip(wanted, FEWEST_SAMPLES, MOST_SAMPLES))
+    count = 2 * budget if budget else 32 * size**2
+    return int(np.clip(count, FEWEST_SAMPLES, MOST_SAMPLES))
 
 
 def base_size(size):

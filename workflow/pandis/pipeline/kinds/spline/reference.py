@@ -59,10 +59,10 @@ class SplineField(Field):
         clamped, outside = clamp_to_box(points)
         clamped = np.clip(clamped, -EDGE, EDGE)
         value, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
-        kept = self.levels[0].add(clamped, value, gradient)
+        covered = self.levels[0].add(clamped, value, gradient)
         self.levels[1].add(clamped, value, gradient)
         flag = np.full(len(points), OK, np.uint8)
-        beyond = (kept < 2) | (outside > 0)
+        beyond = (covered < 2) | (outside > 0)
         self._sharpen(clamped, value, gradient, ~beyond)
         rest = np.flatnonzero(beyond)
         if len(rest):

@@ -125,7 +125,7 @@ class _Scene:
 
     def parts(self):
         """Return the triangles (vertices, faces, material) of everything that is shown."""
-        found, total = [], 0
+        pieces, total = [], 0
         for node, matrix in self._nodes():
             if "mesh" not in node:
                 continue
@@ -137,8 +137,11 @@ class _Scene:
             if "skin" in node:
                 self._notes.append("skins are not applied: meshes are as they are bound")
             for vertices, faces, material in meshes:
-                found += [(*placed(vertices, faces, matrix @ own), material) for own in instances]
-        return found
+                pieces += [
+                    (*placed(vertices, faces, matrix @ instance), material)
+                    for instance in instances
+                ]
+        return pieces
 
     def _nodes(self):
         """Yield the nodes of the scene, each with its matrix."""

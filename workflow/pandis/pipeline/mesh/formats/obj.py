@@ -103,9 +103,9 @@ def _statements(text):
             first = first or line
             begun += words_of(content[:-1])
             continue
-        found = begun + words_of(content)
-        if found:
-            yield first or line, found
+        words = begun + words_of(content)
+        if words:
+            yield first or line, words
         begun, first = [], 0
     if begun:
         yield first, begun

@@ -36,14 +36,14 @@ def read(path, folder=None):
     """
     del folder
     lines = lines_of(text_of(path.read_bytes(), "OFF"))
-    lines = [(i, found) for i, line in enumerate(lines, 1) if (found := words(line))]
+    lines = [(i, row) for i, line in enumerate(lines, 1) if (row := words(line))]
     _take_head(lines)
     counts = []
     while len(counts) < 3 and lines:
-        line, found = lines[0]
+        line, row = lines[0]
         taken = 3 - len(counts)
-        counts += [whole(word, f"line {line}") for word in found[:taken]]
-        rest = found[taken:]
+        counts += [whole(word, f"line {line}") for word in row[:taken]]
+        rest = row[taken:]
         lines[:1] = [(line, rest)] if rest else []
     if len(counts) < 2 or min(counts) < 0:
         raise FormatError(f"it declares no counts of vertices and faces; {AGAIN}")
@@ -52,15 +52,15 @@ def read(path, folder=None):
     if len(lines) != count + declared:
         lines = _regrouped(lines, count, declared)
     at = [line for line, _ in lines]
-    for line, found in lines[:count]:
-        if len(found) < 3 or len(found) != len(lines[0][1]):
+    for line, row in lines[:count]:
+        if len(row) < 3 or len(row) != len(lines[0][1]):
             raise FormatError(
-                f"line {line}: a vertex of {len(found)} numbers, the first has "
+                f"line {line}: a vertex of {len(row)} numbers, the first has "
                 f"{len(lines[0][1])}; {AGAIN}"
             )
-    rows = [found[:3] for _, found in lines[:count]]
+    rows = [row[:3] for _, row in lines[:count]]
     vertices = numbers(rows, lambda i: f"line {at[i]}").reshape(-1, 3)
-    polygons = [_polygon(found, line) for line, found in lines[count:]]
+    polygons = [_polygon(row, line) for line, row in lines[count:]]
     faces, _ = cut(vertices, polygons, lambda i: f"line {at[count + i]}")
     return Reading(vertices, faces)
 
@@ -69,15 +69,15 @@ def _take_head(lines):
     """Take the first word off, and refuse what is not in three dimensions, or binary."""
     if not lines:
         raise FormatError(f"it holds nothing; {AGAIN}")
-    line, found = lines[0]
-    match = _HEAD.match(found[0])
+    line, row = lines[0]
+    match = _HEAD.match(row[0])
     if not match:
-        if not re.fullmatch(r"[0-9]+", found[0]):
-            raise FormatError(f"line {line}: '{found[0][:40]}' in place of OFF; {AGAIN}")
+        if not re.fullmatch(r"[0-9]+", row[0]):
+            raise FormatError(f"line {line}: '{row[0][:40]}' in place of OFF; {AGAIN}")
         return
     if match[4] or match[5]:
         raise FormatError(f"line {line}: {match[0]} is not of three dimensions; export it as OFF")
-    rest = [found[0][match.end() :], *found[1:]]
+    rest = [row[0][match.end() :], *row[1:]]
     if "BINARY" in rest:
         raise FormatError("binary OFF cannot be read; export it as text")
     rest = [word for word in rest if word]
@@ -85,7 +85,7 @@ def _take_head(lines):
 
 
 def _check_amount(lines, count, declared):
-    words_there = sum(len(found) for _, found in lines)
+    words_there = sum(len(row) for _, row in lines)
     if count > words_there // 3 or declared > words_there:
         raise FormatError(
             f"it declares {count:,} vertices and {declared:,} faces, and {len(lines):,} lines "
@@ -102,8 +102,8 @@ def _regrouped(lines, count, declared):
     waiting, rows = iter(lines), []
     try:
         for place in range(count + declared):
-            line, found = next(waiting)
-            row = list(found)
+            line, words_there = next(waiting)
+            row = list(words_there)
             size = 3 if place < count else 1 + max(whole(row[0], f"line {line}"), 0)
             while len(row) < size:
                 row += next(waiting)[1]
@@ -121,10 +121,10 @@ def _regrouped(lines, count, declared):
     return rows
 
 
-def _polygon(found, line):
-    size = whole(found[0], f"line {line}")
-    if size < 1 or len(found) < 1 + size:
+def _polygon(row, line):
+    size = whole(row[0], f"line {line}")
+    if size < 1 or len(row) < 1 + size:
         raise FormatError(
-            f"line {line}: a face of {size} corners, and {len(found) - 1} numbers follow; {AGAIN}"
+            f"line {line}: a face of {size} corners, and {len(row) - 1} numbers follow; {AGAIN}"
         )
-    return [whole(word, f"line {line}") for word in found[1 : 1 + size]]
+    return [whole(word, f"line {line}") for word in row[1 : 1 + size]]

@@ -87,24 +87,24 @@ def _header(data):
     stop = data.find(b"\n", end)
     order, elements, notes = None, [], []
     for line, content in enumerate(lines_of(data[:end].decode("latin-1")), 1):
-        found = content.split()
-        if not found or line == 1 or found[0] in ("comment", "obj_info"):
+        row = content.split()
+        if not row or line == 1 or row[0] in ("comment", "obj_info"):
             continue
         where = f"line {line}"
-        if found[0] == "format" and len(found) > 1:
-            if found[1] not in _ORDERS:
-                raise FormatError(f"{where}: format '{found[1][:40]}' is not known; {AGAIN}")
-            order = _ORDERS[found[1]]
-        elif found[0] == "element" and len(found) == 3:
-            count = whole(found[2], where)
+        if row[0] == "format" and len(row) > 1:
+            if row[1] not in _ORDERS:
+                raise FormatError(f"{where}: format '{row[1][:40]}' is not known; {AGAIN}")
+            order = _ORDERS[row[1]]
+        elif row[0] == "element" and len(row) == 3:
+            count = whole(row[2], where)
             if count < 0:
-                raise FormatError(f"{where}: {count} of {found[1]}; {AGAIN}")
-            elements.append(Element(found[1], count, []))
-        elif found[0] == "property" and elements:
+                raise FormatError(f"{where}: {count} of {row[1]}; {AGAIN}")
+            elements.append(Element(row[1], count, []))
+        elif row[0] == "property" and elements:
             known = elements[-1].properties
-            known.append(_property(found, f"line {line}"))
+            known.append(_property(row, f"line {line}"))
             if len({name for name, *_ in known}) < len(known):
-                raise FormatError(f"line {line}: a second property {found[-1][:40]}; {AGAIN}")
+                raise FormatError(f"line {line}: a second property {row[-1][:40]}; {AGAIN}")
         else:
             notes.append(f"line {line} of its header is none that PLY knows: '{content[:40]}'")
     if order is None:
@@ -112,15 +112,15 @@ def _header(data):
     return order, elements, stop + 1 if stop >= 0 else len(data), notes
 
 
-def _property(found, where):
+def _property(row, where):
     """Return the name of a property, its type, and the type of its list's length."""
-    wanted = 2 if found[1:2] == ["list"] else 1
-    kinds, name = found[wanted : 2 * wanted], found[-1]
-    if len(found) != 2 * wanted + 1 or any(kind not in _TYPES for kind in kinds):
-        raise FormatError(f"{where}: '{' '.join(found)[:60]}' is no property of PLY; {AGAIN}")
-    if wanted == 2 and _TYPES[kinds[0]][0] == "f":
+    least = 2 if row[1:2] == ["list"] else 1
+    kinds, name = row[least : 2 * least], row[-1]
+    if len(row) != 2 * least + 1 or any(kind not in _TYPES for kind in kinds):
+        raise FormatError(f"{where}: '{' '.join(row)[:60]}' is no property of PLY; {AGAIN}")
+    if least == 2 and _TYPES[kinds[0]][0] == "f":
         raise FormatError(f"{where}: the length of a list is no whole number; {AGAIN}")
-    return name, _TYPES[kinds[-1]], _TYPES[kinds[0]] if wanted == 2 else None
+    return name, _TYPES[kinds[-1]], _TYPES[kinds[0]] if least == 2 else None
 
 
 def _check_kinds(elements):
@@ -146,18 +146,18 @@ def _check_sizes(lists):
 
 def _strips(lists):
     """Return the triangles of strips: -1 ends one."""
-    found = []
+    faces = []
     for strip in lists:
         run = []
         for index in [*strip, -1]:
             if index == -1:
                 for k in range(len(run) - 2):
                     a, b, c = run[k : k + 3]
-                    found.append([a, c, b] if k % 2 else [a, b, c])
+                    faces.append([a, c, b] if k % 2 else [a, b, c])
                 run = []
             else:
                 run.append(index)
-    return found
+    return faces
 
 
 class _Text:
@@ -168,7 +168,7 @@ class _Text:
             raise FormatError(f"its header says text, and zero bytes follow; {AGAIN}")
         first = data[:start].count(b"\n") + 1
         lines = lines_of(data[start:].decode("latin-1"))
-        self.lines = [(first + i, found) for i, line in enumerate(lines) if (found := words(line))]
+        self.lines = [(first + i, row) for i, line in enumerate(lines) if (row := words(line))]
         self.place = 0
 
     def take(self, element):
@@ -183,38 +183,38 @@ class _Text:
         if all(size is None for _, _, size in element.properties):
             return self._plain(element, rows)
         columns = {name: [] for name, _, _ in element.properties}
-        for line, found in rows:
+        for line, line_words in rows:
             place = 0
             for name, kind, size in element.properties:
                 count = 1
                 if size:
-                    count = whole(_word(found, place, line), f"line {line}")
+                    count = whole(_word(line_words, place, line), f"line {line}")
                     place += 1
-                given = found[place : place + count]
-                if count < 0 or len(given) < count:
+                values = line_words[place : place + count]
+                if count < 0 or len(values) < count:
                     raise FormatError(
-                        f"line {line}: {len(found)} numbers, more are declared; {AGAIN}"
+                        f"line {line}: {len(line_words)} numbers, more are declared; {AGAIN}"
                     )
                 place += count
                 read_word = number if kind[0] == "f" else whole
-                row = [read_word(word, f"line {line}") for word in given]
+                row = [read_word(word, f"line {line}") for word in values]
                 columns[name].append(row if size else row[0])
-            if place != len(found):
+            if place != len(line_words):
                 raise FormatError(
-                    f"line {line}: {len(found)} numbers, {place} are declared; its counts are "
+                    f"line {line}: {len(line_words)} numbers, {place} are declared; its counts are "
                     f"wrong: {AGAIN}"
                 )
         return columns
 
     def _plain(self, element, rows):
         names = [name for name, _, _ in element.properties]
-        for line, found in rows:
-            if len(found) != len(names):
+        for line, row in rows:
+            if len(row) != len(names):
                 raise FormatError(
-                    f"line {line}: {len(found)} numbers, {len(names)} are declared for a "
+                    f"line {line}: {len(row)} numbers, {len(names)} are declared for a "
                     f"{element.name}; its counts are wrong, or it is cut: {AGAIN}"
                 )
-        values = numbers([found for _, found in rows], lambda i: f"line {rows[i][0]}")
+        values = numbers([row for _, row in rows], lambda i: f"line {rows[i][0]}")
         return dict(zip(names, values.reshape(-1, len(names)).T, strict=True))
 
     def finish(self, notes):
@@ -227,10 +227,10 @@ class _Text:
             )
 
 
-def _word(found, place, line):
-    if place >= len(found):
-        raise FormatError(f"line {line}: {len(found)} numbers, more are declared; {AGAIN}")
-    return found[place]
+def _word(row, place, line):
+    if place >= len(row):
+        raise FormatError(f"line {line}: {len(row)} numbers, more are declared; {AGAIN}")
+    return row[place]
 
 
 class _Binary:

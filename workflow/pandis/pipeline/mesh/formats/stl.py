@@ -69,12 +69,12 @@ def _text(text):
     words = body.split()
     lowered = [word.lower() for word in words]
     wrong = len(words) % len(_FACET) != 0 or any(
-        wanted != "." and set(lowered[place :: len(_FACET)]) - {wanted}
-        for place, wanted in enumerate(_FACET)
+        keyword != "." and set(lowered[place :: len(_FACET)]) - {keyword}
+        for place, keyword in enumerate(_FACET)
     )
     if wrong:
         raise FormatError(_first_fault(body))
-    places = [place for place, wanted in enumerate(_FACET) if wanted == "."]
+    places = [place for place, keyword in enumerate(_FACET) if keyword == "."]
     columns = [words[place :: len(_FACET)] for place in places]
     rows = list(zip(*columns[3:], strict=True))
 
@@ -111,15 +111,15 @@ def _first_fault(body):
     place, line = 0, 1
     for line, content in enumerate(body.split("\n"), 1):
         for word in content.split():
-            wanted = _FACET[place % len(_FACET)]
-            if wanted == ".":
+            keyword = _FACET[place % len(_FACET)]
+            if keyword == ".":
                 if place % len(_FACET) > 4:
                     try:
                         number(word, f"line {line}")
                     except FormatError as error:
                         return str(error)
-            elif word.lower() != wanted:
-                return f"line {line}: '{word[:40]}' in place of '{wanted}'; {AGAIN}"
+            elif word.lower() != keyword:
+                return f"line {line}: '{word[:40]}' in place of '{keyword}'; {AGAIN}"
             place += 1
     whole = place // len(_FACET)
     return f"line {line}: it is cut in the middle of facet {whole + 1:,}; {AGAIN}"

@@ -137,28 +137,28 @@ class _Package:
     def _built(self, part, identity, matrix, above):
         """Return the meshes of an object and of its components, each placed."""
         model = self.model(part)
-        found = model.objects.get(identity)
-        if found is None:
+        element = model.objects.get(identity)
+        if element is None:
             raise FormatError(f"{part} has no object {identity}; {AGAIN}")
         if (part, identity) in above:
             raise FormatError(f"{part}: the components of object {identity} form a circle; {AGAIN}")
         self._places += 1
         if self._places > 1_000_000:
             raise FormatError("it places more than a million parts: leave parts out")
-        kind = found.get("type", "model")
+        kind = element.get("type", "model")
         if kind in _LEFT_OUT:
-            name = found.get("name") or f"object {identity}"
+            name = element.get("name") or f"object {identity}"
             self.notes.append(f"left out: {name}, which is of type '{kind}'")
             return []
         parts = []
-        for component in found.iterfind(f"{_tag('components')}/{_tag('component')}"):
+        for component in element.iterfind(f"{_tag('components')}/{_tag('component')}"):
             other = _absolute(component.get(f"{{{_PRODUCTION}}}path"), part)
             inner = matrix @ _transform(component, part)
             named = component.get("objectid")
             parts += self._built(other, named, inner, (*above, (part, identity)))
-        mesh = found.find(_tag("mesh"))
+        mesh = element.find(_tag("mesh"))
         if mesh is not None:
-            vertices, faces, materials = model.mesh(found, mesh)
+            vertices, faces, materials = model.mesh(element, mesh)
             if len(faces):
                 parts.append((*placed(vertices, faces, matrix), materials))
         if sum(len(faces) for _, faces, _ in parts) > MOST:
@@ -177,9 +177,9 @@ class _Model:
                 raise FormatError(f"{part} requires '{prefix}', which it does not declare; {AGAIN}")
             if space not in _READ:
                 called = next((name for word, name in _CALLED.items() if f"/{word}" in space), None)
-                said = f"{called} ({space})" if called else space
+                title = f"{called} ({space})" if called else space
                 raise FormatError(
-                    f"it needs {said}, which cannot be read; export the object as triangles"
+                    f"it needs {title}, which cannot be read; export the object as triangles"
                 )
         resources = tree.find(_tag("resources"))
         resources = [] if resources is None else resources
@@ -192,17 +192,17 @@ class _Model:
         self.bases = {b.get("id"): [base.get("name") for base in b.iterfind(_tag("base"))]
                       for b in resources if b.tag == _tag("basematerials")}  # fmt: skip
 
-    def mesh(self, found, mesh):
+    def mesh(self, resource, mesh):
         """Return vertices, faces and the names of materials of an object's own mesh."""
-        identity = found.get("id")
+        identity = resource.get("id")
         if identity not in self._meshes:
-            self._meshes[identity] = self._read(found, mesh)
+            self._meshes[identity] = self._read(resource, mesh)
         return self._meshes[identity]
 
-    def _read(self, found, mesh):
+    def _read(self, resource, mesh):
         rows = [[v.get(axis) or "" for axis in "xyz"] for v in mesh.iterfind(
             f"{_tag('vertices')}/{_tag('vertex')}")]  # fmt: skip
-        where = f"{self.part}: object {found.get('id')}"
+        where = f"{self.part}: object {resource.get('id')}"
         vertices = np.array(
             [[number(token, f"{where}: vertex {i}") for token in row] for i, row in enumerate(rows)]
         ).reshape(-1, 3)
@@ -216,15 +216,15 @@ class _Model:
                 f"{where}: triangles name vertices from {faces.min()} to {faces.max()}, and there "
                 f"are {len(vertices):,}; {AGAIN}"
             )
-        names = [self._material(t, found) for t in triangles] if self.bases else None
+        names = [self._material(t, resource) for t in triangles] if self.bases else None
         return vertices, faces, names
 
-    def _material(self, triangle, found):
+    def _material(self, triangle, resource):
         """Return a material's name; None for colours and textures, which name none."""
         group, first = triangle.get("pid"), triangle.get("p1")
         if group is None:
-            group = found.get("pid")
-            first = first or found.get("pindex")
+            group = resource.get("pid")
+            first = first or resource.get("pindex")
         names = self.bases.get(group)
         index = whole(first or "0", f"{self.part}: a material's index")
         if names is not None and not 0 <= index < len(names):

@@ -87,14 +87,14 @@ def _in_unit_frame(value, newtons, mean_force):
     return number * {"mN": 1e-3 / newtons, "N": 1 / newtons, "%": mean_force / 100, "": 1.0}[unit]
 
 
-def told(force, newtons, mean_force):
+def describe_force(force, newtons, mean_force):
     """Say an amount of force in all three ways: millinewtons, percent, unit frame."""
     percent = 100 * force / mean_force if mean_force else float("nan")
-    said = f"{percent:.2g} % of the mean force, {force:.3g} of the unit frame"
-    return f"{1e3 * newtons * force:.3g} mN ({said})"
+    words = f"{percent:.2g} % of the mean force, {force:.3g} of the unit frame"
+    return f"{1e3 * newtons * force:.3g} mN ({words})"
 
 
-def told_figures(figures, newtons, mean_force):
+def describe_figures(figures, newtons, mean_force):
     """Say what was measured of a field: mean, tail, surface that lacks the force or is too thin."""
     lacks = (
         f"lacks the force on {100 * figures['missing']:.3g} % of the surface "
@@ -103,6 +103,6 @@ def told_figures(figures, newtons, mean_force):
     if figures["left_out"] >= 1:
         lacks = "cannot be judged, for all of the surface is too thin"
     return (
-        f"has a force error of {told(figures['mean'], newtons, mean_force)} on average and of "
-        f"{1e3 * newtons * figures['p99']:.3g} mN at p99, and {lacks}"
+        f"has a force error of {describe_force(figures['mean'], newtons, mean_force)} on average "
+        f"and of {1e3 * newtons * figures['p99']:.3g} mN at p99, and {lacks}"
     )

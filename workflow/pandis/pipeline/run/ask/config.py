@@ -143,14 +143,14 @@ class MeshEntry(StageOptions):
 
     @model_validator(mode="after")
     def _formats_need_distances(self):
-        asked = [kind for kind in self.export.also if kind != "newton"]
+        formats = [kind for kind in self.export.also if kind != "newton"]
         try:
-            fields = distance_fields(self) if asked else [None]
+            fields = distance_fields(self) if formats else [None]
         except ValueError:
             return self  # a field's name has a fault, which is told by itself
         if not fields:
             raise ValueError(
-                f"export.also: {', '.join(asked)}: all fields are grids of forces, which know no "
+                f"export.also: {', '.join(formats)}: all fields are grids of forces, which know no "
                 "distance outside: add another one to fields"
             )
         return self

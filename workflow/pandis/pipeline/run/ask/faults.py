@@ -104,8 +104,8 @@ def near_field(name, recipes):
 def _targets(values):
     """Return the forms of fields that have a target."""
     bake = values.get("bake") or {}
-    given = bake.get("auto") or {} if isinstance(bake, dict) else {}
-    return {*TARGETS, *(given if isinstance(given, dict) else ())}
+    targets = bake.get("auto") or {} if isinstance(bake, dict) else {}
+    return {*TARGETS, *(targets if isinstance(targets, dict) else ())}
 
 
 def _describe(fault, model):
@@ -120,9 +120,9 @@ def _describe(fault, model):
     elif fault["type"] == "missing":
         message = "missing"
     else:
-        given = fault.get("input")
-        if not isinstance(given, dict | list | BaseModel) and path:
-            message += f" (given: {given!r})"
+        value = fault.get("input")
+        if not isinstance(value, dict | list | BaseModel) and path:
+            message += f" (given: {value!r})"
     # a cross-check names its key itself
     if fault["type"] == "value_error" and (match := re.match(r"([a-z][\w.-]*): ", message)):
         path.append(match[1])

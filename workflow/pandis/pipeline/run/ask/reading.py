@@ -79,8 +79,10 @@ def results_folder(raw):
     """
     folder = raw.get("results", "results")
     if not isinstance(folder, str) or not re.fullmatch(FOLDER, folder):
-        said = "a folder below the working directory, such as results/front: letters, digits, . _ -"
-        raise_faults({"results": f"{said} (given: {folder!r})"})
+        expected = (
+            "a folder below the working directory, such as results/front: letters, digits, . _ -"
+        )
+        raise_faults({"results": f"{expected} (given: {folder!r})"})
     return folder
 
 
@@ -151,8 +153,8 @@ def load_config(raw, refused=None):
         for key, message in faults.items():
             # a name that is none may have a dot in it
             name = next(n for n in meshes if f"{key}.".startswith(f"meshes.{n}."))
-            told = f"{key}: {message}"
-            refused[name] = f"{refused[name]}; {told}" if name in refused else told
+            line = f"{key}: {message}"
+            refused[name] = f"{refused[name]}; {line}" if name in refused else line
         faults = {}
     raise_faults(faults)
     return merged

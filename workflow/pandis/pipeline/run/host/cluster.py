@@ -40,11 +40,11 @@ def status_command():
     accounts = _ask("sacct", "--noheader", "--allocations", "--starttime=now")
     if accounts.returncode == 0:
         return "sacct", int(age[1])
-    said = accounts.stderr.strip().splitlines()
+    errors = accounts.stderr.strip().splitlines()
     raise PandisError(
         f"nothing here tells Snakemake that a job has ended: squeue forgets a job {age[1]} s after "
         f"its end (MinJobAge in slurm.conf; {REMEMBERED} are needed), and the cluster keeps no "
-        f"accounting database (sacct: {said[-1] if said else 'no answer'})"
+        f"accounting database (sacct: {errors[-1] if errors else 'no answer'})"
     )
 
 

@@ -67,12 +67,12 @@ def partial_report(plan, workflow):
     final = [job for job in workflow.dag.jobs if {plan.report, plan.summary} & {*job.output}]
     if not any(plan.report in job.output for job in final):
         return
-    given = {"config": plan.config, "root": str(plan.digests.root), "files": plan.files}
-    given["since"] = plan.start
+    facts = {"config": plan.config, "root": str(plan.digests.root), "files": plan.files}
+    facts["since"] = plan.start
     command = [sys.executable, "-m", "pandis.pipeline.check.partial"]
     done = subprocess.run(
         command,
-        input=json.dumps(given, default=str),
+        input=json.dumps(facts, default=str),
         text=True,
         env=os.environ | {"PYTHONPATH": str(plan.digests.root)},
         check=False,

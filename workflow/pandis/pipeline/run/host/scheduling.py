@@ -12,6 +12,6 @@ def wait_for_jobs(workflow):
     more, for the rest of the run. Of hundreds of jobs none is found any faster: looking for them
     takes a core of its own. Another limit (``--max-jobs-per-timespan``) is left as it is.
     """
-    asked = workflow.scheduling_settings.max_jobs_per_timespan
-    if asked is not None and (asked.max_jobs, asked.timespan) == _DEFAULT:
+    limit = workflow.scheduling_settings.max_jobs_per_timespan
+    if limit is not None and (limit.max_jobs, limit.timespan) == _DEFAULT:
         workflow.scheduler.job_rate_limiter = None

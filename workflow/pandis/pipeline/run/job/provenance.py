@@ -119,7 +119,7 @@ class CodeDigests:
     def __init__(self, root, scripts=None):
         self.root = Path(root)
         self.scripts = Path(scripts) if scripts else self.root.parent / "scripts"
-        self._own = {}
+        self._digests = {}
         self._imports, self._parts = {}, {}
         self._packages, self._versions = {}, {}
 
@@ -140,7 +140,7 @@ class CodeDigests:
                 for part in self._parts[module]:
                     for kind in needs.kinds:
                         queue += self._resolve(f"pandis.pipeline.kinds.{kind}.{part}")
-        modules = {module: self._own[module] for module in sorted(seen - set(needs.unused))}
+        modules = {module: self._digests[module] for module in sorted(seen - set(needs.unused))}
         packages = {name for module in modules for name in self._packages[module]}
         versions = {f"package {name}": self._version(name) for name in sorted(packages)}
         major, minor = sys.version_info[:2]
@@ -152,10 +152,10 @@ class CodeDigests:
         return self._versions[name]
 
     def _load(self, module, path, package):
-        if module in self._own:
+        if module in self._digests:
             return
         facts = _facts(path.read_bytes(), package)
-        self._own[module] = facts["digest"]
+        self._digests[module] = facts["digest"]
         imports = self._imports[module] = []
         self._packages[module] = set(facts["packages"])
         self._parts[module] = facts["parts"]
@@ -169,7 +169,7 @@ class CodeDigests:
             }
             digests |= {f.name: source_digest(f) for f in files if f.suffix in _SOURCES}
             if digests:
-                self._own[module] = combine({"": self._own[module]} | digests)
+                self._digests[module] = combine({"": self._digests[module]} | digests)
         for name in facts["imports"]:
             imports += self._resolve(name)
 

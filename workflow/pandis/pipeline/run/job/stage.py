@@ -73,11 +73,16 @@ def stage(snakemake, task):
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
     resources = snakemake.resources
-    limits = (resources.get("runtime"), resources.get("mem_mb"))
     try:
         job.check_code()
         with (
-            limited(job.stage, *limits, lambda text: job.log(f"error: {text}"), job.stream),
+            limited(
+                job.stage,
+                resources.get("runtime"),
+                resources.get("mem_mb"),
+                lambda text: job.log(f"error: {text}"),
+                job.stream,
+            ),
             threadpool_limits(1, user_api="blas"),
         ):
             yield job
@@ -106,7 +111,7 @@ class Job:
         # the script's name, as another workflow may give the rule another one
         self.stage = Path(sys.modules["__main__"].__file__).stem
         self.mesh = snakemake.wildcards.get("mesh")
-        self._asked, self._task = dict(snakemake.params.options), task
+        self._params, self._task = dict(snakemake.params.options), task
         #: What the stage is asked, as its model: from `check_code` on.
         self.options = None
         self.threads = snakemake.threads
@@ -144,18 +149,18 @@ class Job:
     def check_code(self):
         """Refuse to run with other code than the plan has digested."""
         here = Path(__file__).resolve().parents[3]
-        wanted = self.workflow() / "pandis"
-        if here != wanted:
+        expected = self.workflow() / "pandis"
+        if here != expected:
             raise PandisError(
-                f"the library was imported from {here}, but this workflow's is {wanted}; "
+                f"the library was imported from {here}, but this workflow's is {expected}; "
                 "uninstall the other one: pip uninstall pandis-fields"
             )
         # digested now, while it is what this process has imported
-        self._modules = CodeDigests(self.workflow()).modules(self.stage, needs(self._asked))
+        self._modules = CodeDigests(self.workflow()).modules(self.stage, needs(self._params))
         if combine(self._modules) != self._snakemake.params.code:
             raise PandisError(CHANGED)
         try:
-            self.options = self._task(**self._asked)
+            self.options = self._task(**self._params)
         except ValueError as error:
             raise PandisError(f"{CHANGED} ({error})") from error
 
@@ -216,7 +221,7 @@ class Job:
         """Return why the output that is being made will be current."""
         wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
         inputs = dict(sorted(self._inputs.items()))
-        why = provenance(self.stage, wildcards, self._asked, self._modules, inputs)
+        why = provenance(self.stage, wildcards, self._params, self._modules, inputs)
         return why | ({"source": self.source} if self.source else {})
 
     def write(self, kind, arrays, attributes, chunks=None):

@@ -32,17 +32,17 @@ def load_scenes(raw, entries):
         Lists every fault at once, each with its dotted path.
     """
     faults, scenes = {}, {}
-    given = raw.get("scenes") or {}
-    if not isinstance(given, dict):
+    sections = raw.get("scenes") or {}
+    if not isinstance(sections, dict):
         faults["scenes"] = "expected a mapping: {name: {objects: {name: {mesh: …, field: …}}}}"
-        given = {}
-    for name, scene in given.items():
+        sections = {}
+    for name, scene in sections.items():
         path = f"scenes.{name}"
         if not re.fullmatch(MESH_NAME, str(name)):
             faults[path] = "a scene's name starts with a-z and goes on with a-z, 0-9, - or _"
             continue
-        given = scene if isinstance(scene, dict) else {"objects": scene}
-        wrong = faults_of(SceneOptions, given)
+        sections = scene if isinstance(scene, dict) else {"objects": scene}
+        wrong = faults_of(SceneOptions, sections)
         faults |= {f"{path}.{key}" if key else path: message for key, message in wrong.items()}
         if wrong:
             continue
@@ -90,13 +90,13 @@ def scene_task(scene, entries):
     objects = []
     for name, placed in scene.objects.items():
         entry = entries[placed.mesh]
-        given = {key: value for key, value in dict(placed).items() if value is not None}
+        overrides = {key: value for key, value in dict(placed).items() if value is not None}
         contact = scene.contact or SurfaceOptions(
             **{key: getattr(entry.contact, key) for key in SurfaceOptions.model_fields}
         )
         beside = _knows_regions(entry, placed.field) if contact.materials else None
         felt = {"name": name, "contact": contact, "beside": beside}
-        objects.append(PlacedObject(**dict(entry.device) | given | felt))
+        objects.append(PlacedObject(**dict(entry.device) | overrides | felt))
     return SceneTask(objects=objects, ticks=scene.ticks, speed=scene.speed, radius=scene.radius)
 
 

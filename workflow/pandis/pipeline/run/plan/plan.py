@@ -182,7 +182,7 @@ class Plan:
         """Return the FieldSpec of every field of a mesh."""
         return field_specs(self.entries[mesh])
 
-    def held(self, mesh):
+    def holders(self, mesh):
         """Return one FieldSpec for each artifact that holds a field, except the mesh itself.
 
         A contact point's field is among them.
@@ -214,8 +214,8 @@ class Plan:
             return [output.path for output in self.everything()]
         every = [output for mesh in self.entries for output in self.outputs(mesh)]
         every += self.scene_outputs()
-        wanted = [o.path for o in every if _target(o.stage) == name]
-        return wanted + [o.path for o in self.refusals() if name != "scenes"]
+        paths = [o.path for o in every if _target(o.stage) == name]
+        return paths + [o.path for o in self.refusals() if name != "scenes"]
 
     def everything(self):
         """Return every output of this configuration: with scenes, what they need alone."""
@@ -305,8 +305,8 @@ class Plan:
 
     def programs(self, wildcards):
         """Return the PyTorch programs that are timed from C++."""
-        wanted = self.entries[wildcards.mesh].timing.libtorch
-        return self._ending(wildcards.mesh, "pt2") if wanted else []
+        timed = self.entries[wildcards.mesh].timing.libtorch
+        return self._ending(wildcards.mesh, "pt2") if timed else []
 
     def _ending(self, mesh, ending):
         names = (spec.name for spec in self.specs(mesh) if ending in spec.exports)
@@ -322,8 +322,8 @@ class Plan:
                 paths += [f"{self.folder}/{mesh}/export/{name}.pandis" for name in native]
                 continue
             stems = ["mesh", "trajectory", "evaluation", "stress", "timing", "hardware"]
-            stems += [spec.artifact for spec in self.held(mesh)]
-            if any(spec.learned for spec in self.held(mesh)):
+            stems += [spec.artifact for spec in self.holders(mesh)]
+            if any(spec.learned for spec in self.holders(mesh)):
                 stems.append("samples")
             paths += [f"{self.folder}/{mesh}/{stem}.zarr.zip" for stem in dict.fromkeys(stems)]
             names = (spec.name for spec in distance_fields(self.entries[mesh]))
@@ -347,7 +347,8 @@ class Plan:
     def _job_code(self, stage, wildcards):
         key = stage, needs(self.options(stage)(wildcards))
         if key not in self._codes:
-            self._codes[key] = self.digests.stage(*key)
+            name, needed = key
+            self._codes[key] = self.digests.stage(name, needed)
         return self._codes[key]
 
     def options(self, stage):

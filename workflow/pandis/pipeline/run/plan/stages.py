@@ -143,8 +143,8 @@ def _export(job):
 
 
 def _export_native(job):
-    given = {key: value for key, value in job.entry.export if key != "also"}
-    return ExportNativeTask(**given, field=job.wildcards["field"])
+    options = {key: value for key, value in job.entry.export if key != "also"}
+    return ExportNativeTask(**options, field=job.wildcards["field"])
 
 
 def _export_page(job):
@@ -185,8 +185,8 @@ def _evaluate(job):
 
 def _stress(job):
     entry = job.entry
-    asked = {"fields": entry.fields, "proxies": entry.contact.kind == "proxy", "seed": job.seed}
-    return StressTask(**dict(entry.stress), **job.scale, **asked)
+    options = {"fields": entry.fields, "proxies": entry.contact.kind == "proxy", "seed": job.seed}
+    return StressTask(**dict(entry.stress), **job.scale, **options)
 
 
 def _timing(job):

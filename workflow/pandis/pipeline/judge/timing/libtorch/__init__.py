@@ -49,7 +49,7 @@ def ask(path, points, queries):
     """
     program = _program()
     with tempfile.TemporaryDirectory(prefix="pandis-") as folder:
-        package, asked, answered = (Path(folder) / n for n in ("a.pt2", "points", "answers"))
+        package, inputs, answered = (Path(folder) / n for n in ("a.pt2", "points", "answers"))
         # for one small network helpers and precompiled headers cost more than they save
         quick = {
             "TORCHINDUCTOR_CACHE_DIR": folder,
@@ -58,8 +58,8 @@ def ask(path, points, queries):
             "OMP_NUM_THREADS": "1",
         }
         _run([sys.executable, "-c", _COMPILE, str(path), str(package)], quick)
-        np.ascontiguousarray(points, np.float64).tofile(asked)
-        _run([str(program), str(package), str(asked), str(answered), str(queries)], quick)
+        np.ascontiguousarray(points, np.float64).tofile(inputs)
+        _run([str(program), str(package), str(inputs), str(answered), str(queries)], quick)
         numbers = np.fromfile(answered)
     answers = numbers[: 4 * len(points)].reshape(-1, 4)
     return answers[:, 0], answers[:, 1:], numbers[4 * len(points) :] * 1e-9

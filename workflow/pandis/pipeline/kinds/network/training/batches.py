@@ -45,10 +45,10 @@ class Batches:
     def _load(self, number):
         if self._pool is None:
             return torch.from_numpy(self._make(number))
-        kept, following = self._ahead, range(number + 1, number + 1 + AHEAD)
+        ready, following = self._ahead, range(number + 1, number + 1 + AHEAD)
         # alone at first: of many that are begun at once none is ready soon
-        rows = kept[number].result() if number in kept else self._pinned(number)
-        self._ahead = {k: kept.get(k) or self._pool.submit(self._pinned, k) for k in following}
+        rows = ready[number].result() if number in ready else self._pinned(number)
+        self._ahead = {k: ready.get(k) or self._pool.submit(self._pinned, k) for k in following}
         return rows.to(self.device, non_blocking=True)
 
     def _pinned(self, number):

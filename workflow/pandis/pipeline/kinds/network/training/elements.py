@@ -34,8 +34,9 @@ def sines(z, bias):
         return z, cosine
     if z.device.type == "cpu" and z.dtype == torch.float32 and z.is_contiguous():
         cosine, bias = torch.empty_like(z), bias.contiguous()
-        addresses = z.data_ptr(), bias.data_ptr(), cosine.data_ptr()
-        waves.sines(*addresses, *z.shape, torch.get_num_threads())
+        waves.sines(
+            z.data_ptr(), bias.data_ptr(), cosine.data_ptr(), *z.shape, torch.get_num_threads()
+        )
         return z, cosine
     z.add_(bias[:, None])
     cosine = torch.cos(z)
@@ -82,7 +83,7 @@ class Aside:
     """
 
     def __init__(self, values):
-        self._stream, self._kept = None, []
+        self._stream, self._alive = None, []
         if values.is_cuda and fused(values):
             current = torch.cuda.current_stream()
             self._stream = _second_stream(current.device, current.cuda_stream)
@@ -91,7 +92,7 @@ class Aside:
         """Return ``work(*values)``; the values must not change before `join`."""
         if self._stream is None:
             return work(*values)
-        self._kept.append(values)  # else their memory would be given to others, and written
+        self._alive.append(values)  # else their memory would be given to others, and written
         self._stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(self._stream):
             return work(*values)
@@ -100,4 +101,4 @@ class Aside:
         """Let what follows wait for all of it."""
         if self._stream is not None:
             torch.cuda.current_stream().wait_stream(self._stream)
-            self._kept.clear()
+            self._alive.clear()

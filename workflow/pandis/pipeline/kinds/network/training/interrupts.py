@@ -14,20 +14,20 @@ def noted():
     callable
         Tells whether the process was asked to stop (SIGINT or SIGTERM).
     """
-    asked = []
+    signals = []
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False  # signals reach the main thread alone
         return
 
     def note(number, frame):
         del frame
-        if asked:
+        if signals:
             raise KeyboardInterrupt
-        asked.append(number)
+        signals.append(number)
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: bool(asked)
+        yield lambda: bool(signals)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -98,5 +98,5 @@ class Optimiser:
     def restore(self, state):
         """Go back to a `state`."""
         self.adam.load_state_dict(state["adam"])
-        for momentum, kept in zip(self.momenta, state["momenta"], strict=True):
-            momentum.copy_(kept)
+        for momentum, stored in zip(self.momenta, state["momenta"], strict=True):
+            momentum.copy_(stored)

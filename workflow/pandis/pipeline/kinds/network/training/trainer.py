@@ -113,12 +113,12 @@ class Trainer:
         self.slowdown, self.restarts, self.least, self.good = 1.0, 0, math.inf, None
         self._recorded = RecordedStep(self._descend)
 
-    def _pick_device(self, wanted):
-        if wanted == "cuda" and not torch.cuda.is_available():
+    def _pick_device(self, name):
+        if name == "cuda" and not torch.cuda.is_available():
             raise PandisError(
                 "train: device is 'cuda', but torch finds no CUDA device; set it to 'auto' or 'cpu'"
             )
-        return "cuda" if wanted != "cpu" and torch.cuda.is_available() else "cpu"
+        return "cuda" if name != "cpu" and torch.cuda.is_available() else "cpu"
 
     # --- one step ----------------------------------------------------------------
 
@@ -314,8 +314,9 @@ class Trainer:
     @torch.no_grad()
     def force_at(self, points):
         """Return the force (n, 3), float64, at points (n, 3): k = 1, unit frame."""
-        empty = np.zeros(len(points)), np.zeros((len(points), 3))
-        phi, direction = self._answer(self._rows_of(points, *empty))
+        phi, direction = self._answer(
+            self._rows_of(points, np.zeros(len(points)), np.zeros((len(points), 3)))
+        )
         force = -phi.clamp(max=0)[:, None] * torch.nn.functional.normalize(direction)
         return force.double().cpu().numpy()
 
