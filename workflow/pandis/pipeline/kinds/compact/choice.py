@@ -5,7 +5,7 @@ from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.geometry.shapes import SHAPES
 from pandis.pipeline.kinds.compact.packing import pack_body, size_of
 from pandis.pipeline.kinds.compact.reference import CompactField
-from pandis.pipeline.kinds.compact.sizes import Packer
+from pandis.pipeline.kinds.compact.search import Packer
 from pandis.pipeline.kinds.compact.spec import KIND
 from pandis.pipeline.kinds.sizing import Outcome
 from pandis.pipeline.run.job.artifact import Artifact

@@ -1,6 +1,6 @@
 """Splines for `fields: auto`, and the times of their queries."""
 
-from pandis.pipeline.kinds.spline.build import SplineMaker
+from pandis.pipeline.kinds.spline.search import SplineMaker
 
 #: Bytes in the table of times.
 _TIMED = (50_000, 800_000)
