@@ -3,13 +3,13 @@
 #   make test    install into .venv, lint, run the tests of what a change is likely to break
 #   make check   lint, the tests of what runs when, the fast configuration
 # Also: make test-slow (whole runs, hostile files), make test-full (everything; PART=1/4 a quarter of it),
-# make lint, make docs, make figures, make clean.
+# make lint, make docs, make figures, make release, make clean.
 PYTHON ?= python3
 JOBS ?= 2
 RUN ?= default
 BIN := .venv/bin
 
-.PHONY: all check test test-slow test-full lint docs figures wasm clean
+.PHONY: all check test test-slow test-full lint docs figures wasm release clean
 
 all: .venv/installed
 	$(BIN)/snakemake -j$(JOBS) all
@@ -50,5 +50,9 @@ figures: .venv/installed
 wasm: .venv/installed
 	PYTHONPATH=workflow $(BIN)/python docs/tools/wasm.py
 
+# build wheel, source distribution and pandis.h in dist/, check them, carry out README with them
+release: .venv/installed
+	$(BIN)/python docs/tools/release.py
+
 clean:
-	rm -rf .venv .pytest_cache .ruff_cache
+	rm -rf .venv .pytest_cache .ruff_cache dist build
