@@ -49,6 +49,9 @@ FILES = ("engine/pandis.h", "runtime/contact/contact.c", *(f"runtime/device/{nam
 REASONS = {
     "for (int k = 0; k < 64": "no library has reported sixty-four errors at once",
     "if (__atomic_load_n(&client.inside": "a crash elsewhere in the middle of a callback is chance",
+    "unsigned int device = api.init_device(name": "no caller gives no name at all",
+    "hd.device = hd.api.init_device(name": "likewise",
+    "size_t count = touched < most": "followers have room for every object that may be touched",
     "if (torque)": "no client gives torques; drivers take them for those that will",
     "for (int k = 0; k < 16; k++) {": "no library has reported sixteen errors between two ticks",
     "if (flag == PANDIS_INVALID) guard_end": "positions that are no numbers end runs before",
