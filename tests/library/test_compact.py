@@ -534,3 +534,6 @@ def test_names_say_how_many_bits():
         with pytest.raises(ValueError, match="it has 10 to 20 bits"):
             parse_field(name, ())
     assert near_field("compct-16", ()) == "compact-16"
+    assert near_field("compact-autto", ()) == "compact-auto"
+    with pytest.raises(ValueError, match="compact-auto, .*auto, pandis"):
+        parse_field("x", ("pandis",))

@@ -51,7 +51,7 @@ def test_the_second_field_is_not_said_to_be_what_it_is_not(exact, other, why):
 def test_what_is_safe_is_what_an_armed_device_goes_by():
     """The lightest hand that was tried, not the worst: attached runs take 0.7 of that."""
     (found,) = picks([row("exact", 0.0)], tried("exact"), "x")
-    assert found["most"] == "300 N/m"
+    assert found["stiffness"] == 300
     assert "at most 0.7" in found["safe"]
     (found,) = picks([row("exact", 0.0)], tried("exact", devices={}), "x")
     assert found["safe"] == "No device was simulated."

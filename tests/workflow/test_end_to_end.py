@@ -259,6 +259,10 @@ def test_report_sorts_its_tables_and_saves_tables_and_figures(finished, tmp_path
     first.addEventListener("click", (event) => event.preventDefault());
     first.click();
     seen.saved = links.map((a) => [a.download, decodeURIComponent(a.href).slice(0, 2000)]);
+    dispatchEvent(new Event("beforeprint"));
+    seen.folded = document.querySelectorAll("details:not([open])").length;
+    dispatchEvent(new Event("afterprint"));
+    seen.open = document.querySelectorAll("details[open]").length;
     document.querySelector("figure img").click();
     seen.large = document.querySelectorAll("img.large").length;
     document.body.textContent = JSON.stringify(seen);
@@ -280,6 +284,10 @@ def test_report_sorts_its_tables_and_saves_tables_and_figures(finished, tmp_path
     assert saved["sphere-force-along-the-path.pdf"].startswith("data:application/pdf;base64,JVBE")
     assert '"trilinear-24 r"' in saved["sphere-force-along-the-path-numbers.csv"]
     assert {mesh + "-stress.csv" for mesh in ("sphere", "torus")} < set(saved)
+    # plain numbers, under a name that a shell takes for no option
+    assert "overview.csv" in saved
+    assert not [name for name in saved if name.startswith("-")]
+    assert (seen["folded"], seen["open"]) == (0, 0)  # on paper nothing is folded, and all else is
     assert seen["large"] == 1
 
 

@@ -51,7 +51,7 @@ function nameOf(element, seen) {
     if (heading.tagName === "H2") [mesh, title] = [heading.textContent, ""];
     else title = heading.textContent;
   }
-  const stem = [mesh, title].join("-").toLowerCase().replace(/[^a-z0-9_-]+/g, "-").replace(/-$/, "");
+  const stem = [mesh, title].filter(Boolean).join("-").toLowerCase().replace(/[^a-z0-9_-]+/g, "-").replace(/-$/, "");
   seen.set(stem, (seen.get(stem) || 0) + 1);
   return seen.get(stem) > 1 ? `${stem}-${seen.get(stem)}` : stem;
 }
@@ -88,3 +88,15 @@ for (const image of document.querySelectorAll("figure img")) {
   image.addEventListener("click", () => image.classList.toggle("large"));
   image.title = "larger, or as it was";
 }
+// On paper nothing is folded.
+let folded = [];
+addEventListener("beforeprint", () => {
+  folded = [...document.querySelectorAll("details:not([open])")];
+  for (const part of folded) part.open = true;
+});
+addEventListener("afterprint", () => folded.forEach((part) => (part.open = false)));
+// A link to something that is folded unfolds it.
+for (const link of document.querySelectorAll('a[href="#reading"]'))
+  link.addEventListener("click", () => {
+    for (const part of document.querySelectorAll("#reading ~ details")) part.open = true;
+  });

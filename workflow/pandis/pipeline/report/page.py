@@ -4,6 +4,7 @@ from importlib import resources
 
 import jinja2
 import numpy as np
+from markupsafe import Markup, escape
 
 from pandis import __version__
 from pandis.base.frame import Frame
@@ -297,6 +298,7 @@ def build(sections, refused=None):
     scripts = [script("solid"), *panels, *([script("touch")] if touches else [])]
     environment.filters["number"] = _number
     environment.filters["percent"] = _percent
+    environment.filters["path"] = _path
     return environment.get_template("page.html").render(
         sections=sections,
         refused=refused or {},
@@ -316,6 +318,11 @@ def build(sections, refused=None):
         missing_limit=MISSING_LIMIT,
         versions={k: v for section in sections for k, v in section.versions.items()},
     )
+
+
+def _path(path):
+    """Return a path that breaks into lines after its folders."""
+    return Markup("/<wbr>").join(map(escape, str(path).split("/")))
 
 
 def _percent(share):

@@ -102,12 +102,11 @@ def _pick(row, verdict, folder):
     if row["contact_mean"] > 0:
         percent = f"{row['contact_percent']:.2g} % of the force"
         error = f"{row['contact_millinewtons']:.3g} mN ({percent})"
-    safe, stiffness = "No device was simulated.", "not known"
+    safe = "No device was simulated."
     if most is not None:
-        stiffness = f"{most:,.0f} N/m"
         safe = (
-            f"It is safe up to {stiffness} in a light hand, by simulation; a device that is armed "
-            f"gets at most {SHARE} of what is safe on it."
+            f"It is safe up to {most:,.0f} N/m in a light hand, by simulation; a device that is "
+            f"armed gets at most {SHARE} of what is safe on it."
         )
     passes, presses = _lets_through(verdict)
     through = ""
@@ -123,8 +122,12 @@ def _pick(row, verdict, folder):
         "error": error,
         "size": _size(row["bytes"]),
         "time": f"{row['native_p50_us']:.2g} µs",
-        "most": stiffness,
         "safe": safe,
+        "millinewtons": row["contact_millinewtons"],
+        "percent": row["contact_percent"],
+        "bytes": row["bytes"],
+        "microseconds": row["native_p50_us"],
+        "stiffness": most,
     }
 
 

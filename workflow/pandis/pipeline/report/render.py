@@ -6,6 +6,8 @@ from pandis.pipeline.geometry.sampling import Surface
 
 #: A view from the front, a little from the left and from above.
 VIEW = (0.45, 0.35, 1.0)
+#: Pixels that are drawn per side of one that is shown.
+_FINER = 2
 
 
 def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None, colours=None):
@@ -29,7 +31,17 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     ndarray, shape (size, size, 4), uint8
         RGBA; transparent where there is no mesh.
     """
-    axes = camera(view, up)
+    fine = _draw(vertices, faces, _FINER * size, camera(view, up), points, colours)
+    # a pixel is the mean of finer ones, by how much of it they cover, so that edges are smooth
+    parts = fine.reshape(size, _FINER, size, _FINER, 4).astype(float)
+    cover = parts[..., 3:].sum(axis=(1, 3))
+    colour = (parts[..., :3] * parts[..., 3:]).sum(axis=(1, 3)) / np.maximum(cover, 1)
+    image = np.concatenate([colour, cover / _FINER**2], axis=2)
+    return np.rint(image).astype(np.uint8) & 0xFC  # fewer tones, shorter files
+
+
+def _draw(vertices, faces, size, axes, points, colours):
+    """Draw a mesh without smoothing: see `render`."""
     whole = Surface(vertices, faces)
     # what faces away is hidden: the solid is closed
     front = np.flatnonzero(whole.normals @ axes[2] > 0)
@@ -47,7 +59,7 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     light = np.clip(n @ _unit([-0.35, 0.55, 0.75]), 0, 1) * 0.75 + 0.25 * (0.5 + 0.5 * n[:, 1])
     base = np.array([176, 190, 214]) if colours is None else colours[face[order]]
     colour = np.clip(light[:, None] * base + 26, 0, 255)
-    image[row, column, :3] = colour.astype(np.uint8) & 0xFC  # fewer tones, shorter files
+    image[row, column, :3] = colour.astype(np.uint8)
     image[row, column, 3] = 255
     buffer[row, column] = depth[order]
     _close_pinholes(image, buffer)
@@ -93,8 +105,8 @@ def _draw_path(image, buffer, points, axes, size):
     row, column, depth = project(dense, axes, size)
     # the path runs below the surface: allow for the depth of penetration
     seen = depth > buffer[row, column] - 0.06
-    for dr in (-1, 0, 1):
-        for dc in (-1, 0, 1):
+    for dr in range(-_FINER, _FINER + 1):
+        for dc in range(-_FINER, _FINER + 1):
             r = np.clip(row[seen] + dr, 0, size - 1)
             c = np.clip(column[seen] + dc, 0, size - 1)
             image[r, c] = (200, 40, 40, 255)

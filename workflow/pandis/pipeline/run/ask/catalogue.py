@@ -15,6 +15,12 @@ KIND_OF = {form: kind for kind in KINDS.values() for form in kind.forms}
 #: Those of which `bake.auto` may name a target, and what holds where the user names none.
 SIZED = tuple(form for kind in KINDS.values() for form in kind.sized)
 TARGETS = {form: target for kind in KINDS.values() for form, target in kind.targets.items()}
+#: Names that an error lists as known.
+EXAMPLES = (
+    *(example for kind in KINDS.values() for example in kind.examples),
+    *(f"{form}-{AUTO}" for form in TARGETS),
+    AUTO,
+)
 
 
 def is_builtin_field(name):
@@ -102,5 +108,4 @@ def parse_field(name, recipes):
         specs += [kind.parse_recipe(name) for kind in KINDS.values()]
     for spec in filter(None, specs):
         return spec
-    known = [example for kind in KINDS.values() for example in kind.examples]
-    raise UnknownFieldError(name, [*known, *recipes])
+    raise UnknownFieldError(name, [*EXAMPLES, *recipes])

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ValidationError
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.catalogue import (
     AUTO,
+    EXAMPLES,
     MESH_NAME,
     SIZED,
     TARGETS,
@@ -15,7 +16,6 @@ from pandis.pipeline.run.ask.catalogue import (
     parse_field,
 )
 from pandis.pipeline.run.ask.config import StageOptions
-from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
 
 
@@ -95,8 +95,7 @@ def near_field(name, recipes):
     if dash and (size.isdigit() or size == AUTO):
         near = difflib.get_close_matches(form, SIZED, n=1, cutoff=0.7)
         return f"{near[0]}-{size}" if near and near[0] != form else None
-    examples = [example for kind in KINDS.values() for example in kind.examples]
-    known = [*(one for one in examples if not one[-1].isdigit()), AUTO, *recipes]
+    known = [*(one for one in EXAMPLES if not one[-1].isdigit()), *recipes]
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.7)
     return near[0] if near and near[0] != name else None
 
