@@ -21,7 +21,7 @@ SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.json"
 OPTIONS = ROOT / "config" / "README.md"
 README = ROOT / "README.md"
 REPAIR = ROOT / "docs" / "repair.md"
-BENCHMARKS = ROOT / "docs" / "benchmarks.md"
+BENCHMARKS = ROOT / "docs" / "benchmarks"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
 CLUSTER = ROOT / "docs" / "cluster.md"
@@ -154,6 +154,50 @@ def with_generated(path, **parts):
     return text
 
 
+def _benchmarks():
+    """Return the pages of docs/benchmarks, each with its tables."""
+    pages = {
+        "accuracy": {
+            "bunny": tables.bunny_table(),
+            "fields": tables.field_table(),
+            "compact": tables.compact_table(),
+            "small": tables.small_table(),
+            "front": tables.front_table(),
+        },
+        "query-time": {
+            "native": tables.native_table(),
+            "times": tables.time_table(),
+            "worst": tables.worst_table(),
+            "scenes": tables.scene_table(),
+            "servo": tables.servo_table(),
+        },
+        "building": {
+            "distances": tables.distance_table(),
+            "large": tables.large_table(),
+            "refit": tables.refit_table(),
+        },
+        "contact": {
+            "presses": tables.press_table(),
+            "contact": tables.contact_table(),
+            "touched": tables.touched_table(),
+        },
+        "simulators": {
+            "simulator": tables.simulator_table(),
+            "bridge": tables.bridge_table(),
+            "kernels": tables.kernels_table(),
+            "cooked": tables.cooked_table(),
+        },
+        "ablations": {
+            "order": tables.order_table(),
+            "full": tables.full_table(),
+        },
+    }
+    return {
+        BENCHMARKS / f"{name}.md": with_generated(BENCHMARKS / f"{name}.md", **parts)
+        for name, parts in pages.items()
+    }
+
+
 def generated():
     """Return every generated file and what it should hold."""
     return environments() | {
@@ -163,31 +207,7 @@ def generated():
         README: with_generated(README, which=tables.which_table()),
         SPHERE: with_generated(SPHERE, sphere=tables.sphere_table()),
         REPAIR: with_generated(REPAIR, repair=tables.repair_table()),
-        BENCHMARKS: with_generated(
-            BENCHMARKS,
-            bunny=tables.bunny_table(),
-            distances=tables.distance_table(),
-            fields=tables.field_table(),
-            compact=tables.compact_table(),
-            small=tables.small_table(),
-            refit=tables.refit_table(),
-            worst=tables.worst_table(),
-            large=tables.large_table(),
-            presses=tables.press_table(),
-            contact=tables.contact_table(),
-            simulator=tables.simulator_table(),
-            bridge=tables.bridge_table(),
-            kernels=tables.kernels_table(),
-            cooked=tables.cooked_table(),
-            order=tables.order_table(),
-            full=tables.full_table(),
-            native=tables.native_table(),
-            times=tables.time_table(),
-            front=tables.front_table(),
-            scenes=tables.scene_table(),
-            touched=tables.touched_table(),
-            servo=tables.servo_table(),
-        ),
+        **_benchmarks(),
         CLUSTER: with_generated(CLUSTER, cluster=tables.cluster_table()),
         TRAINING: with_generated(
             TRAINING,

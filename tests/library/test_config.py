@@ -173,7 +173,7 @@ def test_generated_files_are_in_sync():
 
 
 def test_no_formula_hides_in_a_comment_of_the_docs():
-    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+    for path in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
         for comment in re.findall(r"<!--(.*?)-->", path.read_text(encoding="utf-8"), re.DOTALL):
             assert re.fullmatch(r" (generated: \w+|end of generated) ", comment), (path, comment)
 

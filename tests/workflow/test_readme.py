@@ -72,7 +72,7 @@ def test_a_force_in_a_program_of_ones_own(workspace):
 
 def test_the_links_of_the_docs_lead_somewhere():
     for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "config/README.md",
-                 *(ROOT / "docs").glob("*.md")]:  # fmt: skip
+                 *(ROOT / "docs").rglob("*.md")]:  # fmt: skip
         text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
         for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", text):
             if "://" not in target:

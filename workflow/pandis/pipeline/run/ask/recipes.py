@@ -86,7 +86,7 @@ class PaperRecipe(Recipe):
         description="how a term that applies to only half of the points is averaged: `subset`, "
         "over that half; `batch`, over the whole batch, as in SIREN's code, which halves its "
         "weight relative to the others: as good in short trainings, and at least as good in long "
-        "ones (docs/benchmarks.md)",
+        "ones (docs/benchmarks/README.md)",
     )
     learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
     clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")
