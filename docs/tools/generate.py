@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import api
 import tables
 from environments import environments
 from pandis.pipeline.run.ask import config, contacts, options, recipes, targets
@@ -208,6 +209,8 @@ def generated():
         SPHERE: with_generated(SPHERE, sphere=tables.sphere_table()),
         REPAIR: with_generated(REPAIR, repair=tables.repair_table()),
         **_benchmarks(),
+        api.PYTHON: api.python_page(),
+        api.C: api.c_page(),
         CLUSTER: with_generated(CLUSTER, cluster=tables.cluster_table()),
         TRAINING: with_generated(
             TRAINING,

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import yaml
 
@@ -34,3 +35,11 @@ def test_the_catalog_finds_what_its_entry_promises():
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_hooks_of_a_commit_run_what_lint_runs():
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    lint = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for hook in hooks:
+        tool, *words = hook["entry"].split()
+        assert f"$(BIN)/{Path(tool).name} {words[0]}" in lint
