@@ -8,7 +8,6 @@ import pandis
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTHON, C = ROOT / "docs/api/python.md", ROOT / "docs/api/c.md"
-HEADER = ROOT / "workflow/pandis/engine/pandis.h"
 _PYTHON = """# Python
 
 What `import pandis` offers, made from the docstrings: `help(pandis.Field)` says it all, with
@@ -65,10 +64,10 @@ def _summary(thing):
     return text.replace("``", "`").replace("|", "\\|")
 
 
-def c_page():
-    """Return the page of the header: each function, by section, with the sentence above it."""
+def c_page(header):
+    """Return the page of a header: each function, by section, with the sentence above it."""
     parts, section = [_C], None
-    for title, note, call in _functions():
+    for title, note, call in _functions(header):
         if title != section:
             section = title
             parts.append(f"\n## {title.capitalize()}\n\n| | | |\n|---|---|---|")
@@ -78,9 +77,9 @@ def c_page():
     return "\n".join(parts) + "\n"
 
 
-def _functions():
-    """Yield section, comment and prototype of each public function of the header."""
-    text = HEADER.read_text("utf-8").partition("#ifdef PANDIS_IMPLEMENTATION")[0]
+def _functions(header):
+    """Yield section, comment and prototype of each public function of a header."""
+    text = header.partition("#ifdef PANDIS_IMPLEMENTATION")[0]
     title, note = "", ""
     lines = iter(text.splitlines())
     for first in lines:

@@ -210,7 +210,7 @@ def generated():
         REPAIR: with_generated(REPAIR, repair=tables.repair_table()),
         **_benchmarks(),
         api.PYTHON: api.python_page(),
-        api.C: api.c_page(),
+        api.C: api.c_page(header_text()),
         CLUSTER: with_generated(CLUSTER, cluster=tables.cluster_table()),
         TRAINING: with_generated(
             TRAINING,

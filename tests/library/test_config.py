@@ -6,6 +6,7 @@ import yaml
 
 import generate
 from pandis.base.errors import PandisError
+from pandis.pipeline.run.ask.kinds import KINDS
 from pandis.pipeline.run.ask.reading import check_yaml, load_config, merge
 from pandis.pipeline.run.plan.plan import Plan
 from pandis.pipeline.run.plan.stages import stage_seed
@@ -62,6 +63,13 @@ def test_all_faults_at_once_with_paths_and_suggestions():
     ):
         assert line in text
     assert "config/README.md" in text
+
+
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.examples])
+def test_the_table_of_fields_has_a_row_for_every_kind(kind):
+    text = (ROOT / "config/README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*?) \|", text[text.index("\n## Fields\n") :], re.M)
+    assert any(form in row for form in KINDS[kind].forms for row in rows)
 
 
 @pytest.mark.parametrize(

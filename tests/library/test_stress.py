@@ -210,6 +210,8 @@ def test_questions_end_at_the_first_that_is_failed(sphere, tried):
 def test_every_question_catches_its_control(sphere, question):
     found = sphere.ask(CONTROLS[question](), silent_progress)
     assert not found[question]["passed"], found[question]
+    assert QUESTIONS[question].says(found[question])
+    assert QUESTIONS[question].figure in found[question]
 
 
 def test_what_is_no_number_is_caught(sphere):

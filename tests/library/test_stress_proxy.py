@@ -92,7 +92,8 @@ def test_the_exact_sphere_passes_everything(sphere, field):
     assert abs(rows["keeps"]["push_n"]) < 1e-3
     assert rows["stays"]["deepest_mm"] < 1e-6
     for name, question in PROXY_QUESTIONS.items():
-        assert question.failing.format(**rows[name])
+        assert question.says(rows[name])
+        assert question.figure in rows[name]
 
 
 @pytest.mark.parametrize("wrong", WRONG)

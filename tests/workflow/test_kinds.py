@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
 import pandis
@@ -51,6 +52,16 @@ def test_the_recipe_adds_a_kind_that_goes_all_the_way(workspace):
     assert "ball" in hardware["fields"]
     with pandis.load(home / "sphere/export/ball.pandis") as field:
         assert field.query(np.array([[0.0, 0.0, 0.5]])).distance == pytest.approx([-0.5])
+    # a closed form lies around the origin of the mesh's coordinates, wherever the object is
+    trimesh.creation.icosphere(radius=1).apply_translation([3, 0, 0]).export(workspace / "far.stl")
+    config |= {"meshes": {"far": {"source": "far.stl"}}, "results": "results/far"}
+    (workspace / "config/far.yaml").write_text(yaml.safe_dump(config))
+    run = snakemake(workspace, "-j2", "exports", "--configfile", "config/far.yaml")
+    assert run.returncode == 0, run.stdout
+    with pandis.load(home / "far/far/export/ball.pandis") as field:
+        assert field.query(np.array([[0.0, 0.0, 5.0]])).distance == pytest.approx(
+            [5 - 28 / 9], abs=0.02
+        )
     # another kind's results do not depend on it
     edit(workspace / "workflow/pandis/pipeline/kinds/ball/build.py", ".mean(", ".max(")
     again = snakemake(workspace, "-n", "all", "--configfile", CONFIG).stdout

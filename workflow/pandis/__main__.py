@@ -72,7 +72,7 @@ def _info(words):
 
 
 def _done(work, *arguments, **options):
-    """Do some work: 1 if that cannot be, after the reason has been told."""
+    """Do some work and return the exit status: 0, or 1 after printing why it failed."""
     try:
         work(*arguments, **options)
     except (PandisError, OSError) as error:

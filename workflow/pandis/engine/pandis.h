@@ -177,7 +177,7 @@ typedef struct {
     int32_t size, bricks;  /* nodes and bricks per axis */
     double low, per_step;  /* place of node 0, nodes per length */
     const uint16_t *brick; /* of each place: which kept brick it is, or 65535 */
-    const uint64_t *mask;  /* of each kept brick: its blocks */
+    const uint64_t *mask;  /* for each kept brick: a bit for each block it holds */
     const uint32_t *base;  /* of each kept brick: how many blocks come before it */
 } pandis__layout;
 
@@ -357,8 +357,8 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer);
 
-/* [rt] The distance alone (mesh units, NaN without an answer), with the bits of pandis_query, and its flag: in less than half
- * of the time for a network whose normal is its gradient; for any other field it takes as long. */
+/* [rt] The distance alone (mesh units; NaN without an answer) and its flag, bit for bit as pandis_query gives them.
+ * Takes less than half the time for a network whose normal is its gradient; otherwise the same. */
 PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance);
 
 /* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. Of meshes and closed forms they
@@ -497,7 +497,7 @@ PANDIS_API double pandis_by_region(const void *patches, const double point[3], i
  * What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which is
  * where the device is, hangs on it by a spring. One contact belongs to one probe, one object and one thread. */
 
-/* How a contact behaves. Begin with pandis_contact_defaults, and change what is to be otherwise. */
+/* Options of a contact. Start from pandis_contact_defaults, and change only what should differ. */
 typedef struct {
     double radius;  /* of the proxy, scene lengths, 0: a point. Up to 1e100 on meshes, compact meshes, closed forms and networks;
                      * on splines and grids up to 0.95 of the height over the surface up to which they are made (1 mm of 100
@@ -549,9 +549,9 @@ typedef struct {
     int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
-/* [rt] Begin a contact. The next step is its first.
+/* [rt] Begin a contact; the next step is its first.
  *
- * object   whose field tells distances: any but a grid of forces (PANDIS_ERROR_KIND)
+ * object   must have a field of distances, not a grid of forces (PANDIS_ERROR_KIND)
  * options  copied; NULL: the defaults
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE, PANDIS_ERROR_KIND, PANDIS_ERROR_RADIUS or PANDIS_ERROR_OPTIONS; after an error
@@ -778,7 +778,7 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__APART
 #endif
 
-/* A function that is called before a loop, and is to be small. */
+/* For a function called once before a loop: compile it for size. */
 #if defined(__GNUC__) && !defined(__clang__)
 #define PANDIS__ONCE __attribute__((cold))
 #else
@@ -1584,7 +1584,7 @@ PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf 
     }
 }
 
-/* Look in the nearest box first and there to the end; for most points that is soon. */
+/* Descend depth-first, the nearest box first; for most points that soon finds the nearest face. */
 PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH], node;
@@ -1595,7 +1595,7 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
     pandis__box_keys(t->nodes, q, at->keys);
     for (;;) {
         int32_t key = pandis__least(at->keys), child = t->nodes[at->node].child[key & 7];
-        if (s->left < 0 && key < s->unseen) s->unseen = key; /* no more: what is left over is at least so far away */
+        if (s->left < 0 && key < s->unseen) s->unseen = key; /* budget spent: the rest is at least this far away */
         if (key > within || s->left < 0) {
             if (at == path) return;
             at--;
@@ -1930,7 +1930,7 @@ PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const do
     pandis__branch_keys(at->branch, p, at->keys);
     for (;;) {
         int32_t key = pandis__least(at->keys), child = at->branch->child[key & 7];
-        if (best->left < 0) { /* no more: what is left over is at least so far away */
+        if (best->left < 0) { /* budget spent: the rest is at least this far away */
             best->unseen = key < best->unseen ? key : best->unseen;
             if (at-- == path) return;
         } else if (key > best->key) {
@@ -2168,7 +2168,7 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     const double *c[3] = {corner[0], corner[1], corner[2]};
     float unseen;
     for (int k = 0; k < 3; k++) most = fabs(u[k]) > most ? fabs(u[k]) : most;
-    /* from very far away the nearest face is that of a point in the same direction */
+    /* a very distant point has the same nearest face as a nearer point in the same direction */
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
     /* somewhat farther than the reach, for single precision may find a face too far away */
@@ -2246,8 +2246,8 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     }
 PANDIS__KINDS(PANDIS__ADD)
 
-/* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and every
- * weight is read once for the four. What is added to what is the same as above. */
+/* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and each weight is read once
+ * for all four. The order of additions is the same as above. */
 #define PANDIS__ADD_FOUR(load, type, tail, how)                                                                  \
     how void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {          \
         for (int j = 0; j < stride; j += PANDIS__LANES) {                                                        \
@@ -2519,8 +2519,8 @@ typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
 PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
 PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* The 64 coefficients around a point, block by block; what is not kept is zero. Tells whether any is kept; of the coarse
- * lattice, which is of no use in parts, whether all are. */
+/* Collect the 64 coefficients around a point, block by block; blocks that are not kept give zeros. Tells whether any
+ * block is kept or, for the coarse lattice, which is useless in parts, whether all are. */
 PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
     int found = 0, low[3], blocks[3];
@@ -2544,7 +2544,7 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
                         pandis__restore_fine(s->fine + at + e, offset, scale, own + e);
                     else
                         pandis__restore_coarse(s->coarse + at + e, offset, scale, own + e);
-                    memcpy(line + 9 * e, own + e, 2 * sizeof *own); /* 36 from x to x, 6 from y to y */
+                    memcpy(line + 9 * e, own + e, 2 * sizeof *own); /* strides: 36 in x, 6 in y */
                     memcpy(line + 9 * e + 6, own + e + 2, 2 * sizeof *own);
                 }
             }
@@ -2645,8 +2645,8 @@ PANDIS__COMPILE(pandis__answer_spline,
 
 enum { PANDIS__SPHERE, PANDIS__TORUS, PANDIS__BOX, PANDIS__CAPSULE };
 
-/* In the units of the shape: a sphere (radius), a torus around z (ring, tube), a box (half its
- * sides), a capsule along z (radius, half its axis). */
+/* Answer a closed form, in the form's own units. Sizes: sphere (radius), torus around z (ring, tube), box (half its
+ * sides), capsule along z (radius, half its axis). */
 static void pandis__answer_shape(const pandis__shape *s, const double *p, double *distance, double *normal) {
     double offset[3] = {p[0], p[1], p[2]};
     if (s->shape == PANDIS__BOX) {
@@ -2934,7 +2934,7 @@ static void pandis__bend_round(const pandis_answer *answer, const double *along,
     }
 }
 
-/* Of a closed form: `radius` is what it is round of. */
+/* The second derivatives of a closed form, which is flat or round about a point or a line. */
 static void pandis__bend_shape(const pandis__shape *s, const double *p, const pandis_answer *answer, double *hessian) {
     double along[3] = {0, 0, 0};
     pandis_answer round = *answer;
@@ -3785,9 +3785,9 @@ static void pandis__drop(pandis__proxy *p, int index) {
     p->count--;
 }
 
-/* Forget what the last look shows to be no surface here: planes from which the surface bends away (the new foot is
- * behind them, or, where they meet, not in front of them; seen from inside it may be so in any corner), those through a
- * place that is free, and those seen from too far away. */
+/* Forget planes that the last look shows not to be the surface here: those from which the surface bends away (the new
+ * foot is behind them or, where the planes meet, not in front of them; from inside, this may hold in any corner), those
+ * that pass through a free place, and those seen from too far away. */
 static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
     double stale = PANDIS__STALE * PANDIS__HOVER;
     for (int i = p->count - 1; i >= 0; i--) {
@@ -4067,7 +4067,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         pandis__lifted(p, target, NULL, c->lift, at);
         if (!pandis__look_at(p, at, &look)) return 0;
         int joined = look.free > 0 && pandis__between(at, p->ball) <= (p->ball[3] + look.free) * (1 + 1e-9);
-        if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) { /* a wall that is not known, or not any more */
+        if (!joined && way->active && (!p->flat || pandis__unknown(p, &look)) && way->lost++ < 2) { /* an unknown wall, or one forgotten since */
             double before = 0; /* the ball has to lie in front of it: else it is a wall's other side */
             for (int k = 0; k < 3; k++) before += (p->ball[k] - look.foot[k]) * look.normal[k];
             if (before < 0.5 * p->ball[3] && !pandis__look_at(p, p->x, &look)) return 0;
@@ -4225,8 +4225,8 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
 #define PANDIS__PACE 1.6e-3        /* its longest step; it begins with an eighth of that, */
 #define PANDIS__TIRED (1 / 1024.0) /* and ends at so small a share, for each step that fails halves the next */
 #define PANDIS__IDLE 16            /* it begins at this count: a step of the contact that leads nowhere is 2, another -1 */
-#define PANDIS__GAIN 0.05          /* what leads nowhere: less than this share of how far the proxy may go, */
-#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, than this, or no nearer to the probe */
+#define PANDIS__GAIN 0.05          /* a step leads nowhere if it gains less than this share of what it may, */
+#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */
 #define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
 #define PANDIS__MOVED 0.2          /* or when the probe has gone this share of its distance to the proxy */
 #define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which it rests */
@@ -4262,9 +4262,10 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     return 0;
 }
 
-/* Take a ball that is free above a place, by the planes that hold the proxy there, if any. Returns whether it joins the
- * last one: of an exact surface, which may be thinner than a step, a free place says nothing of the way to it. -1: no
- * answer. `anew`: it need not join any, but has to reach the place. */
+/* Take a free ball above a place, offset by the planes that hold the proxy there, if any. Returns 1 if the ball joins
+ * the last one, else 0; -1: no answer. It has to join because an exact surface may be thinner than a step: that a place
+ * is free does not mean that the way to it is. `anew`: the ball need not join the last one, but has to reach the
+ * place. */
 static int pandis__covers(pandis__proxy *p, const double *place, int anew) {
     pandis__look look;
     double at[3];
@@ -4325,7 +4326,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         }
         for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
         c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
-        if (!p->exact) { /* on the surface a ball of no size: that is looked at from above next */
+        if (!p->exact) { /* an empty ball on the surface makes the next step look at it from above */
             pandis__take_ball(p, &look);
             memcpy(p->ball, p->x, 3 * sizeof *p->ball);
             if (p->count || !(look.free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
@@ -4479,7 +4480,7 @@ static int pandis__rise(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
-/* In which region the proxy lies, by a mesh of the same object. */
+/* Find the region that the proxy lies in, from a mesh of the same object. */
 static void pandis__find_region(pandis__proxy *p) {
     const pandis_field *f = p->field;
     pandis_answer answer;

@@ -35,13 +35,13 @@ SMALLER = ("-fno-asynchronous-unwind-tables", "-fno-unwind-tables", "-fno-align-
 
 
 def find(source, flags):
-    """Return the library that runs on this processor and holds a source, None if there is none.
+    """Return the prebuilt library that holds a source and suits this processor, or None.
 
     Parameters
     ----------
     source : Path
     flags : sequence of str
-        It was compiled with, beside the processor's name.
+        Compiler flags that the library was built with, besides the processor's name.
     """
     library = next((key for key, parts in LIBRARIES.items() if source in parts), None)
     if library is None or not FOLDER.is_dir() or platform.machine() not in KINDS:

@@ -1,1 +1,1 @@
-"""What answers from a ``.pandis`` file: fields, contacts, scenes, poses, servo loops, devices."""
+"""Everything that answers from a ``.pandis`` file: from fields and contacts to servo loops."""

@@ -7,7 +7,7 @@ from pandis.base.frame import Frame
 from pandis.runtime.field import SHAPE, SHAPES, NativeField, Number
 from pandis.runtime.field.files import pack
 
-#: By shape: its sizes if none are given (docs/format.md), mesh units.
+#: Default sizes by shape (docs/format.md), mesh units.
 SIZES = {"sphere": (1.0,), "torus": (1.0, 0.4), "box": (1.0, 0.7, 0.5), "capsule": (0.4, 0.6)}
 
 

@@ -1,4 +1,4 @@
-"""What MuJoCo has of a geom's signed distance field, asked as its collisions ask it."""
+"""Ask MuJoCo for a geom's signed distance field as its collision code does."""
 
 import ctypes
 
@@ -39,7 +39,7 @@ def asker(model, geom=0):
         pose[3:].ctypes.data,
         ctypes.addressof(kind),
     )
-    sdf.alive = plugin, pose, kind  # as long as they are pointed at
+    sdf.alive = plugin, pose, kind  # keep alive while MuJoCo holds pointers to them
 
     def answers(points):
         arguments = [ctypes.c_void_p(one._address) for one in (model, data)] + [ctypes.byref(sdf)]

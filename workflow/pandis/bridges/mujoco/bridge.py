@@ -126,14 +126,14 @@ class Bridge:
         return Order(self.scene, ticks, limits, bridge=self, **options)
 
     def in_step(self, ticks: int, limits: Limits, period: Number = 1e-3, **options: Any) -> Order:
-        """Return an order for the simulated device with which the simulation keeps step.
+        """Return an order for the simulated device that keeps the simulation in step with it.
 
-        It is repeatable to the last bit: a step of the simulation comes after every so many ticks.
+        Runs repeat to the last bit: the simulation advances one step after a fixed number of ticks.
 
         Raises
         ------
         PandisError
-            The simulation's step is no whole number of ticks.
+            The simulation's step is not a whole number of ticks.
         """
         every = round(self.model.opt.timestep / period)
         if every < 1 or abs(every * period - self.model.opt.timestep) > 1e-9:
@@ -154,7 +154,7 @@ class Bridge:
         others = self.data.xfrc_applied.copy()
         self._now = self._reactions()
         self.data.xfrc_applied[:] = others + self._now
-        # a step ends with its second half: after the first one places and velocities are new
+        # mj_step2 ends a step: after mj_step1, positions and velocities are already new
         self._mujoco.mj_step2(self.model, self.data)
         self.data.xfrc_applied[:] = others
         self._mujoco.mj_step1(self.model, self.data)

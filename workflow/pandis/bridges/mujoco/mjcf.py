@@ -95,7 +95,7 @@ def mjcf_text(model, placed, meshes, frictions):
 
 
 def _read(path):
-    """Return the objects of a scene's JSON, and the friction of those that are of one material."""
+    """Return the objects of a scene's JSON, and the friction of those with a single material."""
     try:
         objects = json.loads(path.read_text(encoding="utf-8"))["objects"]
         placed = {
@@ -126,7 +126,7 @@ def _file(name, scene):
 
 
 def _mesh_file(field, path, written):
-    """Write the mesh of a field, or of an exact one beside it, once; None if there is neither."""
+    """Write the mesh of a field, or of the exact field beside it, once; None if neither has one."""
     beside = field.path if field.kind == MESH else field.path.with_name("exact.pandis")
     if not beside.is_file():
         return None

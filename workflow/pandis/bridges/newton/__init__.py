@@ -144,7 +144,7 @@ def cooked(
 
 
 def arrays(coarse, blocks, values, flat, grid, texture_format):
-    """Return what a file holds, by Newton's names."""
+    """Return the arrays of a cache file under Newton's names."""
     mode, kind = FORMATS[texture_format]
     places, count = blocks.places, len(blocks.places)
     side = next(n for n in range(1, count + 2) if n**3 >= count)

@@ -141,12 +141,13 @@ def build(distance, grid, band, fitted, progress):
 
 
 def fit(distance, grid, blocks, values, progress):
-    """Return values (u,) of nodes with which interpolation errs least near the surface.
+    """Return node values (u,) that minimise the interpolation error near the surface.
 
-    The sum of errors without their signs, over points of Gauss in every cell near the surface, is
-    made small by least squares with weights that follow the errors of the round before: plain
-    squares would serve the few cells at creases, which no values make good. Inside counts more than
-    outside, since forces act there. Nodes farther from the surface keep their distances.
+    The sum of absolute errors at Gauss points, in every cell near the surface, is minimised by
+    iteratively reweighted least squares: the weights follow the errors of the previous round. Plain
+    least squares would favour the few cells at creases, which no values can fit. Errors inside
+    count for more than errors outside, since forces act there. Nodes farther from the surface keep
+    their distances.
     """
     corners, first = blocks.corners()
     near = np.abs(values[corners]).min(axis=1) < FITTED * grid.cell.max()
@@ -179,9 +180,9 @@ def fit(distance, grid, blocks, values, progress):
 
 
 def _least_squares(corners, weights, weight, left, gathered):
-    """Return changes of nodes that take the most away from what is left (c, points), weighted.
+    """Return the node changes that minimise the weighted squared residuals ``left`` (c, points).
 
-    By conjugate gradients, each node divided by its own share of the equations.
+    Solved by conjugate gradients with a diagonal preconditioner.
     """
     diagonal = np.maximum(gathered(weight @ weights**2), np.finfo(np.float32).tiny)
     rest = gathered((weight * left) @ weights)

@@ -20,7 +20,7 @@ except ImportError as error:
 
 #: What an instance's numbers begin with, by the kind of its function: the first is 76,912.
 _MARK = 76_911
-#: Where its other numbers are: the address of its field in parts of 22 bits, and where it lies.
+#: Offsets of its other numbers: the field's address in parts of 22 bits, scale, origin, rotation.
 _ADDRESS, _SCALE, _ORIGIN, _TURN = 1, 4, 5, 8
 #: What MuJoCo takes for the distance of what is nowhere.
 _NOWHERE = wp.constant(1e10)

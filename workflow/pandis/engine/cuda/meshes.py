@@ -16,7 +16,7 @@ from pandis.engine.cuda.feet import ONE, ZERO, Foot, inner_foot, rim_foot
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-#: Boxes and leaves that may wait for one point: seven for each level of a tree, and one.
+#: Capacity for one point's waiting boxes and leaves: a tree needs seven per level, plus one.
 ROOM = 448
 _ROOM = wp.constant(ROOM)
 #: More than single precision is wrong by, relatively, in a coordinate and in a sum of squares.

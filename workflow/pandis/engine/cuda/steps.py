@@ -86,7 +86,7 @@ def ready():
 
 
 def new_stream(device):
-    """Return a stream on a device of torch that nobody else has."""
+    """Return a new stream, shared with nobody, on a torch device."""
     return wp.stream_to_torch(wp.Stream(wp.get_device(str(device))))
 
 

@@ -65,7 +65,7 @@
 #define PANDIS__APART
 #endif
 
-/* A function that is called before a loop, and is to be small. */
+/* For a function called once before a loop: compile it for size. */
 #if defined(__GNUC__) && !defined(__clang__)
 #define PANDIS__ONCE __attribute__((cold))
 #else

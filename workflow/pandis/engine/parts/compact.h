@@ -49,7 +49,7 @@ PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const do
     pandis__branch_keys(at->branch, p, at->keys);
     for (;;) {
         int32_t key = pandis__least(at->keys), child = at->branch->child[key & 7];
-        if (best->left < 0) { /* no more: what is left over is at least so far away */
+        if (best->left < 0) { /* budget spent: the rest is at least this far away */
             best->unseen = key < best->unseen ? key : best->unseen;
             if (at-- == path) return;
         } else if (key > best->key) {
@@ -287,7 +287,7 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     const double *c[3] = {corner[0], corner[1], corner[2]};
     float unseen;
     for (int k = 0; k < 3; k++) most = fabs(u[k]) > most ? fabs(u[k]) : most;
-    /* from very far away the nearest face is that of a point in the same direction */
+    /* a very distant point has the same nearest face as a nearer point in the same direction */
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
     /* somewhat farther than the reach, for single precision may find a face too far away */

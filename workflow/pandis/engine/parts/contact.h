@@ -111,7 +111,7 @@ static int pandis__rise(pandis__proxy *p, const double *probe) {
     return 1;
 }
 
-/* In which region the proxy lies, by a mesh of the same object. */
+/* Find the region that the proxy lies in, from a mesh of the same object. */
 static void pandis__find_region(pandis__proxy *p) {
     const pandis_field *f = p->field;
     pandis_answer answer;

@@ -95,7 +95,7 @@ static void pandis__bend_round(const pandis_answer *answer, const double *along,
     }
 }
 
-/* Of a closed form: `radius` is what it is round of. */
+/* The second derivatives of a closed form, which is flat or round about a point or a line. */
 static void pandis__bend_shape(const pandis__shape *s, const double *p, const pandis_answer *answer, double *hessian) {
     double along[3] = {0, 0, 0};
     pandis_answer round = *answer;

@@ -95,8 +95,8 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
 PANDIS_API void pandis_query_from(const pandis_field *field, const double point[3], pandis_hint *hint,
                                   pandis_answer *answer);
 
-/* [rt] The distance alone (mesh units, NaN without an answer), with the bits of pandis_query, and its flag: in less than half
- * of the time for a network whose normal is its gradient; for any other field it takes as long. */
+/* [rt] The distance alone (mesh units; NaN without an answer) and its flag, bit for bit as pandis_query gives them.
+ * Takes less than half the time for a network whose normal is its gradient; otherwise the same. */
 PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance);
 
 /* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. Of meshes and closed forms they

@@ -172,7 +172,7 @@ PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf 
     }
 }
 
-/* Look in the nearest box first and there to the end; for most points that is soon. */
+/* Descend depth-first, the nearest box first; for most points that soon finds the nearest face. */
 PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     struct {
         int32_t keys[PANDIS__WIDTH], node;
@@ -183,7 +183,7 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
     pandis__box_keys(t->nodes, q, at->keys);
     for (;;) {
         int32_t key = pandis__least(at->keys), child = t->nodes[at->node].child[key & 7];
-        if (s->left < 0 && key < s->unseen) s->unseen = key; /* no more: what is left over is at least so far away */
+        if (s->left < 0 && key < s->unseen) s->unseen = key; /* budget spent: the rest is at least this far away */
         if (key > within || s->left < 0) {
             if (at == path) return;
             at--;

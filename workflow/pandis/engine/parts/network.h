@@ -33,8 +33,8 @@
     }
 PANDIS__KINDS(PANDIS__ADD)
 
-/* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and every
- * weight is read once for the four. What is added to what is the same as above. */
+/* The same for four points, whose h and out lie `stride` apart: sums stay in registers, and each weight is read once
+ * for all four. The order of additions is the same as above. */
 #define PANDIS__ADD_FOUR(load, type, tail, how)                                                                  \
     how void pandis__add_four_##tail(const type *w, const float *h, int rows, int stride, float *out) {          \
         for (int j = 0; j < stride; j += PANDIS__LANES) {                                                        \

@@ -61,7 +61,7 @@ PANDIS_API double pandis_by_region(const void *patches, const double point[3], i
  * What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which is
  * where the device is, hangs on it by a spring. One contact belongs to one probe, one object and one thread. */
 
-/* How a contact behaves. Begin with pandis_contact_defaults, and change what is to be otherwise. */
+/* Options of a contact. Start from pandis_contact_defaults, and change only what should differ. */
 typedef struct {
     double radius;  /* of the proxy, scene lengths, 0: a point. Up to 1e100 on meshes, compact meshes, closed forms and networks;
                      * on splines and grids up to 0.95 of the height over the surface up to which they are made (1 mm of 100
@@ -113,9 +113,9 @@ typedef struct {
     int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
-/* [rt] Begin a contact. The next step is its first.
+/* [rt] Begin a contact; the next step is its first.
  *
- * object   whose field tells distances: any but a grid of forces (PANDIS_ERROR_KIND)
+ * object   must have a field of distances, not a grid of forces (PANDIS_ERROR_KIND)
  * options  copied; NULL: the defaults
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_POSE, PANDIS_ERROR_KIND, PANDIS_ERROR_RADIUS or PANDIS_ERROR_OPTIONS; after an error

@@ -116,9 +116,9 @@ static void pandis__drop(pandis__proxy *p, int index) {
     p->count--;
 }
 
-/* Forget what the last look shows to be no surface here: planes from which the surface bends away (the new foot is
- * behind them, or, where they meet, not in front of them; seen from inside it may be so in any corner), those through a
- * place that is free, and those seen from too far away. */
+/* Forget planes that the last look shows not to be the surface here: those from which the surface bends away (the new
+ * foot is behind them or, where the planes meet, not in front of them; from inside, this may hold in any corner), those
+ * that pass through a free place, and those seen from too far away. */
 static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int inside, const double *place, double height) {
     double stale = PANDIS__STALE * PANDIS__HOVER;
     for (int i = p->count - 1; i >= 0; i--) {

@@ -2,8 +2,8 @@
 
 enum { PANDIS__SPHERE, PANDIS__TORUS, PANDIS__BOX, PANDIS__CAPSULE };
 
-/* In the units of the shape: a sphere (radius), a torus around z (ring, tube), a box (half its
- * sides), a capsule along z (radius, half its axis). */
+/* Answer a closed form, in the form's own units. Sizes: sphere (radius), torus around z (ring, tube), box (half its
+ * sides), capsule along z (radius, half its axis). */
 static void pandis__answer_shape(const pandis__shape *s, const double *p, double *distance, double *normal) {
     double offset[3] = {p[0], p[1], p[2]};
     if (s->shape == PANDIS__BOX) {

@@ -20,8 +20,8 @@ typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
 PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
 PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* The 64 coefficients around a point, block by block; what is not kept is zero. Tells whether any is kept; of the coarse
- * lattice, which is of no use in parts, whether all are. */
+/* Collect the 64 coefficients around a point, block by block; blocks that are not kept give zeros. Tells whether any
+ * block is kept or, for the coarse lattice, which is useless in parts, whether all are. */
 PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
     int found = 0, low[3], blocks[3];
@@ -45,7 +45,7 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
                         pandis__restore_fine(s->fine + at + e, offset, scale, own + e);
                     else
                         pandis__restore_coarse(s->coarse + at + e, offset, scale, own + e);
-                    memcpy(line + 9 * e, own + e, 2 * sizeof *own); /* 36 from x to x, 6 from y to y */
+                    memcpy(line + 9 * e, own + e, 2 * sizeof *own); /* strides: 36 in x, 6 in y */
                     memcpy(line + 9 * e + 6, own + e + 2, 2 * sizeof *own);
                 }
             }

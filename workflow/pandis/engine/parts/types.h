@@ -89,7 +89,7 @@ typedef struct {
     int32_t size, bricks;  /* nodes and bricks per axis */
     double low, per_step;  /* place of node 0, nodes per length */
     const uint16_t *brick; /* of each place: which kept brick it is, or 65535 */
-    const uint64_t *mask;  /* of each kept brick: its blocks */
+    const uint64_t *mask;  /* for each kept brick: a bit for each block it holds */
     const uint32_t *base;  /* of each kept brick: how many blocks come before it */
 } pandis__layout;
 

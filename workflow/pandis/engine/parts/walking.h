@@ -7,8 +7,8 @@
 #define PANDIS__PACE 1.6e-3        /* its longest step; it begins with an eighth of that, */
 #define PANDIS__TIRED (1 / 1024.0) /* and ends at so small a share, for each step that fails halves the next */
 #define PANDIS__IDLE 16            /* it begins at this count: a step of the contact that leads nowhere is 2, another -1 */
-#define PANDIS__GAIN 0.05          /* what leads nowhere: less than this share of how far the proxy may go, */
-#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, than this, or no nearer to the probe */
+#define PANDIS__GAIN 0.05          /* a step leads nowhere if it gains less than this share of what it may, */
+#define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */
 #define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
 #define PANDIS__MOVED 0.2          /* or when the probe has gone this share of its distance to the proxy */
 #define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which it rests */
@@ -44,9 +44,10 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     return 0;
 }
 
-/* Take a ball that is free above a place, by the planes that hold the proxy there, if any. Returns whether it joins the
- * last one: of an exact surface, which may be thinner than a step, a free place says nothing of the way to it. -1: no
- * answer. `anew`: it need not join any, but has to reach the place. */
+/* Take a free ball above a place, offset by the planes that hold the proxy there, if any. Returns 1 if the ball joins
+ * the last one, else 0; -1: no answer. It has to join because an exact surface may be thinner than a step: that a place
+ * is free does not mean that the way to it is. `anew`: the ball need not join the last one, but has to reach the
+ * place. */
 static int pandis__covers(pandis__proxy *p, const double *place, int anew) {
     pandis__look look;
     double at[3];
@@ -107,7 +108,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         }
         for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
         c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
-        if (!p->exact) { /* on the surface a ball of no size: that is looked at from above next */
+        if (!p->exact) { /* an empty ball on the surface makes the next step look at it from above */
             pandis__take_ball(p, &look);
             memcpy(p->ball, p->x, 3 * sizeof *p->ball);
             if (p->count || !(look.free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;

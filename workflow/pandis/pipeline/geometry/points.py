@@ -1,7 +1,7 @@
-"""The points that fields are chosen by, and others that say what was chosen.
+"""Points on which fields are chosen, and separate points on which the choice is judged.
 
-What was found best on some points looks better there than elsewhere; so nothing is promised by the
-points that chose.
+A field chosen as the best on some points looks better on them than elsewhere, so no promise rests
+on the choosing points.
 """
 
 from functools import cached_property

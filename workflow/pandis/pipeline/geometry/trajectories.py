@@ -16,11 +16,10 @@ TURNS = 6
 def trace(surface, engine, options, seed, progress):
     """Trace a smooth path at a smoothly varying depth.
 
-    From sample to sample the probe moves one step along the surface, its
-    heading turning slowly at random, and is then brought to the depth wanted
-    by Newton steps on the exact distance. Where it would not get there (a part
-    thinner than twice the depth) or would come out on another side, it
-    turns away.
+    At each sample the probe moves one step along the surface, in a heading that turns slowly at
+    random. Newton steps on the exact distance then bring it to the depth required. Where it would
+    not reach that depth (a part thinner than twice the depth), or would come out on another side,
+    it turns away.
 
     Parameters
     ----------

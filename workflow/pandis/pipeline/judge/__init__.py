@@ -1,1 +1,1 @@
-"""What fields are worth: errors, stress, timing, the servo loop, and the choice by these."""
+"""Judges fields: errors, stress, timing and the servo loop, and the choice that rests on them."""

@@ -232,7 +232,7 @@ class Chooser:
         return " and ".join(limits)
 
     def fitting(self, form, sizes, name=None, **shape):
-        """Return those of the sizes, with their bytes, that keep to the budget; note if none."""
+        """Return those of the sizes (bytes by size) that keep to the budget; note if none does."""
         dear = {size: self.too_dear(form, size, bytes_, **shape) for size, bytes_ in sizes.items()}
         if all(dear.values()):
             self.skip(name or form, f"{next(iter(dear.values()))} at the least")

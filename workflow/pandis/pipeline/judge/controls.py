@@ -83,7 +83,7 @@ class ControlGap(Field):
         if self._last is None or not len(inside):
             return distance, normal
         feet = points[inside] - distance[inside, None] * normal[inside]
-        # a larger ball than that of the last place in the gap tells nothing more
+        # cap the radius: a ball larger than the one at the last place in the gap tells nothing more
         most = min((self._last[0] + 1) * _SAME_RADIUS, THICKEST)
         radius = inscribed_radius(self.engine, feet, normal[inside], most)
         small = (radius < most) | (most == THICKEST)
@@ -111,10 +111,10 @@ class ControlGap(Field):
 def controls(exact, surface, scale):
     """Return the fields that every judgement of a mesh must fail.
 
-    ``control-zero`` has no force; ``control-gap`` has none on the thinnest two hundredths of the
-    area that is judged; ``control-thin`` none on the thinnest walls, two hundredths of all area:
-    so that what leaves thin places out has a control of its own. An object with walls on less than
-    a hundredth of its area has no ``control-thin``.
+    ``control-zero`` has no force. ``control-gap`` has none on the thinnest two hundredths of the
+    area judged. ``control-thin`` has none on the thinnest walls, up to two hundredths of all area:
+    it tests the judgements that leave thin places out. An object whose walls cover less than a
+    hundredth of its area has no ``control-thin``.
 
     Parameters
     ----------

@@ -17,7 +17,8 @@
     meets the budget of `pandis.pipeline.judge.choice.Chooser`, or None; ``timed(torus)`` yields
     form, size and maker of fields whose queries `snakemake -j1 -f calibrate` times.
 
-Only ``spec`` has to be there: a kind without ``file`` is there to be compared with, one without
-``search`` has no `…-auto`, and `fields: auto` tries those whose `Kind.chosen` says so. Folders do
-not import each other.
+Only ``spec`` has to be there: a kind without ``file`` is kept only for comparison (its
+`pandis.pipeline.run.ask.kind.FieldSpec` then says ``native=False``), one without ``search`` has no
+`…-auto`, and `fields: auto` tries those whose `Kind.chosen` says so. Folders do not import each
+other.
 """

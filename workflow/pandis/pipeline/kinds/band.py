@@ -68,7 +68,7 @@ def find_cells(engine, size, band, low, step):
 
 
 def _fill(signs, blocks, side, values):
-    """Write one sign into all cells of each block."""
+    """Write each block's sign into all its cells."""
     if side == 1:
         signs[tuple(blocks.T)] = values
         return

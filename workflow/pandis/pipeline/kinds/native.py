@@ -16,7 +16,7 @@ from pandis.runtime.field.files import pack
 
 
 class FieldFile:
-    """The ``.pandis`` file of a field: a kind's ``file`` module has a subclass named ``File``.
+    """The ``.pandis`` file of a field; each kind has a subclass ``File`` in its ``file`` module.
 
     Parameters
     ----------
@@ -27,9 +27,9 @@ class FieldFile:
     Attributes
     ----------
     version : int
-        The first version of the format that knows such files, as they are written now.
+        The first format version that can hold this file as it is now written.
     answering : pandis.pipeline.kinds.field.Field
-        What the file must answer like.
+        The field whose answers the file must give.
     """
 
     version = 1
@@ -101,7 +101,9 @@ def field_file(field, weight_bits=32):
     """
     try:
         module = kind_module(field.kind, "file")
-    except ModuleNotFoundError:
+    except ModuleNotFoundError as error:
+        if error.name != f"pandis.pipeline.kinds.{field.kind}.file":
+            raise  # a module of the kind lacks something else
         raise PandisError(f"{field.name}: pandis.h knows no fields of its kind") from None
     return module.File(field, weight_bits)
 

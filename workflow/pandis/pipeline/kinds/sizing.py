@@ -1,4 +1,4 @@
-"""Fields of which the user names what they should achieve, not how large they are."""
+"""Size fields by what they should achieve: the user gives limits, not dimensions."""
 
 from typing import NamedTuple
 
@@ -33,7 +33,7 @@ class Candidate(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a kind has come to, where it meets a budget.
+    """The result of a kind that meets the budget.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Outcome(NamedTuple):
         As in the field's own artifact.
     choice : pandis.pipeline.run.records.choice.Chosen
     finish : callable
-        To be called once the artifact is written.
+        Call it once the artifact is written.
     """
 
     arrays: dict
@@ -137,7 +137,7 @@ def sizing_of(target, tried):
 
 
 def _smallest(maker, points, target, what, log):
-    """Return the first of a maker's sizes that meets the limits, and all tried."""
+    """Return the first candidate that meets the limits, and each size tried with its measures."""
     limits, tried = points.limits(target), []
     for size in maker.sizes:
         if maker.never_meets(tried, limits, size):

@@ -232,7 +232,7 @@ def _parts(component, count, volumes, depth):
 
 
 def _wall_thickness(unit, faces, area, scale):
-    """Return the least, and the first percentile, of the way through matter along −normal."""
+    """Return the least and the first percentile of the wall thickness, along −normal."""
     rng = np.random.default_rng(0)
     start = np.minimum(
         np.searchsorted(np.cumsum(area) / area.sum(), rng.random(THICKNESS_RAYS)), len(faces) - 1

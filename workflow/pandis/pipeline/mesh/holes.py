@@ -57,7 +57,7 @@ def fill_holes(vertices, faces):
 
 
 def _rims(faces, edges):
-    """Return the rims as lists of half-edges, each in the order that its cap runs around."""
+    """Return the rims as lists of half-edges, each in the direction that its cap runs in."""
     half = np.flatnonzero(edges.boundary[edges.edge_of])
     start, end = edges.directed[half].T
     # a cap runs against its neighbours: from end to start

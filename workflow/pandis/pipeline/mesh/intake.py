@@ -116,7 +116,7 @@ def unpacked(source, path):
 
 
 def check_arrays(vertices, faces):
-    """Raise FormatError unless the arrays are a mesh: faces, finite, of some extent."""
+    """Raise FormatError unless the mesh has faces, finite vertices and a usable extent."""
     if not len(faces):
         raise FormatError("it has no faces; export it as a triangle mesh")
     used = vertices[np.unique(faces)]

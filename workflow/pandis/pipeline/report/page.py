@@ -326,7 +326,7 @@ def _path(path):
 
 
 def _percent(share):
-    """Format a share as a percentage; what is below rounding is nothing."""
+    """Format a share as a percentage; a share below rounding is 0."""
     return _number(100 * share if abs(share) > 1e-12 else 0)
 
 

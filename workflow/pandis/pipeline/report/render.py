@@ -69,7 +69,7 @@ def _draw(vertices, faces, size, axes, points, colours):
 
 
 def _close_pinholes(image, buffer):
-    """Give pixels on which no point fell, in the midst of others, the colour of one beside them."""
+    """Fill each empty pixel that has three covered neighbours with the colour of one of them."""
     covered = image[..., 3] > 0
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
     around = sum(np.roll(covered, step, (0, 1)).astype(int) for step in steps)

@@ -10,7 +10,7 @@ from pandis.base.errors import ArtifactError
 #: the file's head names, and never come to its end.
 _HTML, _LINE = (b"\n<!-- pandis: ", b" -->\n"), (b"\n# pandis: ", b"\n")
 _MARKS = {".html": _HTML, ".xml": _HTML, ".obj": _LINE, ".vdb": _LINE}
-#: The endings of files that are sealed so.
+#: Extensions of the files sealed this way.
 SEALED = frozenset(_MARKS)
 #: Of a checksum, with the space after it.
 _DIGITS = 65

@@ -196,7 +196,7 @@ def _contact(errors, evaluation):
 
 
 def _mean_text(mean):
-    """Return a mean error as it is reported: nothing but rounding is none."""
+    """Return a mean error as reported: 0 if it is below rounding."""
     return 0.0 if mean < ROUNDING else mean
 
 

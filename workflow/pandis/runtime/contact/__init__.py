@@ -54,7 +54,7 @@ class Options(ctypes.Structure):
 
 
 class Touches(NamedTuple):
-    """What steps answer, a row for each, in units and coordinates of the scene.
+    """Results of contact steps, one row each, in the scene's units and coordinates.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ const char *client_cause_name(int cause) { return cause >= 0 && cause < CAUSES ?
 
 const char *client_cause_words(int cause) { return cause >= 0 && cause < CAUSES ? client_causes[cause].words : NULL; }
 
-/* How the structures lie that a binding in another language mirrors. */
+/* Return the memory layout of the structures that a binding in another language mirrors. */
 const layout_entry *client_layout(void) {
     static const layout_entry entries[] = {
         LAYOUT_TYPE(guard_limits), LAYOUT(guard_limits, force), LAYOUT(guard_limits, continuous),

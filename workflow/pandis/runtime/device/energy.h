@@ -8,7 +8,7 @@
 typedef struct {
     double balance;   /* what the wall has taken and the device lost, less what is too long ago to count, J */
     double strongest; /* force of this contact, N */
-    double beyond;    /* what it has taken while the force was cut, beyond F^2 / 2k, J */
+    double beyond;    /* what it has taken while the force was at its largest, which F^2 / 2k does not count, J */
     double worst;     /* the least balance of all contacts: below zero the wall has given more than was lost */
     double debt;      /* what contacts before gave and none has paid back, J: at most 0 */
     double spare;     /* what the device lost beyond what is kept, J */
@@ -16,12 +16,12 @@ typedef struct {
 
 static double length_of(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-/* Book a tick: whether the wall was touched, the force on the device, the work that it did, what the device lost.
+/* Book a tick: whether the wall was touched, the force on the device, the work it did, what the device lost.
  *
- * What the wall took is exact for a force that is held (Hannaford and Ryu 2002). Losses do not pile up:
- * of the balance no more is kept than the wall may have stored, F^2 / 2k and what it took at the largest
- * force, so that a long way along it excuses no shaking afterwards. From one contact to the next nothing is
- * kept but what is owed. `cut`: the force was the largest that may be given. */
+ * The work on the wall is exact for a force that is held over the tick (Hannaford and Ryu 2002). Losses do not
+ * accumulate: the balance is capped at what the wall may have stored, F^2 / 2k, plus what it took while the force was
+ * at its largest. Otherwise a long slide along the wall would excuse shaking later. Only a debt is carried over from
+ * one contact to the next. `cut`: the force was the largest that may be given. */
 static void energy_book(energy *e, int touching, double force, double work, double lost, double stiffness, int cut) {
     if (!touching) {
         e->debt = fmin(0, e->debt + e->balance);

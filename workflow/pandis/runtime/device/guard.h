@@ -88,7 +88,7 @@ typedef struct {
     double reported[3], drift[3], quick; /* the device's velocity; position less the way by it; speed, m/s */
     double carried[3]; /* how far what is touched has moved since the last tick: the wall is where it is */
     double ticks, given; /* all of them; those since it was armed */
-    double now, trouble; /* s since the start; since when something is wrong; below zero: nothing is */
+    double now, trouble; /* s since the start; when the present trouble began, below zero if there is none */
     double times[2];     /* when it last shook, and the time before */
     double load;         /* mean square of the force over GUARD_WARM s */
     energy energy;
@@ -138,7 +138,7 @@ static double guard_unseen(const guard *g, double length, double speed, double d
     return 0.5 * g->limits.stiffness * g->share * length * fmax(0, step - speed * dt);
 }
 
-/* Observe the way since the last tick, under the force that was sent for it, and whether it shakes. */
+/* Account for the motion since the last tick, under the force sent for it, and detect shaking. */
 static void guard_observe(guard *g, const double *position, const double *speed, double dt) {
     double way[3], work = 0, length;
     for (int k = 0; k < 3; k++) {
@@ -262,8 +262,8 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
     return g->armed;
 }
 
-/* Let more of the whole force in. A wall that grows stiffer under a probe that presses gives it energy, so it grows no
- * faster there than the device's losses pay for. */
+/* Let in more of the whole force. A wall that stiffens under a pressing probe gives it energy, so while it is touched
+ * the share grows no faster than the device's losses pay for. */
 static void guard_ramp(guard *g, double size) {
     double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
     if (g->touching && g->limits.stiffness > 0 && size > 0 && share > g->share) {
@@ -280,8 +280,8 @@ static void guard_close(guard *g, double *force) {
     force[0] = force[1] = force[2] = 0;
 }
 
-/* Turn a force that is wanted into one that may be sent; zero once there is a cause. `since`: s since the
- * last tick. */
+/* Turn the wanted force into one that may be sent: zero once there is a cause to end the session. `since`: time since
+ * the last tick, s. */
 static void guard_pass(guard *g, const device_state *state, double since, int armed, double *force) {
     double dt = since > g->period ? since : g->period; /* calls that catch up are no fast probe */
     double part = fmin(1, fmax(0, since / g->period));

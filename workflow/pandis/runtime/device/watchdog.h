@@ -36,8 +36,8 @@ static int watchdog_say(watchdog_pulse *pulse, int state) {
     return __atomic_compare_exchange_n(&pulse->state, &starts, state, 0, __ATOMIC_SEQ_CST, __ATOMIC_SEQ_CST);
 }
 
-/* Watch a run until it is over, or its process is gone. `file`: of the pulse; `parent`: the run's process. Returns 1 if it
- * had to end the force. */
+/* Watch a run until it ends or its process is gone. `file`: descriptor of the shared pulse; `parent`: the run's
+ * process. Returns 1 if it had to end the force. */
 int client_watch(const char *library, const char *name, int file, int parent) {
     const struct timespec look = {0, (long)(1e9 * WATCHDOG_LOOK)};
     hd_api api;

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from pandis.runtime.field import moving
 else:
-    ArrayLike = object  # NumPy's own names what a type checker knows, and not what NumPy takes
+    ArrayLike = object  # numpy.typing.ArrayLike is narrower than what NumPy accepts
 
 #: What a file can hold; numbers of docs/format.md.
 NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6

@@ -11,14 +11,14 @@ AXES = ("contact_mean", "native_p50_us", "bytes", "jump_rms_newtons")
 
 
 def may_be_used(row):
-    """Tell whether a field can be recommended: it failed no question, and lacks no surface.
+    """Tell whether a field can be recommended: it failed no question and misses no surface.
 
-    Nor can any field of an object too much of which is too thin to be judged.
+    Nor is a field recommended if too much of its object is too thin to be judged.
 
     Parameters
     ----------
     row : dict
-        Of a summary. What was not asked is not known, and so cannot be recommended.
+        A row of a summary. A question that was not asked counts as not passed.
     """
     if row["stress"] == "" or row["missing_percent"] == "":
         return False

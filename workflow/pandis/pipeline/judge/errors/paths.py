@@ -107,8 +107,8 @@ def over_paths(fields, paths):
 def verdict(table, models):
     """Say whether networks err less than the paper's best grid, where that was measured.
 
-    Another seed gives another network, whose error may differ by a third: of one training nothing
-    is said of others, and of several by an interval over them.
+    Another seed gives another network, whose error may differ by a third. One training therefore
+    gets its ratio only; several get a verdict from a confidence interval over the trainings.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def verdict(table, models):
     Returns
     -------
     str
-        Empty where nothing can be said.
+        Empty if nothing can be said.
     """
     sentences = []
     for names in repeats({n: m for n, m in models.items() if n in table}):

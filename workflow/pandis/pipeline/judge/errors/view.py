@@ -1,4 +1,4 @@
-"""What the report's view of a mesh shows: each field's errors, on a mesh that a page can hold."""
+"""Each field's errors, for the report's view of a mesh, on a mesh small enough for a page."""
 
 import igl
 import numpy as np

@@ -1,1 +1,1 @@
-"""The last step: does every exported field hold at 1 kHz on this machine."""
+"""The last step: check that every exported field holds 1 kHz on this machine."""

@@ -14,7 +14,7 @@ def judge(pressed, walls):
 
 
 def _is_good(pressed):
-    """Tell whether a device that was pressed keeps its limits, keeps still, and gives no energy."""
+    """Tell whether a pressed device stays within its limits, stays still and adds no energy."""
     good = pressed.within_limits and pressed.passive and pressed.quiet >= CALM
     return bool(good and not pressed.unarmed and pressed.safe_n_m >= pressed.stiffness)
 
@@ -187,7 +187,7 @@ def machine_sentence(servo, options):
 
 
 def paragraph(servo, devices, options, proxy=None):
-    """Return what to do about a field: the machine's sentence, then what is said of each device."""
+    """Return the advice on a field: the sentence on the machine, then those on each device."""
     sentences = [machine_sentence(servo, options)]
     if proxy and not proxy.touching_share:
         sentences.append(

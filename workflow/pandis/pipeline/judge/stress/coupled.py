@@ -1,9 +1,9 @@
-"""Device, hand and field in a closed loop: up to which stiffness they stay quiet.
+"""Closed loop of device, hand and field: the stiffness up to which it stays quiet.
 
-A virtual wall answers a position that is a tick old, on average half of one: energy. Damping of
-device and hand takes it away up to K < b / (T/2 + n·T), n the ticks that a force comes late
-(Colgate and Schenkel 1997; Abbott and Okamura 2005 with friction and encoder). A kink or a seam
-of the field lowers what is left.
+A virtual wall answers a position up to a tick old (half a tick on average), which feeds in energy.
+The damping of device and hand removes it while K < b / (T/2 + n·T), with n the number of ticks by
+which a force is late (Colgate and Schenkel 1997; Abbott and Okamura 2005 with friction and
+encoder). Kinks and seams of the field lower this limit.
 """
 
 from collections import deque
@@ -86,7 +86,7 @@ class Press(NamedTuple):
 
     @property
     def calm(self):
-        """Where (n,) the probe neither shakes nor goes through."""
+        """Return the mask (n,) of the points where the probe neither shakes nor goes through."""
         return (self.swing < QUIET) & (self.share >= HOLDS)
 
 

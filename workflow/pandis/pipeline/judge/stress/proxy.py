@@ -22,7 +22,7 @@ DOWN, ASIDE, REST, SETTLES = 60, 20, 100, 50
 #: A place holds at least this share of what it does by the exact field; a proxy at rest moves by
 #: less than this (m).
 HOLDS, RESTS = 0.5, 1e-5
-#: Every so many steps of a loop are taken, so many ticks lead to it.
+#: One step of a loop in EVERY is taken; LEAD ticks lead up to the first.
 EVERY, LEAD = 8, 60
 #: Of the long way: one tick in so many is compared with the mesh, and a proxy may lie so much
 #: deeper than the field's surface does (m).
@@ -132,11 +132,11 @@ def press_all(follow, places, scale):
 
 
 def holds(follow, places, exact, scale):
-    """Count the places that hold a hand less than the exact field does through a proxy.
+    """Measure how many places hold a hand less, through a proxy, than the exact field does.
 
-    What a proxy holds does not depend on how thick a wall is, so that thin walls are asked, too.
-    The strips beside convex edges in which nothing is judged are none: there a proxy slides off
-    whatever rounds the edge.
+    Thin walls are tested too: what a proxy holds does not depend on a wall's thickness. The strips
+    beside convex edges, in which nothing is judged, are left out: there a proxy slides off whatever
+    rounds the edge.
 
     Parameters
     ----------
@@ -148,9 +148,9 @@ def holds(follow, places, exact, scale):
     Returns
     -------
     dict
-        ``soft``: the share of the area judged that pushes back with less than half of what the
-        exact field does; ``creeps``: on which the proxy still moves after half of the rest, and the
-        exact one does not; ``worst``: the larger one; ``limit``, ``passed``.
+        ``soft``: share of the area judged that pushes back with less than half the force of the
+        exact field; ``creeps``: share on which the proxy still moves after half of the rest, while
+        that of the exact field does not; ``worst``: the larger of the two; ``limit``, ``passed``.
     """
     pressed = press_all(follow, places, scale)
     soft = ~(pressed.push >= HOLDS * exact.push)  # NaN is no force either
@@ -162,7 +162,7 @@ def holds(follow, places, exact, scale):
 
 
 def keeps(follow, engine, paths, device):
-    """Lead a hand around closed loops, twice, on a smooth surface; the second round is judged.
+    """Lead a hand twice around closed loops on a smooth surface; judge the second round.
 
     Parameters
     ----------
@@ -177,8 +177,9 @@ def keeps(follow, engine, paths, device):
     Returns
     -------
     dict
-        ``push_n``: what the hand gains on the worst loop, per length of it, newtons; ``limit``:
-        what the device's damping takes at `pandis.pipeline.judge.stress.work.SPEED`; ``passed``.
+        ``push_n``: the most work that the hand gains on any loop, per length of the loop, newtons;
+        ``limit``: what the device's damping takes at `pandis.pipeline.judge.stress.work.SPEED`;
+        ``passed``.
     """
     gained = []
     distance, normal = engine.distance_and_normal(paths[:, 0], check=False)

@@ -138,13 +138,14 @@ def special_points(vertices, faces, places, thickness):
 
 
 def special(field, points):
-    """Ask at special points, and at what is no point.
+    """Query a field at special points, and at points that are not finite or are very far away.
 
     Returns
     -------
     dict
-        ``bad``: answers that are no number, or normals not of unit length; ``unflagged``: what
-        is no finite point, or far beyond any, and is not flagged, or pushed; ``passed``.
+        ``bad``: how many answers are NaN or have a normal that is not of unit length;
+        ``unflagged``: how many points that are not finite, or are very far away, go unflagged or
+        get a force; ``passed``.
     """
     bad = _bad(*field.answer(points))
     lost = [[v if k == axis else 0.1 for k in range(3)] for axis in range(3) for v in _NOWHERE]

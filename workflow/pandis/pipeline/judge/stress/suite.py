@@ -255,7 +255,8 @@ class Suite:
         return self.feel(follow, surface_error(field, self.contacts)) if follow else {}
 
     def feel(self, follow, error):
-        """Ask what follows a path through a proxy, and whose surface is wrong by so much."""
+        """Judge a field as felt through a proxy; `error` is that of its surface, as
+        `surface_error`."""
         rng, engine = streams.generator(self.seed, streams.WANDER), self.engine
         way = wander(self.pushed, rng)
         return {

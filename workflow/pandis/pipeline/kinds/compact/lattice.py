@@ -153,7 +153,7 @@ def _without_pairs(faces):
 
 
 def _turn_edges(vertices, faces, flat):
-    """Split, in place, the neighbour at the longest edge of each flat face; tell if one was."""
+    """Flip, in place, the longest edge of each flat face; tell whether any was flipped."""
     across = {}
     # only faces with two corners of a flat one can lie across its edges
     beside = np.isin(faces, faces[flat]).sum(axis=1) >= 2

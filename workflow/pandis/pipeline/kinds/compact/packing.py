@@ -26,16 +26,16 @@ SIDES = 1_000_000
 
 
 def build_compact(body, bits, seed, log):
-    """Return the arrays and the record of a body's compact mesh, all of whose sides are right.
+    """Return the arrays and the record of a body's compact mesh, after checking its sides.
 
     Parameters
     ----------
     body : pandis.pipeline.geometry.body.Body
-        Of a closed form its tessellation is taken.
+        A closed form is replaced by its tessellation.
     bits : int
-        Of a coordinate.
+        Bits per coordinate.
     seed : int
-        Of the points at which sides are compared.
+        Seed of the points at which sides are compared.
     log : callable
 
     Returns
@@ -46,7 +46,7 @@ def build_compact(body, bits, seed, log):
     Raises
     ------
     PandisError
-        Points farther from the surface than it can have moved are on the wrong side.
+        Some points are on the wrong side, although the surface cannot have moved past them.
     """
     arrays, record = pack_body(body, bits)
     log(describe(arrays, record))

@@ -13,7 +13,7 @@ import numpy as np
 from pandis.engine.bvh import Bvh
 from pandis.engine.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_rays
 
-#: How far from a face it is looked at (steps): less than any fold is high.
+#: Height above a face of the point from which it is checked (steps): lower than any fold.
 _BESIDE = 1e-3
 #: Cosine between the normals of faces of which one is folded back onto the other, and how low the
 #: lower one of them is (steps): rounding does not fold what is higher.

@@ -42,7 +42,7 @@ class File(FieldFile):
         return MESH, [*counts, self._most or self._least()], [engine.reach], sections
 
     def _least(self):
-        """Return how much a query may look at."""
+        """Return how many nodes, leaves and faces a query may look at: see `least_limit`."""
         engine, frame = self.field.engine, self.field.frame
 
         def query(points, most):

@@ -1,9 +1,9 @@
-"""[22]: a contact point that is tracked on the zero level of any field.
+"""[22]: a contact point tracked on the zero level of any field.
 
-Salisbury & Tarr 1997 let a virtual contact point slide on the surface and pull the device to it
-with a spring. Their abstract gives the idea (a tangent plane that follows the contact and that
-the device does not pass); the steps of the tracking here are those of the programs that came
-from the same group, as far as they are described: where the paper is silent they are inferred.
+Salisbury & Tarr 1997 let a virtual contact point slide on the surface, and pull the device to it
+with a spring. Their abstract gives the idea: a tangent plane follows the contact, and the device
+does not pass it. The tracking steps are taken from the programs of the same group, as far as these
+are described, and inferred where the paper is silent.
 """
 
 import numpy as np

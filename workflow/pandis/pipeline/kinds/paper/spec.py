@@ -18,7 +18,7 @@ class PlanesTask(BuildTask):
 
 
 class Paper(Kind):
-    """Methods that are there to be compared with: no program answers them."""
+    """Methods kept only for comparison: no exported program evaluates them."""
 
     name = "paper"
     forms = (ALGEBRAIC, PROXY, *PLANES)

@@ -55,7 +55,8 @@ def read(path, form, folder=None):
     content = content_of(path)
     if content in _OTHERS:
         raise FormatError(f"it is no mesh but {_OTHERS[content]}")
-    same = {form, content} <= {"glb", "gltf"}  # both hold what they are
+    same = {form, content} <= {"glb", "gltf"}  # the same format in two forms: text (gltf) and
+    # binary (glb)
     if content is not None and content != form and not same:
         raise FormatError(
             f"its name says {form.upper()}, and its content is {content.upper()}: call it "

@@ -10,7 +10,7 @@ import numpy as np
 
 from pandis.pipeline.mesh.formats.base import AGAIN, MOST, FormatError, joined, placed
 
-#: Extensions that change triangles, and are read; others that change none of them.
+#: Supported extensions that change triangles; then extensions that leave triangles unchanged.
 _QUANTIZATION, _INSTANCING = "KHR_mesh_quantization", "EXT_mesh_gpu_instancing"
 _HARMLESS = (
     "KHR_materials_", "KHR_texture_", "KHR_lights_punctual", "KHR_xmp", "KHR_animation_pointer",

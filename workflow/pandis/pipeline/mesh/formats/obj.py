@@ -28,13 +28,13 @@ _CORNER = re.compile(r"(-?[0-9]{1,18})(/(-?[0-9]+)?){0,2}")
 def read(path, folder=None):
     """Read positions, polygons and the names of materials of an OBJ file.
 
-    Indices may be relative, and then count from the vertices so far.
+    Indices may be relative; they then count from the vertices read so far.
 
     Parameters
     ----------
     path : Path
     folder : Path, optional
-        Where files lie that it names; of OBJ nothing else is read.
+        Where the files that it names lie; an OBJ file needs none, so it is not used.
 
     Returns
     -------

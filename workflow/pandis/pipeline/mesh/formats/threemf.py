@@ -42,8 +42,8 @@ _UNITS = {
     "meter": "m",
 }  # fmt: skip
 _LARGEST = 1 << 30
-#: What a damaged package raises, wherever it is damaged; a RuntimeError for compressions and
-#: encryptions that zipfile does not know.
+#: Exceptions that a damaged package may raise, wherever the damage is. zipfile raises RuntimeError
+#: for compression and encryption methods that it does not support.
 DAMAGED = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError, RuntimeError,
 )  # fmt: skip

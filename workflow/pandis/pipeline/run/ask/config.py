@@ -111,7 +111,7 @@ class StageOptions(Options):
     @model_validator(mode="before")
     @classmethod
     def _name_the_loss(cls, values):
-        """Recipes choose their model by `loss`; fill it in from the recipe's name."""
+        """Fill in each recipe's `loss`, which selects its model, from the recipe's name."""
         if not isinstance(values, dict) or not isinstance(values.get("train") or {}, dict):
             return values
         recipes = dict.fromkeys(RECIPES) | (values.get("train") or {})

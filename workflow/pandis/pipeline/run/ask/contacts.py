@@ -82,10 +82,10 @@ class MaterialOptions(Options):
 
 
 class SurfaceOptions(MaterialOptions):
-    """How an object is felt: by a proxy that no wall lets through, or by penalty forces.
+    """How an object is felt: through a proxy that no wall lets through, or by penalty forces.
 
-    The materials that a mesh file names can each have their own friction, damping and texture; the
-    options of a material are those of every other surface.
+    Each material that a mesh file names can have friction, damping and texture of its own. A
+    material takes the same options as any other surface.
     """
 
     kind: Literal["proxy", "penalty"] = Field(

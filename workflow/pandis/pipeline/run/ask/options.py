@@ -184,7 +184,7 @@ class EvaluationOptions(Options):
 
 
 class StressOptions(Options):
-    """The stress suite: every field under a device and a hand. Nominal values of a Touch."""
+    """The stress suite: every field with a simulated device and hand, by default a Touch."""
 
     mass: Positive = Field(0.045, description="moving mass at the tip, kg")
     damping: float = Field(0.1, ge=0, description="viscous damping of the device, Ns/m")
@@ -220,7 +220,7 @@ class TimingOptions(Options):
 
 
 class AttachedOptions(Options):
-    """A haptic device of 3D Systems that is attached to this machine, and held by somebody."""
+    """A 3D Systems haptic device that is attached to this machine and held by a person."""
 
     library: str = Field("libHD.so", description="OpenHaptics' library, a name or a path")
     name: str = Field("", description="the device's name in OpenHaptics; empty: the default one")

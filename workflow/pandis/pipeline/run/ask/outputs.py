@@ -35,7 +35,7 @@ def samples(entry):
 
 
 def models(entry):
-    """Return what is trained."""
+    """Return the artifacts that training writes, one per learned field."""
     specs = [spec for spec in field_holders(entry) if spec.learned]
     return [(f"{spec.artifact}.zarr.zip", {"recipe": spec.name}) for spec in specs]
 

@@ -64,8 +64,8 @@ def listen(workflow):
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(1) from None
     plugin = sys.modules["snakemake_executor_plugin_slurm"]
-    # It asks for the age each time. While the controller is away it gets no answer, takes that
-    # for a short memory, and turns to `sacct` for good.
+    # The plugin asks for MinJobAge each time. While the controller is away it gets no answer,
+    # treats that as a short memory, and falls back to `sacct` for good.
     plugin.get_min_job_age = lambda: age
     # Within a job it would start Snakemake anew for every rule of a group, one after the other.
     # Started a single time, it runs side by side whatever fits into what the job has asked for.

@@ -5,12 +5,13 @@ _DEFAULT = (100, 1)
 
 
 def wait_for_jobs(workflow):
-    """Let the scheduler look for jobs to start only when one has ended.
+    """Make Snakemake look for jobs only when one has ended, not on a timer as well.
 
-    Snakemake 9.27 counts jobs per second, by default at most a hundred. Whenever it looks, it sets
-    a timer to look again a second later, so that every job that ends makes it look once a second
-    more, for the rest of the run. Of hundreds of jobs none is found any faster: looking for them
-    takes a core of its own. Another limit (``--max-jobs-per-timespan``) is left as it is.
+    By default Snakemake 9.27 starts at most a hundred jobs per second. Each time it looks for jobs
+    it also sets a timer to look again a second later, so every job that ends adds one look per
+    second for the rest of the run. With hundreds of jobs, looking takes a core of its own and
+    starts none sooner. A limit other than the default (``--max-jobs-per-timespan``) is left as it
+    is.
     """
     limit = workflow.scheduling_settings.max_jobs_per_timespan
     if limit is not None and (limit.max_jobs, limit.timespan) == _DEFAULT:

@@ -18,18 +18,18 @@ _GRACE = 20.0
 
 @contextmanager
 def limited(name, minutes, megabytes, say, file):
-    """Run the body of a stage within limits; beyond them the process ends.
+    """Run the body of a stage within limits; the process ends if it exceeds one.
 
     Parameters
     ----------
     name : str
-        Of the rule.
+        The rule's name.
     minutes, megabytes : float or None
-        Nothing is limited where there is none.
+        None: no limit.
     say : callable
-        Takes the line that says which limit was reached, and what to do.
+        Takes the line that says which limit was exceeded and what to do.
     file : file object
-        Gets a traceback if the process can no longer say anything.
+        Gets a traceback if the process can no longer report anything itself.
     """
     over = threading.Event()
     start = time.monotonic()
@@ -70,7 +70,7 @@ def _beyond(name, minutes, megabytes, seconds):
 
 
 def resident_megabytes():
-    """Return the memory that this process has in use, 0 where the system does not tell."""
+    """Return the memory that this process uses (MB), 0 if the system does not report it."""
     try:
         with open("/proc/self/statm", encoding="ascii") as stream:
             return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

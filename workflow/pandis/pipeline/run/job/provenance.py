@@ -47,7 +47,7 @@ _MODELS = tuple(
 )
 
 
-#: Kinds that a field which is not named may turn out to be of.
+#: Kinds that ``fields: auto`` may choose.
 _CHOSEN = tuple(name for name, kind in KINDS.items() if kind.chosen)
 
 

@@ -54,7 +54,7 @@ def stage(snakemake, task):
     snakemake : object
         What Snakemake injects into a script.
     task : type
-        Model of what this stage is asked, from `pandis.pipeline.run.ask.tasks`.
+        Model of this stage's options, from `pandis.pipeline.run.ask.tasks`.
 
     Yields
     ------

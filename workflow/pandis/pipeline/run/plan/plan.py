@@ -82,16 +82,16 @@ class Plan:
     config : dict
         The parsed configuration.
     root : path-like
-        Folder of the Snakefile and of the package ``pandis``.
+        Folder that holds the Snakefile and the package ``pandis``.
     files : iterable of path-like
-        The configuration files, to be checked for doubled keys.
+        The configuration files, to be checked for duplicate keys.
     store : str
-        The object store that the folder of results lies in; empty for files.
+        The object store that holds the results folder; empty if results are local files.
 
     Raises
     ------
     PandisError
-        The configuration has faults; all are listed.
+        The configuration has faults; the message lists all of them.
     """
 
     def __init__(self, config, root, files=(), store=""):
@@ -295,7 +295,7 @@ class Plan:
         return list(dict.fromkeys(files))
 
     def unexported(self, wildcards):
-        """Return what answers for the fields that are timed from Python."""
+        """Return the files of the fields that are timed from Python."""
         specs = [spec for spec in self.specs(wildcards.mesh) if "onnx" not in spec.exports]
         return self._answering(wildcards.mesh, specs)
 

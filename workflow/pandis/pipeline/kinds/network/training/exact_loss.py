@@ -50,8 +50,8 @@ def exact_loss(
     """Return the regression loss on exact distance and normal.
 
     The force error of a point at depth |d| is at most |Φ − d| + |d|·‖Ψ − n‖;
-    both parts are of L1 kind and weighted toward the surface, where probes are; far from
-    it the weights have a floor, so that what is deep inside is learnt, too.
+    both parts are L1 losses, weighted toward the surface, where probes are. Far from it the weights
+    have a floor, so that the deep interior is learnt, too.
 
     Parameters
     ----------

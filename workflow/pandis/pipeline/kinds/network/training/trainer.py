@@ -38,7 +38,7 @@ QUICK = 4000
 #: nor while it is below this share of the force: a base may be all but right before any step.
 DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
-#: Options that do not say how a network was trained, but what was hoped for.
+#: Options that state the accuracy wanted, not how a network was trained.
 _NOT_OF_A_TRAINING = {"force_error", "tail", "missed"}
 
 
