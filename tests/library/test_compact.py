@@ -515,7 +515,7 @@ def test_what_cannot_be_packed_is_told_in_words():
     for bad, what in (
         ((vertices - 1, faces), "whole numbers from 0"),
         ((vertices + (1 << 20), faces), "whole numbers from 0"),
-        ((vertices, faces + 1), "faces must name vertices"),
+        ((vertices, faces + 1), "faces must not be empty"),
         ((vertices, np.array([[0, 1, 1]])), "two equal corners"),
     ):
         with pytest.raises(ValueError, match=what):

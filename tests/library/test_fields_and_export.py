@@ -310,7 +310,7 @@ def test_session_names_a_damaged_file(tmp_path):
     path.write_bytes(b"not a model")
     with pytest.raises(ArtifactError, match=r"bad\.onnx.*rebuild it with: snakemake"):
         Session(path)
-    with pytest.raises(PandisError, match="does not take the model"):
+    with pytest.raises(PandisError, match="cannot load the model"):
         Session(b"not a model")
 
 

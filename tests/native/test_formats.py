@@ -117,10 +117,10 @@ def test_what_is_no_file_for_newton_is_said(tmp_path):
     path = tmp_path / "newton.npz"
     for content in (b"", b"no zip"):
         path.write_bytes(content)
-        with pytest.raises(ArtifactError, match="no file that the workflow wrote for Newton"):
+        with pytest.raises(ArtifactError, match="not a Newton file that the workflow wrote"):
             cache.unpack(path, tmp_path / "cache")
     np.savez(path, vertices=np.zeros(3))
-    with pytest.raises(ArtifactError, match="no file that the workflow wrote for Newton"):
+    with pytest.raises(ArtifactError, match="not a Newton file that the workflow wrote"):
         cache.unpack(path, tmp_path / "cache")
     assert not (tmp_path / "cache").exists()
 
@@ -150,14 +150,14 @@ def test_a_volume_whose_deep_inside_is_outside_is_refused(files, monkeypatch):
         return leaves(*asked)._replace(inside=lambda voxels: np.zeros(len(voxels), bool))
 
     monkeypatch.setattr(volumes, "leaves", without_inside)
-    with pytest.raises(PandisError, match="other sides than the field"):
+    with pytest.raises(PandisError, match="disagrees with the field about inside"):
         volumes.export_volumes([files["exact"]], lambda text: None)
 
 
 def test_what_is_too_thin_for_voxels_is_left_out(files, monkeypatch):
     monkeypatch.setattr(volumes, "ALONG", 0.1)
     lines, log = said()
-    with pytest.raises(PandisError, match="take vdb out of export.also"):
+    with pytest.raises(PandisError, match="remove vdb from export.also"):
         volumes.export_volumes([files["exact"], files["spline"]], log)
     assert sum("left out" in line for line in lines) == 2
 

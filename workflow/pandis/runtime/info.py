@@ -77,7 +77,7 @@ def _made_of(contents):
         return "compact", f"a mesh of {faces:,} faces, its vertices on a lattice of {whole[0]} bits"
     if field.kind == SHAPE:
         return "closed form", f"a {SHAPES[whole[0]]}"
-    raise PandisError(f"{field.path}: a field of kind {field.kind} is not known here")
+    raise PandisError(f"{field.path}: unknown kind of field {field.kind}")
 
 
 def _box(contents):

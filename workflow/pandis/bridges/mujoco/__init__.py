@@ -47,8 +47,8 @@ def register() -> None:
     version = mujoco.mj_versionString() + ("" if mujoco.MJTNUM_BYTES == 8 else " in float32")
     if version not in VERSIONS:
         raise PandisError(
-            f"{NAME} is made for MuJoCo {' and '.join(VERSIONS)} in float64, and this is MuJoCo "
-            f"{version}: it is not registered, and a model that names it does not compile"
+            f"{NAME} supports only MuJoCo {' and '.join(VERSIONS)} in float64, not {version}: it "
+            "is not registered, so models that use it will not compile"
         )
     libraries = sorted(folder.glob("libmujoco*"))
     if not libraries:

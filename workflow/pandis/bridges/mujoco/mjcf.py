@@ -43,7 +43,9 @@ def write_mjcf(scene, path, meshes=None):
     placed, frictions = (dict(scene), {}) if isinstance(scene, dict) else _read(Path(scene))
     meshes = {name: Path(file) for name, file in (meshes or {}).items()}
     if unknown := sorted(set(meshes) - set(placed)):
-        raise PandisError(f"meshes: no object is called {', '.join(unknown)}: {', '.join(placed)}")
+        raise PandisError(
+            f"meshes: no object is named {', '.join(unknown)}; the objects are {', '.join(placed)}"
+        )
     written = {}
     for name, each in placed.items():
         if name not in meshes and (file := _mesh_file(each.field, path, written)):

@@ -107,7 +107,9 @@ def cooked(
     if texture_format not in FORMATS:
         raise PandisError(f"texture_format: {texture_format!r} is none of {', '.join(FORMATS)}")
     if scale is not None and len(set(scale)) > 1:
-        raise PandisError(f"scale: a field cannot be stretched, and {scale} differ")
+        raise PandisError(
+            f"scale: a field cannot be stretched: the factors must be equal, not {scale}"
+        )
     if max_resolution is None and target_voxel_size is None:
         max_resolution = 64
     for name, resolution in (

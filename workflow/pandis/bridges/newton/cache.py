@@ -104,7 +104,7 @@ def read(path: str | PathLike[str]) -> CacheFile:
         return CacheFile(note["name"], content, vertices, indices, options, note["provenance"])
     except Exception as error:  # NumPy raises whatever its zip and its pickle do
         raise ArtifactError(
-            f"{path}: damaged, or no file that the workflow wrote for Newton ({error})"
+            f"{path}: damaged, or not a Newton file that the workflow wrote ({error})"
         ) from error
 
 

@@ -76,8 +76,8 @@ class WarpField:
             )
         if self.kind == COMPACT and (needed := _room(contents)) > ROOM:
             raise PandisError(
-                f"{self.path}: its tree is so deep that a point needs room for {needed} boxes, and "
-                f"has room for {ROOM}: export the mesh again, or take a spline of it"
+                f"{self.path}: its tree is too deep: a query needs room for {needed} boxes, and "
+                f"there is room for {ROOM}; export the mesh again, or use a spline of it"
             )
         self.device = wp.get_device(device)
         self.data = upload(contents, self.device)

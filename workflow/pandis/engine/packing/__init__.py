@@ -155,7 +155,7 @@ def _checked(vertices, faces):
     vertices = np.ascontiguousarray(vertices, np.int32)
     faces = np.ascontiguousarray(faces, np.int32)
     if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError("faces must name vertices, and there must be one")
+        raise ValueError("faces must not be empty, and must index vertices")
     if vertices.min() < 0 or vertices.max() >> MOST_BITS:
         raise ValueError(f"vertices must be whole numbers from 0 to {(1 << MOST_BITS) - 1:,}")
     if (faces == np.roll(faces, 1, axis=1)).any():

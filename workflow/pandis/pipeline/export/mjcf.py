@@ -77,7 +77,7 @@ def _queries(text, placed):
     try:
         model = mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
-        raise PandisError(f"MuJoCo does not take the model: {error}") from error
+        raise PandisError(f"MuJoCo cannot load the model: {error}") from error
     for geom, (name, each) in zip(instances(model), placed.items(), strict=True):
         yield name, each, geom, asker(model, geom.geom)
 

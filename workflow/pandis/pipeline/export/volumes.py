@@ -39,7 +39,7 @@ def export_volumes(paths, log):
             log(f"{field.path.stem}: left out: {error}")
     if not volumes:
         raise PandisError(
-            f"no field has anything inside at voxels of {voxel:.3g}: take vdb out of export.also, "
+            f"all fields are empty at a voxel size of {voxel:.3g}: remove vdb from export.also, "
             "and write smaller voxels with `pandis volume --voxel`"
         )
     data = vdb_bytes(volumes)
@@ -70,8 +70,8 @@ def _compare(field, grid):
     inside = field.query(grid.tiles[within] * grid.voxel).distance < 0
     if (grid.outside[within] == inside).any() or not grid.outside[~within].all():
         raise PandisError(
-            f"{field.path.stem}: the volume has other sides than the field where it holds no "
-            "voxels: this is a defect of the export: please report it"
+            f"{field.path.stem}: the volume disagrees with the field about inside and outside "
+            "where it has no voxels: this is a defect of the export; please report it"
         )
     _check_leaves(field, grid)
 

@@ -55,9 +55,8 @@ def trace(surface, engine, options, seed, progress):
     path = _walk(surface, engine, options, seed, progress, follow=True)
     if path is None:
         raise PandisError(
-            "there is no way over the mesh for the probe's path, at any depth: its parts are "
-            f"smaller than a step of it; reduce trajectory.step (now {options.step:g} of the "
-            "unit frame)"
+            "the probe's path fits nowhere on the mesh, at any depth: the mesh's parts are smaller "
+            f"than one step; reduce trajectory.step (now {options.step:g} of the unit frame)"
         )
     deepest = -path["distance"].min()
     return path, {

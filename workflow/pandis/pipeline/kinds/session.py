@@ -68,7 +68,7 @@ class Session:
                 data, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:
-            raise PandisError(f"ONNX Runtime does not take the model: {error}") from error
+            raise PandisError(f"ONNX Runtime cannot load the model: {error}") from error
         self.metadata = self._session.get_modelmeta().custom_metadata_map
 
     def distance_and_normal(self, points):

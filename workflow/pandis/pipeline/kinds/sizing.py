@@ -119,7 +119,7 @@ def search(maker, points, task, log):
         size = maker.largest(target.bytes)
         candidate = None if size is None else maker.make(size)
         if candidate is None:
-            raise PandisError(f"{what}: none that covers the band fits into {target.bytes:,} bytes")
+            raise PandisError(f"{what}: no size that covers the band fits into {target.bytes:,} B")
         tried = [(size, points.measure(candidate.force))]
     log(f"{maker.form}-auto: {points.describe(tried[-1][1].figures)}")
     return candidate.arrays, candidate.attributes | {"sizing": sizing_of(target, tried)}

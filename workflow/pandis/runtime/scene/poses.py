@@ -83,8 +83,9 @@ class Poses:
         error = self._library.pandis_poses_give(self._poses, rows.ctypes.data, self._count, period)
         if error:
             raise ValueError(
-                f"{runtime().pandis_error_text(error).decode()}, or turns more than halfway round "
-                "before the next frame: nothing was handed over"
+                "a pose is not valid (a rotation that is not one, a value that is not finite or is "
+                "too large), an object turns more than halfway round before the next frame, or the "
+                "period is not from 0 to 1e6 s: nothing was handed over"
             )
 
     def step(self, dt: Number = 1e-3) -> bool:

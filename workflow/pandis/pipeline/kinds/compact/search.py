@@ -150,7 +150,7 @@ class Packer:
                     return None
                 packed = pack_body(self.body, bits, surface)
             except (ToolError, PandisError) as error:
-                self.log(f"simplified to {count:,} faces: {error}")
+                self.log(f"at {count:,} faces: {error}")
                 return None
 
 

@@ -178,7 +178,10 @@ class _Scene:
         columns = {name: self.accessor(attributes[name]) for name in known}
         counts = {len(column) for column in columns.values()}
         if len(counts) != 1:
-            raise FormatError(f"{_INSTANCING} of {sorted(counts)} instances; {AGAIN}")
+            raise FormatError(
+                f"{_INSTANCING}: its attributes must have one common number of instances, not "
+                f"{sorted(counts)}; {AGAIN}"
+            )
         (count,) = counts
         defaults = {"TRANSLATION": (0, 0, 0), "ROTATION": (0, 0, 0, 1), "SCALE": (1, 1, 1)}
         rows = [columns.get(name, np.tile(value, (count, 1))) for name, value in defaults.items()]
@@ -232,7 +235,7 @@ class _Scene:
     def _faces(self, corners, mode):
         if mode == _TRIANGLES:
             if len(corners) % 3:
-                raise FormatError(f"{len(corners)} corners, not three for each face; {AGAIN}")
+                raise FormatError(f"{len(corners)} corners are not a multiple of three; {AGAIN}")
             return corners.reshape(-1, 3)
         if mode == _FAN:
             first = np.full(max(len(corners) - 2, 0), corners[0] if len(corners) else 0)
@@ -274,7 +277,10 @@ class _Scene:
         at = self._view(places["bufferView"], places.get("byteOffset", 0), kind, 1, few, where)
         at = at[:, 0].astype(np.int64)
         if len(at) and not 0 <= at.max() < len(values):
-            raise FormatError(f"{where}: it changes value {at.max()} of {len(values):,}; {AGAIN}")
+            raise FormatError(
+                f"{where}: a sparse index is {at.max()}, but there are only {len(values):,} "
+                f"values; {AGAIN}"
+            )
         offset, width = news.get("byteOffset", 0), values.shape[1]
         values[at] = self._view(news["bufferView"], offset, values.dtype, width, few, where)
         return values
@@ -333,7 +339,8 @@ class _Scene:
                 ) from None
         if len(data) < length:
             raise FormatError(
-                f"{name} has {len(data):,} bytes, {length:,} are declared; it is cut: {AGAIN}"
+                f"{name} is truncated: {len(data):,} bytes instead of the declared {length:,}; "
+                f"{AGAIN}"
             )
         return data
 

@@ -117,7 +117,7 @@ def _property(row, where):
     least = 2 if row[1:2] == ["list"] else 1
     kinds, name = row[least : 2 * least], row[-1]
     if len(row) != 2 * least + 1 or any(kind not in _TYPES for kind in kinds):
-        raise FormatError(f"{where}: '{' '.join(row)[:60]}' is no property of PLY; {AGAIN}")
+        raise FormatError(f"{where}: '{' '.join(row)[:60]}' is not a PLY property; {AGAIN}")
     if least == 2 and _TYPES[kinds[0]][0] == "f":
         raise FormatError(f"{where}: the length of a list is no whole number; {AGAIN}")
     return name, _TYPES[kinds[-1]], _TYPES[kinds[0]] if least == 2 else None
@@ -132,15 +132,15 @@ def _check_kinds(elements):
             place = element.name == "vertex" and name in ("x", "y", "z")
             corners = element.name in ("face", "tristrips") and name in _CORNERS
             if (place and size) or (corners and (not size or kind[0] == "f")):
-                raise FormatError(f"its {element.name} has {name} of another type; {AGAIN}")
+                raise FormatError(f"its {element.name} has a {name} of the wrong type; {AGAIN}")
 
 
 def _check_sizes(lists):
     for place, corners in enumerate(lists, 1):
         if len(corners) < 3:
             raise FormatError(
-                f"face {place:,} has {len(corners)} corners; the file is cut, or its counts are "
-                f"wrong: {AGAIN}"
+                f"face {place:,} has only {len(corners)} corners; the file is truncated or its "
+                f"counts are wrong: {AGAIN}"
             )
 
 
@@ -211,8 +211,8 @@ class _Text:
         for line, row in rows:
             if len(row) != len(names):
                 raise FormatError(
-                    f"line {line}: {len(row)} numbers, {len(names)} are declared for a "
-                    f"{element.name}; its counts are wrong, or it is cut: {AGAIN}"
+                    f"line {line}: {len(row)} numbers, but {len(names)} are declared for each "
+                    f"{element.name}; the counts are wrong or the file is truncated: {AGAIN}"
                 )
         values = numbers([row for _, row in rows], lambda i: f"line {rows[i][0]}")
         return dict(zip(names, values.reshape(-1, len(names)).T, strict=True))

@@ -128,7 +128,7 @@ class _Package:
             part = _absolute(item.get(f"{{{_PRODUCTION}}}path"), root.part)
             parts += self._built(part, item.get("objectid"), _transform(item, root.part), ())
         if not parts and self.notes:
-            raise FormatError(f"nothing is left of what it builds: {'; '.join(self.notes)}")
+            raise FormatError(f"none of the package's objects is left: {'; '.join(self.notes)}")
         unit = root.tree.get("unit", "millimeter")
         if unit not in _UNITS:
             raise FormatError(f"its unit '{unit[:40]}' is none of {', '.join(_UNITS)}; {AGAIN}")

@@ -390,7 +390,10 @@ class Trainer:
             self.checkpoint.unlink()
             return
         if state["device"] != self.device:
-            self.log(f"the checkpoint is of a run on {state['device']}: starting afresh")
+            self.log(
+                f"the checkpoint was written on {state['device']}, and this run is on "
+                f"{self.device}: starting afresh"
+            )
             return
         self._restore(state)
         self.good, self.elapsed = self._state(), state["elapsed"]
