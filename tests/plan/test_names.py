@@ -1,6 +1,7 @@
 """A name says what a thing is: no bare participle is an identifier of the library."""
 
 import ast
+import re
 
 import pytest
 
@@ -73,3 +74,15 @@ def test_no_call_takes_a_local_tuple_apart():
     assert {path: lines for path, lines in wrong.items() if lines} == {}
     assert splats("def f(a, b):\n    both = a, b\n    return g(*both)") == [3]
     assert splats("def f(both):\n    return g(*both)") == []
+
+
+def headless(source):
+    """Return descriptions of parameters that begin with "Of": the noun is left out."""
+    return re.findall(r"^( *)[\w, ]+ : .*\n\1    (Of [a-z`].*)", source, re.M)
+
+
+def test_no_description_begins_with_of():
+    wrong = {path: headless(path.read_text(encoding="utf-8")) for path in FILES}
+    assert {path: found for path, found in wrong.items() if found} == {}
+    assert headless("radius : float\n    Of the probe, m.") == [("", "Of the probe, m.")]
+    assert headless("radius : float\n    Radius of the probe, m.") == []

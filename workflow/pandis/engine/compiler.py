@@ -117,7 +117,7 @@ def build(command, source, libraries, name):
     libraries : list of str
         Flags that come after the source.
     name : str
-        Of the file to make; a digest of all that it depends on goes before its ending.
+        Name of the file to make; a digest of all that it depends on goes before its ending.
 
     Returns
     -------

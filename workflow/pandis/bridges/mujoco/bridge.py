@@ -37,9 +37,9 @@ class Bridge:
         With which a probe behind a surface is pulled back, N/m: no more than the validation has
         called safe for the device.
     radius : float
-        Of the probe, m.
+        Radius of the probe, m.
     materials : dict of str to Material, optional
-        Of geoms, by name; smooth and undamped otherwise.
+        Materials of geoms, by name; smooth and undamped otherwise.
     centre : array-like, shape (3,)
         The place of the world, m, that lies in the middle of the device's workspace.
 

@@ -15,7 +15,7 @@ class Instance(NamedTuple):
     Attributes
     ----------
     geom, number : int
-        Of the geom, and of the plugin's instance, in the model.
+        Numbers of the geom, and of the plugin's instance, in the model.
     file : str
     scale : float
         Lengths of the model per unit of the file.

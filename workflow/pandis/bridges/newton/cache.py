@@ -30,7 +30,7 @@ class CacheFile(NamedTuple):
         Metres.
     indices : ndarray, shape (3 F,), int32
     options : dict
-        Of ``build_sdf``: with others Newton would not find the distances.
+        Options of ``build_sdf``: with others Newton would not find the distances.
     provenance : dict
     """
 
@@ -70,7 +70,7 @@ def keep(
     length : float
         Metres of such a unit.
     options : dict
-        Of ``build_sdf``, with the method that tells sides.
+        Options of ``build_sdf``, with the method that tells sides.
     provenance : dict
     progress : callable
 

@@ -122,7 +122,7 @@ def build(distance, grid, band, fitted, progress):
     coarse : ndarray, shape (w + 1, h + 1, d + 1)
     blocks : Blocks
     values : ndarray, shape (u,)
-        Of the blocks' nodes.
+        Values of the blocks' nodes.
     flat : ndarray, shape (f, 3)
         Places of blocks that the coarse grid stands for.
     """

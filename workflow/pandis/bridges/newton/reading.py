@@ -11,7 +11,7 @@ def sample(content, points):
     Parameters
     ----------
     content : mapping
-        Of a file: ``numpy.load(path)``.
+        Content of a file: ``numpy.load(path)``.
     """
     low, cell, size = content["min_extents"], content["cell_size"], int(content["subgrid_size"])
     dims, slots = np.array(content["coarse_dims"]), content["subgrid_start_slots"]

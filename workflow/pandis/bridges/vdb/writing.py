@@ -37,7 +37,7 @@ def write_volume(
     length : float
         Lengths of the volume per unit of the field's mesh.
     name : str
-        Of the grid in a ``.vdb``; a ``.nvdb`` has Warp's own.
+        Name of the grid in a ``.vdb``; a ``.nvdb`` has Warp's own.
 
     Raises
     ------

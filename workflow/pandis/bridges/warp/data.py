@@ -79,7 +79,7 @@ def upload(contents, device):
     Parameters
     ----------
     contents : pandis.runtime.field.files.Contents
-        Of a spline, a compact mesh or a network.
+        Contents of a spline, a compact mesh or a network.
     device : str or wp.Device, optional
         By default Warp's own choice.
     """

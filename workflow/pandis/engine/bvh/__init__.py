@@ -33,7 +33,7 @@ class Labels(NamedTuple):
     face : ndarray, shape (n,), int32
         On which the closest point lies; -1 at points that are no numbers.
     barycentrics : ndarray, shape (n, 3)
-        Of the closest point.
+        Barycentrics of the closest point.
     flags : ndarray, shape (n,), uint8
         Sum of INVALID, TIED (two closest points), OVERRULED (the pseudonormal's sign was wrong)
         and ON_SURFACE (the normal is the pseudonormal).

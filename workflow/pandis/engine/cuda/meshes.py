@@ -227,7 +227,7 @@ class MeshLabels:
     Parameters
     ----------
     parts : dict of str to bytes
-        Of the tree: `pandis.engine.bvh.Bvh.parts`.
+        Parts of the tree: `pandis.engine.bvh.Bvh.parts`.
     reach : float
         The largest coordinate.
     device : optional

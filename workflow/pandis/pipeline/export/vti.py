@@ -126,7 +126,7 @@ def export_vti(name, artifact, provenance):
     ----------
     name : str
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``grid``.
+        Artifact of kind ``grid``.
     provenance : dict
         Put into a comment.
     """

@@ -33,9 +33,9 @@ def farthest(vertices, faces, engine):
     ----------
     vertices : ndarray, shape (V, 3), unit frame
     faces : ndarray, shape (F, 3), integer
-        Of the surface.
+        Faces of the surface.
     engine : pandis.pipeline.geometry.distance.MeshDistance
-        Of the mesh.
+        The exact distance of the mesh.
 
     Returns
     -------

@@ -123,7 +123,7 @@ def felt(force: Points, exact: Points, newtons, share=FELT_SHARE) -> Flags:
     force, exact, newtons
         As for `missing`.
     share : float
-        Of the exact force, by which the other one may differ.
+        Share of the exact force, by which the other one may differ.
     """
     size = np.linalg.norm(exact, axis=1)
     off = np.linalg.norm(force - exact, axis=1)

@@ -29,7 +29,7 @@ class Chooser:
     ----------
     body : pandis.pipeline.geometry.body.Body
     points : pandis.pipeline.geometry.points.Points
-        Of that body.
+        Points of that body.
     options : pandis.pipeline.run.ask.tasks.ChooseTask
     times : pandis.pipeline.run.plan.query_times.QueryTimes
     checkpoint : path-like
@@ -112,7 +112,7 @@ class Chooser:
         ----------
         makers : list of pandis.pipeline.kinds.sizing.Maker
         name : str
-            Of a field, with its ``form`` and ``size`` in braces.
+            Name of a field, with its ``form`` and ``size`` in braces.
         """
         sizes = [
             (maker.bytes_of(size), maker.form, maker, size)

@@ -11,7 +11,7 @@ def scene_header(name, objects, radius):
     name : str
     objects : list of pandis.pipeline.run.records.scene.PlacedRecord
     radius : float
-        Of the probe, m.
+        Radius of the probe, m.
     """
     prefix = name.replace("-", "_")
     upper, count = prefix.upper(), range(len(objects))

@@ -42,7 +42,7 @@ def try_scene(name, files, options, progress, log):
         ``results/{mesh}/export/{field}.pandis`` of all objects.
     options : pandis.pipeline.run.ask.tasks.SceneTask
     progress, log : callable
-        Of a `pandis.pipeline.run.job.stage.Job`.
+        Progress and log of a `pandis.pipeline.run.job.stage.Job`.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def walk(objects, options, period=_PERIOD):
     objects : list of pandis.runtime.scene.Placed
     options : pandis.pipeline.run.ask.tasks.SceneTask
     period : float
-        Of a tick, s.
+        Period of a tick, s.
     """
     rng, step = np.random.default_rng(0), options.speed * period
     stations, length = [], [0.0]

@@ -89,7 +89,7 @@ def check_nearest(field, engine, rounding):
     ----------
     field : pandis.pipeline.kinds.exported.ExportedField
     engine : pandis.pipeline.geometry.distance.MeshDistance
-        Of the surface.
+        The exact distance of the surface.
     rounding : float
         By how much a distance may be too large (unit frame).
 

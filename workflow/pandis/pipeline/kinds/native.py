@@ -22,7 +22,7 @@ class FieldFile:
     ----------
     field : pandis.pipeline.kinds.field.Field
     weight_bits : {32, 16}
-        Of a network's hidden layers.
+        Weight bits of a network's hidden layers.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ def native_bytes(field, provenance, weight_bits=32, safe=None):
     field : pandis.pipeline.kinds.field.Field
     provenance : dict
     weight_bits : {32, 16}
-        Of a network's hidden layers.
+        Weight bits of a network's hidden layers.
     safe : ndarray, shape (9,), optional
         From `pandis.pipeline.kinds.clearance.clearance`; without it a scene asks the field at
         every tick.

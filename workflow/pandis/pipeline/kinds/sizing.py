@@ -105,7 +105,7 @@ def search(maker, points, task, log):
     Returns
     -------
     arrays, attributes : dict
-        Of the field; ``sizing`` says which sizes were tried.
+        Arrays and attributes of the field; ``sizing`` says which sizes were tried.
 
     Raises
     ------

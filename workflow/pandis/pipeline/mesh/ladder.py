@@ -41,14 +41,14 @@ class Ladder:
     seed : int
     log : callable
     now : Diagnosis
-        Of the mesh as it is now.
+        Diagnosis of the mesh as it is now.
     rungs : list of dict
         Every attempt: rung, operation, parameters, kept or not, why not, faults left.
     source, reference : Surface
         What deviations are measured from: the mesh as read; the same, welded
         and turned outward, which knows inside from outside.
     deviation : dict or None
-        Of the mesh as it is now; None where it was not measured.
+        Deviation of the mesh as it is now; None where it was not measured.
     """
 
     vertices: np.ndarray

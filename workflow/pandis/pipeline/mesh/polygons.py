@@ -16,7 +16,7 @@ def triangulate_polygons(vertices, polygons):
     ----------
     vertices : ndarray, shape (V, 3)
     polygons : list of list of int
-        Of vertices that are there.
+        Polygons whose vertices exist.
 
     Returns
     -------

@@ -57,7 +57,7 @@ def read_beside(path, form, count):
     path : Path
         The mesh's file.
     form : str
-        Of `pandis.pipeline.run.ask.sourcing.FORMATS`.
+        A format of `pandis.pipeline.run.ask.sourcing.FORMATS`.
     count : int
         Triangles that were read.
 
@@ -105,7 +105,7 @@ def regions_after(mesh, region, names, vertices, faces, log):
     mesh : tuple of ndarray
         Vertices and faces as they were read.
     region : ndarray, shape (F,)
-        Of these faces, an index into the names.
+        Region of these faces, an index into the names.
     names : list of str
     vertices, faces : ndarray
         The repaired mesh.

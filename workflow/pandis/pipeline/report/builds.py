@@ -18,7 +18,7 @@ def build_seconds(mesh, fields, folder):
     mesh : str
     fields : list of str
     folder : path-like
-        Of the benchmark files: ``results/benchmarks``.
+        Folder of the benchmark files: ``results/benchmarks``.
 
     Returns
     -------

@@ -48,7 +48,7 @@ def heat_map(vertices, faces, origin, deviation, diagonal):
     deviation : ndarray, shape (F,)
         Mesh units.
     diagonal : float
-        Of the mesh, mesh units.
+        Diagonal of the mesh, mesh units.
     """
     percent = 100 * deviation / diagonal
     moved = percent[origin == 1]
@@ -147,7 +147,7 @@ def samples(artifact, limit=4000):
     Parameters
     ----------
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``samples``.
+        Artifact of kind ``samples``.
     limit : int
         Points shown on the plane.
     """

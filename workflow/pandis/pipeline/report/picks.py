@@ -12,7 +12,7 @@ def picks(rows, hardware, folder):
     rows, hardware
         As for `usable`.
     folder : Path
-        Of the mesh's results.
+        Folder of the mesh's results.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def usable(rows, hardware):
     Parameters
     ----------
     rows : list of dict
-        Of a summary: one mesh's fields.
+        Rows of a summary: one mesh's fields.
     hardware : pandis.pipeline.run.records.hardware.HardwareRecord
     """
     tried = hardware.fields

@@ -43,7 +43,7 @@ def save(figure, numbers=None, dpi=110):
     numbers : dict of str to sequence, optional
         Columns of the table of numbers; they may differ in length.
     dpi : int
-        Of the parts that are pixels.
+        Resolution of the parts that are pixels.
     """
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # what was laid out stays, for both files

@@ -24,7 +24,7 @@ def seal(data, provenance, ending):
     data : bytes
     provenance : dict
     ending : {".html", ".xml", ".obj", ".vdb"}
-        Of the file's name.
+        Ending of the file's name.
     """
     start, end = _MARKS[ending]
     # "--" would end a comment of HTML

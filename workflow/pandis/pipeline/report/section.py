@@ -20,7 +20,7 @@ class Section:
     ----------
     name : str
     rows, controls : list of dict
-        Of the summary: fields, and controls.
+        Rows of the summary: fields, and controls.
     picks, advice : list of dict
         Which file to use: `pandis.pipeline.report.picks`,
         `pandis.pipeline.judge.errors.front.recommend`.

@@ -30,7 +30,7 @@ def touch(paths, size, stiffness, view):
     paths : list of path-like
         From `touchable`.
     size, stiffness : float
-        Of the device, m and N/m.
+        Size and stiffness of the device, m and N/m.
     view : str
         The name of the figure that holds the solid.
     """

@@ -29,7 +29,7 @@ class Options(ctypes.Structure):
     Attributes
     ----------
     radius : float
-        Of the probe, scene lengths.
+        Radius of the probe, scene lengths.
     slide : float
         By which the proxy moves beside the probe's own way, scene lengths per second.
     budget : int
@@ -137,15 +137,15 @@ class Feel(NamedTuple):
     Attributes
     ----------
     radius : float
-        Of the probe, scene lengths.
+        Radius of the probe, scene lengths.
     materials : sequence of Material
-        Of the surface, or of each of its regions.
+        Materials of the surface, or of each of its regions.
     regions : pandis.runtime.field.NativeField, optional
         A mesh of the same object, whose regions count if the object's field has none.
     queries : int
         After which a step ends.
     texture : pandis.runtime.contact.surfaces.Texture, optional
-        Of the surface.
+        Texture of the surface.
     """
 
     radius: float = 0.0
@@ -168,13 +168,13 @@ class NativeContact:
     ----------
     placed : pandis.runtime.scene.Placed
     radius : float
-        Of the probe, scene lengths.
+        Radius of the probe, scene lengths.
     material : Material, or sequence of Material, optional
-        Of the surface, or of each of its regions; smooth and undamped by default.
+        Material of the surface, or of each of its regions; smooth and undamped by default.
     regions : pandis.runtime.field.NativeField, optional
         A mesh of the same object, whose regions count if the object's field has none.
     texture : pandis.runtime.contact.surfaces.Texture, optional
-        Of the surface.
+        Texture of the surface.
 
     Raises
     ------
@@ -272,7 +272,7 @@ class TouchedScene(NativeScene):
     ----------
     objects : list of pandis.runtime.scene.Placed
     radius : float
-        Of the probe, scene lengths.
+        Radius of the probe, scene lengths.
     materials : list of (Material, sequence of Material, or None), optional
         For each object, that of its surface, or those of its regions.
     regions : list of (pandis.runtime.field.NativeField or None), optional

@@ -42,7 +42,7 @@ def materials_for(contact, names):
     ----------
     contact : pandis.pipeline.run.ask.contacts.SurfaceOptions
     names : sequence of str or None
-        Of the regions; if there are none, the whole surface is of one material.
+        Names of the regions; if there are none, the whole surface is of one material.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def textures_for(contact, names):
     ----------
     contact : pandis.pipeline.run.ask.contacts.SurfaceOptions
     names : sequence of str or None
-        Of the regions.
+        Names of the regions.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def unknown_materials(contact, names):
     ----------
     contact : pandis.pipeline.run.ask.contacts.SurfaceOptions
     names : sequence of str or None
-        Of the regions.
+        Names of the regions.
     """
     return sorted(set(contact.materials) - set(names or ()))
 
@@ -144,9 +144,9 @@ class Texture(ctypes.Structure):
     most, steepest : float
         Its largest height, and the largest length of its gradient.
     numbers : tuple of float
-        Of waves and bumps: height, length, and for waves the direction.
+        Height and length of waves and bumps, and for waves the direction.
     parts : list of Texture
-        Of one by region.
+        Textures of the regions, for one by region.
     """
 
     _fields_ = (

@@ -254,7 +254,7 @@ class Order(NamedTuple):
     ticks : int
     limits : Limits
     period : float
-        Of a tick, s.
+        Period of a tick, s.
     deadline : float
         A tick that computes longer (s) is an overrun; ``overruns`` of them in a row end the run.
     overruns : int
@@ -305,7 +305,7 @@ def run_device(path, name, order):
     path : str
         OpenHaptics' ``libHD.so``.
     name : str
-        Of the device; empty: the default one.
+        Name of the device; empty: the default one.
     order : Order
 
     Returns

@@ -29,7 +29,7 @@ class Watchdog:
     compiled : str
         The library of ``client.c``.
     library, name : str
-        Of the device: see `pandis.runtime.device.run_device`.
+        Library and name of the device: see `pandis.runtime.device.run_device`.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
     provenance : dict
         Kept as JSON in a section of its own.
     version : {1, 2, 3, 4}
-        Of the format: the first that knows what the file holds, so that older readers of
+        Version of the format: the first that knows what the file holds, so that older readers of
         ``pandis.h`` take whatever they can answer.
     """
     sections = sections | {"PROV": json.dumps(provenance, sort_keys=True).encode()}
@@ -63,7 +63,7 @@ class Contents(NamedTuple):
     ----------
     field : pandis.runtime.field.NativeField
     version : int
-        Of the format.
+        Version of the format.
     wholes, reals : tuple of int, of float
         By kind: see docs/format.md.
     sections : dict of str to memoryview

@@ -17,7 +17,7 @@ class SharedField(MovingField):
     Parameters
     ----------
     field : NativeField
-        Of kind MESH; it lends its faces, and stays as it is.
+        Field of kind MESH; it lends its faces, and stays as it is.
     """
 
     def _open(self, room):

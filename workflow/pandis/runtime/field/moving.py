@@ -12,7 +12,7 @@ class MovingField(NativeField):
     Parameters
     ----------
     field : NativeField
-        Of kind MESH; it lends its faces, and stays as it is.
+        Field of kind MESH; it lends its faces, and stays as it is.
     """
 
     _NO_SHAPE = "a vertex is no finite number, or too far away: the old shape stays"

@@ -58,7 +58,7 @@ class Poses:
         rotations : ndarray, shape (n, 3, 3)
             See `pandis.runtime.scene.Placed`.
         translations, velocities : ndarray, shape (n, 3)
-            Of the point of each object at its translation; scene lengths, and per second.
+            Where each object's origin lies, and how fast it moves; scene lengths, and per second.
         spins : ndarray, shape (n, 3)
             Axis times radians per second, in the directions of the scene.
         period : float

@@ -59,7 +59,7 @@ def recommend(rows):
     Parameters
     ----------
     rows : list of dict
-        Of a summary: one mesh's fields. Those that may not be used are left out.
+        Rows of a summary: one mesh's fields. Those that may not be used are left out.
 
     Returns
     -------

@@ -47,7 +47,8 @@ def stiffness_for(stiffness, spec, pressed, walls, sound=True):
         N/m, of the configuration.
     spec : pandis.pipeline.judge.servo.devices.Specification
     pressed : pandis.pipeline.run.records.hardware.Pressed or None
-        Of this field, mesh and device; of penalty forces, or, as a `TouchVerdict`, through a proxy.
+        Presses on this field, mesh and device, with penalty forces or through a proxy (as a
+        `TouchVerdict`).
     walls : pandis.pipeline.run.records.hardware.WallVerdict or None
     sound : bool
         The file has its field's forces, and computes them in time.
@@ -90,7 +91,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     pressed, walls, sound
         See `stiffness_for`; without the first two no force is sent.
     feel : pandis.runtime.contact.Feel, optional
-        Of a probe with a proxy; a penalty force without it.
+        Feel of a probe with a proxy; a penalty force without it.
 
     Returns
     -------

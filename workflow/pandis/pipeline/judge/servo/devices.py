@@ -89,9 +89,9 @@ class Specification(NamedTuple):
         Parameters
         ----------
         period : float
-            Of a tick, s.
+            Period of a tick, s.
         stiffness : float
-            Of the wall, N/m.
+            Stiffness of the wall, N/m.
         """
         change = self.impulse * period * 1e3
         step = min(change, IMPULSE * self.force * period * 1e3)

@@ -68,7 +68,7 @@ class Judged(NamedTuple):
         Presses after which, all the way back, the proxy was somewhere else than the probe, though
         its way crosses nothing: it has slid around a part of the object, which is no pass.
     deepest : float
-        Of a proxy below the surface, m.
+        How deep a proxy lay below the surface at most, m.
     """
 
     presses: int
@@ -93,7 +93,7 @@ def draw(feet, outward, spec, stiffness, slant, rng, above=ABOVE):
         Surface points (m) and their outward normals.
     spec : pandis.pipeline.judge.servo.devices.Specification
     stiffness : float
-        Of the object, N/m.
+        Stiffness of the object, N/m.
     slant : float
         Largest angle between press and normal, rad.
     rng : numpy.random.Generator
@@ -192,7 +192,7 @@ def run(field, spec, size, stiffness, presses, feel=None):
         Metres of the longest side, N/m.
     presses : list of Press
     feel : pandis.runtime.contact.Feel, optional
-        Of a probe with a proxy. Without it the force is the penalty force, and for its proxy
+        Feel of a probe with a proxy. Without it the force is the penalty force, and for its proxy
         counts the last place that was outside.
     """
     period = 1 / spec.rate
@@ -234,7 +234,7 @@ def judge(runs, oracle, error, detours=True, radius=0.0):
         Whether a proxy may have gone around something in a tick; a probe under a penalty force,
         which is outside, inside and outside again, has not.
     radius : float
-        Of the probe, m: it is to lie so far outside.
+        Radius of the probe, m: it is to lie so far outside.
 
     Returns
     -------

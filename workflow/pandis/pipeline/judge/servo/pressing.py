@@ -111,7 +111,7 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     rate : float
         Ticks per second.
     feel : pandis.runtime.contact.Feel, optional
-        Of a probe with a proxy; a penalty force without it.
+        Feel of a probe with a proxy; a penalty force without it.
 
     Returns
     -------

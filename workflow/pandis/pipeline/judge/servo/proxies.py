@@ -39,7 +39,7 @@ class Truth(NamedTuple):
     Attributes
     ----------
     oracle : pandis.pipeline.judge.servo.passes.Oracle
-        Of the mesh in the device's workspace.
+        Oracle of the mesh in the device's workspace.
     feet : ndarray, shape (n, 3), m
         Surface points at which the field's error is taken: those at which it has the force, so that
         a hole in a field does not excuse what goes through it.
@@ -76,7 +76,7 @@ def feel_for(field, beside, contact, size, seconds, deadline):
     size : float
         Metres of the longest side.
     seconds, deadline : float
-        Of a query here, and of a tick.
+        Time of a query here, and the deadline of a tick, s.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def felt_again(field, verdict, size, folder):
     size : float
         Metres of the longest side.
     folder : Path
-        Of exported files, among which are those that say what faces are made of.
+        Folder of exported files, among which are those that say what faces are made of.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
     feel, surfaces
         From `feel_for`.
     path : ndarray, shape (n, 3), m
-        Of the probe, tick by tick, from outside.
+        Path of the probe, tick by tick, from outside.
     surface : pandis.pipeline.judge.servo.pressing.Contact
     walls : pandis.pipeline.run.records.hardware.WallVerdict
     truth : Truth

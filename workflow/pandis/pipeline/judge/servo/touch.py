@@ -121,7 +121,7 @@ def touch_simulated(field, model, size, stiffness, seconds, feel=None):
     size, stiffness, seconds : float
         Metres of the longest side, N/m, and how long.
     feel : pandis.runtime.contact.Feel, optional
-        Of a probe with a proxy; the penalty force without it.
+        Feel of a probe with a proxy; the penalty force without it.
 
     Raises
     ------

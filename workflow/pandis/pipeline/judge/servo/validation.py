@@ -71,13 +71,13 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
     walls : pandis.pipeline.judge.servo.walls.Walls
         Where forces are compared with the exact ones, and where devices press.
     oracle : pandis.pipeline.judge.servo.passes.Oracle
-        Of the mesh in the device's workspace: what says whether a wall lets a proxy through.
+        Oracle of the mesh in the device's workspace: what says whether a wall lets a proxy through.
     trajectory, evaluation : pandis.pipeline.run.job.artifact.Artifact
     mesh : str
         Its name.
     options : pandis.pipeline.run.ask.tasks.ValidateTask
     progress, log : callable
-        Of a `pandis.pipeline.run.job.stage.Job`.
+        Progress and log of a `pandis.pipeline.run.job.stage.Job`.
 
     Returns
     -------

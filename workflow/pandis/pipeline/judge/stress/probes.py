@@ -51,7 +51,7 @@ def excess(value: Values, reference: Values, floor, weight: Values, more=1.1):
     Parameters
     ----------
     value, reference : ndarray, shape (n,)
-        Of a field and of the exact one, at the same points.
+        Values of a field and of the exact one, at the same points.
     floor : float
     weight : ndarray, shape (n,)
         Share of the area that each point stands for.

@@ -143,7 +143,7 @@ def holds(follow, places, exact, scale):
     follow, places, scale
         As for `press_all`.
     exact : Presses
-        Of the exact field, at the same places.
+        Those of the exact field, at the same places.
 
     Returns
     -------
@@ -205,7 +205,7 @@ def stays(follow, engine, error, path, scale):
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     error : float
-        Of the field at the surface, at most (unit frame).
+        Error of the field at the surface, at most (unit frame).
     path : ndarray, shape (n, 3)
         From `wander`.
     scale : pandis.base.physical.Scale

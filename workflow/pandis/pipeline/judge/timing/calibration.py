@@ -33,7 +33,7 @@ class Torus(NamedTuple):
     band : tuple of float
         See `pandis.pipeline.kinds.band.Band`.
     cuts : tuple
-        Of its tessellations.
+        Cuts of its tessellations.
     progress : callable
     """
 

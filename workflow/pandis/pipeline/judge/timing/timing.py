@@ -89,7 +89,7 @@ def time_native(field, points, options):
         places of the box (the least of several tries at each), ``native_cold`` along the path,
         with empty caches.
     figures : dict
-        Of each of the three, median and largest, in microseconds.
+        Median and largest of each of the three, in microseconds.
     """
     field.time(points, 100)
     arrays = {"native": field.time(points, options.queries)}

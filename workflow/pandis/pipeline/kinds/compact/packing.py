@@ -203,7 +203,7 @@ def compare_sides(body, arrays, record, seed):
     arrays, record
         As of `build_compact`.
     seed : int
-        Of the points.
+        Seed of the points.
 
     Raises
     ------

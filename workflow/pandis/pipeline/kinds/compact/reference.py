@@ -19,7 +19,7 @@ class CompactField(Field):
     ----------
     name : str
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``compact``.
+        Artifact of kind ``compact``.
     """
 
     kind = "compact"

@@ -41,9 +41,9 @@ class Packer:
     ----------
     body : pandis.pipeline.geometry.body.Body
     points : pandis.pipeline.geometry.points.Points
-        Of that body: what its candidates are chosen by.
+        Points of that body: what its candidates are chosen by.
     seed : int
-        Of the points at which sides are compared.
+        Seed of the points at which sides are compared.
     log : callable
     """
 

@@ -137,7 +137,7 @@ def export_grid(name, artifact, provenance, log):
     name : str
         ``nearest-…``, ``trilinear-…``, ``trilinear-normal-…`` or ``tricubic-…``.
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``grid``.
+        Artifact of kind ``grid``.
     provenance : dict
     log : callable
 

@@ -22,7 +22,7 @@ class GridField(Field):
     ----------
     name : str
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``grid``.
+        Artifact of kind ``grid``.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ def network_graph(artifact):
     Parameters
     ----------
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``model``.
+        Artifact of kind ``model``.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def compare(answer, artifact, what, log):
     answer : callable
         See `pandis.pipeline.kinds.check.check`.
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``model``.
+        Artifact of kind ``model``.
     what : str
         What is compared, for the log.
     log : callable
@@ -125,7 +125,7 @@ def export_network(name, artifact, provenance, log):
     name : str
         The recipe.
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``model``.
+        Artifact of kind ``model``.
     provenance : dict
     log : callable
 

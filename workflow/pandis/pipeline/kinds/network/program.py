@@ -60,7 +60,7 @@ class Program(torch.nn.Module):
     Parameters
     ----------
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``model``.
+        Artifact of kind ``model``.
     """
 
     def __init__(self, artifact):
@@ -113,7 +113,7 @@ def export_program(name, artifact, provenance, log):
     name : str
         The recipe.
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``model``.
+        Artifact of kind ``model``.
     provenance : dict
     log : callable
 

@@ -19,7 +19,7 @@ class PlanesField(Field):
     ----------
     name : str
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``planes``.
+        Artifact of kind ``planes``.
     """
 
     def __init__(self, name, artifact):

@@ -22,7 +22,7 @@ class SplineField(Field):
     ----------
     name : str
     artifact : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``grid``, with the content ``spline``.
+        Artifact of kind ``grid``, with the content ``spline``.
     """
 
     kind = "spline"

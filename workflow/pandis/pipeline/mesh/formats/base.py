@@ -67,7 +67,7 @@ def numbers(rows, where):
     Parameters
     ----------
     rows : list of list of str
-        Of equal length.
+        Rows of equal length.
     where : callable
         Says where a row stands, by its index.
     """

@@ -82,7 +82,7 @@ class Kind:
     sized : tuple of str
         Forms of which `bake.auto` may name a target.
     targets : dict of str to dict
-        Of these, what holds where the user names none.
+        Targets of these, what holds where the user names none.
     chosen : bool
         `fields: auto` tries it; the list of kinds goes from cheap to dear.
     regions : bool

@@ -54,7 +54,7 @@ class EvaluationRecord(Record):
     contact : dict
         ``left_out``: the share of the area that is too thin to be judged.
     mean_force : dict of str to float
-        Of the exact force, by set.
+        Mean of the exact force, by set.
     bytes : dict of str to int
         By field.
     force_unit : str

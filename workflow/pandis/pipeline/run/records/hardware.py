@@ -132,7 +132,7 @@ class ProxyVerdict(Record):
     Attributes
     ----------
     radius : float
-        Of the probe, m.
+        Radius of the probe, m.
     materials : dict of str to dict
         What surfaces feel like, by the names of their materials.
     textures : dict of str to (pandis.pipeline.run.ask.contacts.TextureOptions or None)
@@ -142,9 +142,9 @@ class ProxyVerdict(Record):
     queries, compute_us : dict of str to float
         Per tick, along the trajectory: percentiles.
     miss_share : float
-        Of ticks that computed too long; ``in_time``: few enough, of some that touched.
+        Share of ticks that computed too long; ``in_time``: few enough, of some that touched.
     touching_share, behind_share : float
-        Of ticks that touched, and of those whose budget did not suffice.
+        Shares of ticks that touched, and of those whose budget did not suffice.
     devices : dict of str to TouchVerdict
     """
 

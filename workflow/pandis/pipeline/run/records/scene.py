@@ -27,7 +27,7 @@ class TouchedRecord(Record):
     Attributes
     ----------
     radius : float
-        Of the probe, m.
+        Radius of the probe, m.
     queries_mean, queries_max : float, int
         Per tick.
     touched_share : float
@@ -35,7 +35,7 @@ class TouchedRecord(Record):
     different : int
         Forces that are not those of stepping every object.
     median_us, p999_us : float
-        Of a tick.
+        Median and 99.9th percentile of a tick, µs.
     """
 
     radius: float
@@ -63,7 +63,7 @@ class SceneRecord(Record):
     different : int
         Forces that are not those of asking every object.
     median_us, p999_us : float
-        Of a tick.
+        Median and 99.9th percentile of a tick, µs.
     proxies : TouchedRecord or None
         None if an object has no proxy: ``no_proxies`` says which.
     machine : dict

@@ -39,8 +39,8 @@ def ask(path, points, queries):
     distance : ndarray, shape (n,)
     normal : ndarray, shape (n, 3)
     seconds : ndarray, shape (queries,)
-        Of single queries, from the points in order, over and over; the answers came before, so
-        that everything is warm.
+        Times of single queries at the points in order, over and over, after they were answered
+        once, so that everything is warm.
 
     Raises
     ------

@@ -143,7 +143,7 @@ def answer(output, gradient, rows):
         What the network says at the points of the rows; without a gradient the direction is
         what it puts out.
     rows : Tensor, shape (n, 7) or (n, 11)
-        Of `fresh_batches`: the latter with a base.
+        Rows of `fresh_batches`: the latter with a base.
     """
     direction = output[:, 1:] if gradient is None else gradient
     if rows.shape[1] == 7:

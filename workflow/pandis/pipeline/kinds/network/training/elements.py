@@ -79,7 +79,7 @@ class Aside:
     Parameters
     ----------
     values : Tensor
-        Of the device.
+        A tensor on the device.
     """
 
     def __init__(self, values):

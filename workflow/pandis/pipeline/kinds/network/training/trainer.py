@@ -66,7 +66,7 @@ class Trainer:
     ----------
     task : pandis.pipeline.kinds.network.spec.TrainTask
     samples : pandis.pipeline.run.job.artifact.Artifact
-        Of kind ``samples``.
+        Artifact of kind ``samples``.
     strata : pandis.pipeline.geometry.strata.Strata
         Draws fresh points, for recipes on exact distances.
     checkpoint : path-like
