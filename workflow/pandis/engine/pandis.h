@@ -593,7 +593,7 @@ typedef union {
     unsigned char bytes[256];
 } pandis_scene;
 
-/* Doubles that a scene of so many objects needs; objects that are looked at together. */
+/* Doubles that a scene of this many objects needs; objects that are looked at together. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
     (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
@@ -671,7 +671,7 @@ typedef union {
     unsigned char bytes[128];
 } pandis_poses;
 
-/* Doubles that so many objects need. */
+/* Doubles that this many objects need. */
 #define PANDIS_POSES_ROOM(count) (sizeof(char) * 68 * (count))
 
 /* Begin where the objects lie.
@@ -796,7 +796,7 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__HALF (PANDIS__LONGEST / 2)
 #define PANDIS__FAR 1e150         /* farther points overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
-#define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
+#define PANDIS__LANES 16          /* sums run in this many lanes, whatever the machine's vectors hold */
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
 #define PANDIS__HEAP 512 /* boxes that wait to be looked at, at most: of more, the farthest are not */
 #define PANDIS__STACK 704
@@ -974,7 +974,7 @@ typedef float pandis__vector;
  * 0; NaN of what is no finite number. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
-    float none = x - x;              /* 0, or NaN of what is no finite number */
+    float none = x - x;              /* 0, or NaN if x is not finite */
     x = fabsf(x) <= 1e4f ? x : 0.0f;
     float k = (x * 0.636619772367581343f + whole) - whole;
     float r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3, q = r * r;
@@ -1789,7 +1789,7 @@ typedef struct {
 
 #define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
 
-/* How far the low byte of a box's place is shifted, where extents need so many bits. */
+/* How far the low byte of a box's place is shifted, where extents need this many bits. */
 static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
@@ -2696,7 +2696,7 @@ PANDIS_API double pandis_longest_side(const pandis_field *field) {
     return field->kind ? PANDIS__LONGEST / field->scale : 0;
 }
 
-/* Put a point into the unit frame; 0 if it is none. */
+/* Put a point into the unit frame; 0 if it is not finite. */
 static int pandis__unit(const pandis_field *field, const double *point, double *u) {
     int finite = 1;
     for (int k = 0; k < 3; k++) {
@@ -3869,7 +3869,7 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
 #define PANDIS__ABOVE 4e-6   /* so high over a plane it is not yet there */
 #define PANDIS__GAP 5e-4     /* between a ball and the place in an edge or a corner from which it is seen */
 #define PANDIS__ASIDE 1e-3   /* lifts: so far beside it is looked again */
-#define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
+#define PANDIS__SLIVER 2e-4  /* this much of a way need not be known to be free */
 
 /* Whether a look tells of a wall that is nearer than all planes which are known. */
 static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {

@@ -28,7 +28,7 @@ def in_threads(part, count, parts=None, small=SMALL):
     parts : int, optional
         How many pieces; by default several for each thread.
     small : int
-        Fewer are not worth a second thread, nor another one for every so many more.
+        Each further thread is worth its start only for this many more.
 
     Returns
     -------

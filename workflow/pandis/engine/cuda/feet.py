@@ -18,7 +18,7 @@ class Foot:
 
 @wp.func
 def inner_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
-    """Return the foot inside of a face; edge 0 and corner 0 tell that there is none."""
+    """Return the foot inside a face; edge 0 and corner 0 mean that it has none."""
     foot = Foot()
     u, v, x = b - a, c - a, p - a
     n = wp.cross(u, v)

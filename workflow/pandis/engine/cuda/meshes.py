@@ -103,7 +103,7 @@ def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3f) -> wp.
 
 @wp.func
 def share_of_edge(t: wp.float32) -> wp.float32:
-    """Return a number between zero and one; zero for what is none."""
+    """Return a number clamped to 0 to 1; 0 for NaN."""
     if not (t > wp.float32(0.0)):
         return wp.float32(0.0)
     return wp.min(t, wp.float32(1.0))

@@ -19,7 +19,7 @@ def library():
 
 
 def mass_steps(oscillator, position, speed, push, steps):
-    """Return positions and speeds (n, 3) after so many steps under constant pushes (n, 3).
+    """Return positions and speeds (n, 3) after a number of steps under constant pushes (n, 3).
 
     Parameters
     ----------

@@ -83,7 +83,7 @@
 #define PANDIS__HALF (PANDIS__LONGEST / 2)
 #define PANDIS__FAR 1e150         /* farther points overflow when squared */
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
-#define PANDIS__LANES 16          /* sums run in so many lanes, whatever the machine's vectors hold */
+#define PANDIS__LANES 16          /* sums run in this many lanes, whatever the machine's vectors hold */
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
 #define PANDIS__HEAP 512 /* boxes that wait to be looked at, at most: of more, the farthest are not */
 #define PANDIS__STACK 704

@@ -4,7 +4,7 @@
 #define PANDIS__ABOVE 4e-6   /* so high over a plane it is not yet there */
 #define PANDIS__GAP 5e-4     /* between a ball and the place in an edge or a corner from which it is seen */
 #define PANDIS__ASIDE 1e-3   /* lifts: so far beside it is looked again */
-#define PANDIS__SLIVER 2e-4  /* so much of a way need not be known to be free */
+#define PANDIS__SLIVER 2e-4  /* this much of a way need not be known to be free */
 
 /* Whether a look tells of a wall that is nearer than all planes which are known. */
 static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {

@@ -21,7 +21,7 @@ typedef struct {
 
 #define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
 
-/* How far the low byte of a box's place is shifted, where extents need so many bits. */
+/* How far the low byte of a box's place is shifted, where extents need this many bits. */
 static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {

@@ -9,7 +9,7 @@ typedef union {
     unsigned char bytes[256];
 } pandis_scene;
 
-/* Doubles that a scene of so many objects needs; objects that are looked at together. */
+/* Doubles that a scene of this many objects needs; objects that are looked at together. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
     (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
@@ -87,7 +87,7 @@ typedef union {
     unsigned char bytes[128];
 } pandis_poses;
 
-/* Doubles that so many objects need. */
+/* Doubles that this many objects need. */
 #define PANDIS_POSES_ROOM(count) (sizeof(char) * 68 * (count))
 
 /* Begin where the objects lie.

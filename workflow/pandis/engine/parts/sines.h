@@ -9,7 +9,7 @@
  * 0; NaN of what is no finite number. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
-    float none = x - x;              /* 0, or NaN of what is no finite number */
+    float none = x - x;              /* 0, or NaN if x is not finite */
     x = fabsf(x) <= 1e4f ? x : 0.0f;
     float k = (x * 0.636619772367581343f + whole) - whole;
     float r = ((x - k * PANDIS__PART1) - k * PANDIS__PART2) - k * PANDIS__PART3, q = r * r;

@@ -16,7 +16,7 @@ BLOCK, BRICK = 2, 4
 _NO_BRICK = 65535
 #: The outermost faces of the box [-1, 1]³ belong to its last cells: points are clipped to this.
 EDGE = 1 - 1e-12
-#: Parallel sums are made over so many parts, so that threads do not show in the result.
+#: Parallel sums run over this many parts, so that the number of threads does not change the result.
 _PARTS = 2
 
 

@@ -18,7 +18,7 @@ _POINTS = 50_000
 _HEIGHTS = 1e-5, 0.1
 #: Distances from a vertex or a face's middle, as shares of the longest edge there.
 _SHARES = 1e-5, 0.1
-#: A corner of more faces than this is tried at so many points.
+#: A corner of more faces than this is tried at this many points.
 _CROWD, _TRIES = 32, 64
 
 

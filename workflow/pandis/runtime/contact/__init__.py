@@ -82,7 +82,7 @@ class Touches(NamedTuple):
 
     @classmethod
     def empty(cls, count: int, timed: bool) -> "Touches":
-        """Return rows for so many steps, to be filled."""
+        """Return rows for this number of steps, to be filled."""
         vectors = [np.empty((count, 3)) for _ in range(3)]
         numbers = [np.empty(count) for _ in range(2)]
         whole = [np.empty(count, np.int32) for _ in range(6)]

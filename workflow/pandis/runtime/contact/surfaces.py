@@ -15,7 +15,7 @@ SOURCE = Path(__file__).with_name("contact.c")
 Height = Callable[[NDArray[np.float64], int], tuple[float, ArrayLike]]
 #: What a surface is called that is of one material.
 WHOLE = "the surface"
-#: The kind of a texture that is none.
+#: The kind of a surface without a texture.
 SMOOTH = "smooth"
 
 

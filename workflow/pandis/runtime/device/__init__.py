@@ -261,7 +261,7 @@ class Order(NamedTuple):
     gap : float
         Calls further apart than this (s), or a call that takes longer, end the run.
     patience : float
-        After so many seconds without a call the watchdog ends the run.
+        Seconds without a call after which the watchdog ends the run.
     expected : float
         Largest force (N) of the device that is expected; one whose own is off by more than a
         tenth is another, and is refused. 0: any.

@@ -35,7 +35,7 @@ typedef struct {
     bridge_frame *frames;  /* three for each, in the slots of the poses */
     double *sums, *slots;  /* of all objects: the loop's own, and three for handing over */
     double *gone;          /* of each object: how far the hand has moved it since the frame (m, rad) */
-    size_t touched;        /* so many objects were, at the last tick */
+    size_t touched;        /* how many objects were touched at the last tick */
     double late;           /* for so long the objects have waited for the simulation, s */
     double carried[3];     /* by which what was touched has moved since, along the force: m */
     int32_t writing, reading;

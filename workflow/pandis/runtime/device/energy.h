@@ -29,7 +29,7 @@ static void energy_book(energy *e, int touching, double force, double work, doub
         return;
     }
     e->strongest = fmax(e->strongest, force);
-    /* the force is that of the depth where the tick begins: so much the wall can have stored there */
+    /* the force is that of the depth where the tick begins, which bounds what the wall can have stored */
     double most = stiffness > 0 ? e->strongest * e->strongest / (2 * stiffness) + e->beyond : e->balance;
     if (e->balance > most) e->spare += e->balance - most, e->balance = most;
     e->balance += lost - work;

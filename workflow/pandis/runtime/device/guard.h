@@ -57,7 +57,7 @@ enum { GUARD_CAUSES(GUARD_NAME) CAUSES };
 enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
 
 #define GUARD_SLACK 2e-5     /* J that may be missing: an encoder's step hides it */
-#define GUARD_SPENT 2.5e-4   /* J: so much gone ends the run at once, and no tick may give more */
+#define GUARD_SPENT 2.5e-4   /* J: a loss of this much ends the run at once, and no tick may give more */
 #define GUARD_PATIENCE 0.05  /* s until what is wrong must be mended */
 #define GUARD_AGAIN 1.0      /* s in which it may shake twice */
 #define GUARD_OFTEN 4        /* signs of any kind that may come together, and in a second */
@@ -66,7 +66,7 @@ enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
 #define GUARD_CHECK 100      /* ticks between two looks at the calibration */
 #define GUARD_DRIFT 7e-4     /* m by which a position may leave the way that its velocities make, ... */
 #define GUARD_LAG 0.02       /* ... and s by which velocities may come late ... */
-#define GUARD_FORGET 0.1     /* ... within the last so many s */
+#define GUARD_FORGET 0.1     /* ... within this many seconds */
 
 typedef struct {
     double force, continuous; /* largest, and for long, N; continuous 0: not known */

@@ -30,7 +30,7 @@ typedef struct {
 static struct {
     simulated_spec spec;
     const double *rest, *press; /* per tick: where the hand would rest (m), how it presses (N) */
-    long long ticks, tick;      /* after so many the hand holds still */
+    long long ticks, tick;      /* the number of ticks after which the hand holds still; the tick */
     double *path; /* per tick, unless NULL: where it really is at the end (m) */
     double position[3], speed[3];
     double late[SIMULATED_DELAY + 1][3], acting[3], sent[3];
@@ -61,7 +61,7 @@ static void simulated_motion(void) {
     simulated.vx = sum[1][0], simulated.vv = sum[1][1], simulated.vu = sum[1][2];
 }
 
-/* Prepare a device at rest at a place, with a hand for so many ticks, at least one. */
+/* Prepare a device at rest at a place, with a hand that moves for `ticks` ticks, at least one. */
 static void simulated_prepare(const simulated_spec *spec, const double *start, const double *rest, const double *press,
                               long long ticks) {
     memset(&simulated, 0, sizeof simulated);

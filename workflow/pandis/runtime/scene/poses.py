@@ -89,5 +89,5 @@ class Poses:
             )
 
     def step(self, dt: Number = 1e-3) -> bool:
-        """Move the objects on by some seconds; tell whether there was another frame than before."""
+        """Move the objects on by ``dt`` seconds; tell whether a new frame had come."""
         return bool(self._library.pandis_poses_step(self._poses, self._scene.address, dt))

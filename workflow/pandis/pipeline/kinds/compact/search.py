@@ -22,9 +22,9 @@ from pandis.pipeline.mesh.tools import ToolError, call
 from pandis.pipeline.mesh.topology import EdgeTable
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: With so many bits rounding is far below what leaving out faces costs.
+#: Bits at which rounding is far below what leaving out faces costs.
 ENOUGH_BITS = 14
-#: With fewer faces so many bits are tried first, then two more as long as that helps.
+#: With fewer faces these bits are tried first, then two more as long as that helps.
 _FEWEST_BITS = 12
 #: Bytes that are tried, from few to many, where an error is asked for.
 _BYTES = tuple(12_500 * 2**k for k in range(16))
@@ -52,7 +52,7 @@ class Packer:
         self._whole = {}
 
     def within(self, budget):
-        """Return the `Candidate` of least error that fits into so many bytes; None if none does.
+        """Return the `Candidate` of least error that fits into the bytes; None if none does.
 
         A budget of None takes what there is.
 
@@ -109,7 +109,7 @@ class Packer:
         return Candidate(CompactField(f"{KIND.name}-auto", artifact), arrays, attributes)
 
     def _packed(self, bits):
-        """Return arrays and record of all faces on a lattice of so many bits; None if none is."""
+        """Return arrays and record of all faces on a lattice of these bits; None if none fits."""
         if bits not in self._whole:
             try:
                 self._whole[bits] = pack_body(self.body, bits)

@@ -14,7 +14,7 @@ WIDTHS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
 
 class Tried(NamedTuple):
-    """A network of so many units per layer: its bytes, its error, why it was not taken."""
+    """A network by its units per layer: its bytes, its error, why it was not taken."""
 
     size: int
     bytes: int

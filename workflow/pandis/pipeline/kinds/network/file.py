@@ -9,7 +9,7 @@ from pandis.pipeline.kinds.check import check_points
 from pandis.pipeline.kinds.native import FieldFile
 from pandis.runtime.field import NETWORK, NativeField
 
-#: Sums run in so many lanes; rows of weights are padded to whole ones.
+#: Sums run in this many lanes; rows of weights are padded to a multiple of it.
 _LANES = 16
 #: Steps of 16-bit weights to either side of zero.
 _STEPS = 32767

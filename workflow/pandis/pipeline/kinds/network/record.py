@@ -4,7 +4,7 @@ from pandis.pipeline.run.records.record import Record
 
 
 class Architecture(Record):
-    """A network: sine layers of so many units, their ω0, and 4 outputs or 1 (Φ alone)."""
+    """A network: its sine layers, their units and ω0, and 4 outputs or 1 (Φ alone)."""
 
     width: int
     depth: int

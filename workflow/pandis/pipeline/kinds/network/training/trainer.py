@@ -138,7 +138,7 @@ class Trainer:
         output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:10]]))
         if self.base is not None:
             known = torch.cat([rows[:, 10:14], rows[:, 14:18]])
-            # Ψ is as long as the output has columns for it: of Φ alone there is none
+            # Ψ takes the other columns of the output; with Φ alone there are none
             output = output + known[:, : output.shape[1]]
             gradient = gradient + known[:, 1:]
         return paper_loss(output[:n], gradient[:n], output[n:], gradient[n:], normal, self.options)
