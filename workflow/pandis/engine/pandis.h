@@ -2696,7 +2696,7 @@ PANDIS_API double pandis_longest_side(const pandis_field *field) {
     return field->kind ? PANDIS__LONGEST / field->scale : 0;
 }
 
-/* Put a point into the unit frame; 0 if it is not finite. */
+/* Put a point into the unit frame; 0 if it is not finite, or too far away. */
 static int pandis__unit(const pandis_field *field, const double *point, double *u) {
     int finite = 1;
     for (int k = 0; k < 3; k++) {
