@@ -124,6 +124,8 @@ def test_mesh_names_and_sources():
     assert "a URL needs the sha256" in faults("", a={"source": "https://example.org/a.obj"})
     with pytest.raises(PandisError, match="at least one mesh"):
         load_config({})
+    with pytest.raises(PandisError, match=r"meshes.False: YAML reads on, off, .* in quotes"):
+        load_config({"meshes": {False: {"source": "a.obj"}}})
 
 
 def test_numbers_with_exponents():

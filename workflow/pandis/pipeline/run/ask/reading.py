@@ -135,7 +135,9 @@ def load_config(raw, refused=None):
     shared = dict(faults)
     for name, entry in meshes.items():
         path = f"meshes.{name}"
-        if not re.fullmatch(MESH_NAME, str(name)):
+        if isinstance(name, bool):
+            faults[path] = "YAML reads on, off, yes and no as true or false: put the name in quotes"
+        elif not re.fullmatch(MESH_NAME, str(name)):
             faults[path] = "a mesh's name starts with a-z and goes on with a-z, 0-9, - or _"
         elif name in RESERVED_NAMES:
             faults[path] = "this name is taken by a folder of results/: choose another"
