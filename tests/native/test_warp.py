@@ -63,7 +63,7 @@ def test_what_warp_is_not_given_is_refused(files):
 def test_a_tree_that_is_too_deep_is_refused(files, monkeypatch):
     """Whose boxes would not fit into what a point has room for."""
     monkeypatch.setattr("pandis.bridges.warp.ROOM", 7)
-    with pytest.raises(PandisError, match=r"room for \d+ boxes, and has room for 7"):
+    with pytest.raises(PandisError, match=r"room for \d+ boxes, and there is room for 7"):
         WarpField(files["compact"])
     assert ROOM > 7 * 30
 
