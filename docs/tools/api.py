@@ -79,7 +79,9 @@ def c_page(header):
 
 def _functions(header):
     """Yield section, comment and prototype of each public function of a header."""
-    text = header.partition("#ifdef PANDIS_IMPLEMENTATION")[0]
+    text, body, _ = header.partition("#if defined(PANDIS_IMPLEMENTATION)")
+    if not body:
+        raise SystemExit("pandis.h: its prototypes end nowhere")
     title, note = "", ""
     lines = iter(text.splitlines())
     for first in lines:

@@ -205,3 +205,13 @@ def test_the_readme_is_short_and_every_page_is_listed():
     index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
     pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
     assert {name for name in pages if f"]({name})" not in index} == set()
+
+
+def test_the_page_of_the_header_has_each_public_function_once():
+    """Its prototype with its comment: the header holds the definition, too, under another one."""
+    header = (ROOT / "workflow/pandis/engine/pandis.h").read_text(encoding="utf-8")
+    public = set(re.findall(r"^PANDIS_API [^;{]*?\b(pandis_[a-z]\w*)\(", header, re.M))
+    page = (ROOT / "docs/api/c.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `[^`]*?\b(pandis_[a-z]\w*)\(", page, re.M)
+    assert sorted(rows) == sorted(public)
+    assert "{" not in page

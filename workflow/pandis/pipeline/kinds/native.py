@@ -3,6 +3,7 @@
 The format: docs/format.md. What a file holds, each kind's ``file`` module says.
 """
 
+from abc import ABC, abstractmethod
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,7 @@ from pandis.pipeline.run.ask.kinds import kind_module
 from pandis.runtime.field.files import pack
 
 
-class FieldFile:
+class FieldFile(ABC):
     """The ``.pandis`` file of a field; each kind has a subclass ``File`` in its ``file`` module.
 
     Parameters
@@ -38,9 +39,9 @@ class FieldFile:
         self.field = self.answering = field
         self.weight_bits = weight_bits
 
+    @abstractmethod
     def parts(self):
         """Return the number of the kind in C, whole and real numbers, and sections by name."""
-        raise NotImplementedError
 
     def faces(self, body, original_faces):
         """Return sections that say of a mesh's faces which they are and what they are made of."""

@@ -1,5 +1,6 @@
 """Size fields by what they should achieve: the user gives limits, not dimensions."""
 
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 from pandis.base.errors import PandisError
@@ -50,7 +51,7 @@ class Outcome(NamedTuple):
     finish: object = lambda: None
 
 
-class Maker:
+class Maker(ABC):
     """Makes fields of one form, of any size. Kinds subclass it.
 
     Attributes
@@ -62,21 +63,21 @@ class Maker:
 
     form, sizes = "", ()
 
+    @abstractmethod
     def make(self, size):
         """Return the `Candidate` of a size; None if the size is too small for the band."""
-        raise NotImplementedError
 
+    @abstractmethod
     def largest(self, budget):
-        """Return the largest size whose field fits into so many bytes; None if none does."""
-        raise NotImplementedError
+        """Return the largest size whose field fits into a budget of bytes; None if none does."""
 
+    @abstractmethod
     def bytes_of(self, size):
         """Return the bytes that ``pandis.h`` answers a field from."""
-        raise NotImplementedError
 
+    @abstractmethod
     def finer(self, size, other):
         """Return by how many times the other size's spacing is finer."""
-        raise NotImplementedError
 
     def hopeless(self, size, figures, limits, other):
         """Tell whether another size cannot meet limits either, by the figures of a smaller."""

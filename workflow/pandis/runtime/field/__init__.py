@@ -72,7 +72,7 @@ class NativeField:
     Attributes
     ----------
     path : Path
-        Path of the file; a name for messages, where there is none.
+        Path of the file; for a field made from bytes, a name for messages.
     frame : pandis.base.frame.Frame
         The one that the field was made in.
     """

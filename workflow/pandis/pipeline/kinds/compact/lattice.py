@@ -1,6 +1,6 @@
 """Puts the vertices of a mesh on a lattice, and mends what that does to its faces.
 
-A lattice of so many bits has 2^bits - 1 steps over [-0.9, 0.9] of the unit frame along each axis.
+A lattice has 2^bits - 1 steps over [-0.9, 0.9] of the unit frame along each axis.
 Rounding the vertices moves no point of the surface farther than the vertex that moved farthest.
 """
 

@@ -17,9 +17,9 @@ from pandis.pipeline.kinds.compact.sides import find_sides
 from pandis.pipeline.kinds.compact.unpacking import unpack
 from pandis.pipeline.kinds.limits import least_limit, near_surface
 
-#: A query looks at so many blocks and groups of eight faces, which takes about a tenth of a tick;
-#: at more where that would cut a query next to the surface. How many queries of scans are cut:
-#: tests/benchmarks/compact.py.
+#: The most blocks and groups of eight faces that a query looks at: about a tenth of a tick's time.
+#: The limit is raised where half of it would cut a query next to the surface. How many queries of
+#: scans are cut: tests/benchmarks/compact.py.
 MOST = 704
 #: Points at which sides are compared with the body's: half in the box, half near the surface.
 SIDES = 1_000_000

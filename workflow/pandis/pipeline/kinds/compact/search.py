@@ -131,7 +131,7 @@ class Packer:
         return self._candidate(*packed) if packed else None
 
     def _fewer_faces(self, bits, budget):
-        """Return a candidate of as many faces as fit with so many bits; None if there is none."""
+        """Return a candidate of as many faces as fit at these bits; None if there is none."""
         packed, surface = self._packed(bits), (self.body.corners, self.body.faces)
         for rounds in range(_ROUNDS + 1):
             if packed is None:

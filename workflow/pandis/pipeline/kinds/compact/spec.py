@@ -10,7 +10,7 @@ BITS = 10, 20
 
 
 class CompactTask(BuildTask):
-    """Pack a mesh on a lattice of so many bits."""
+    """Pack a mesh on a lattice of `bits` bits per axis."""
 
     bits: int
     seed: int

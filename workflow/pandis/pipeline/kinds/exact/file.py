@@ -9,8 +9,9 @@ from pandis.pipeline.kinds.limits import least_limit
 from pandis.pipeline.kinds.native import FieldFile, regions_of
 from pandis.runtime.field import MESH, SHAPE, SHAPES, NativeField
 
-#: A query looks at so many nodes, leaves and faces, which takes about a tenth of a tick and cuts
-#: nothing on scans; more where that would cut a query next to the surface.
+#: The most nodes, leaves and faces that a query looks at: about a tenth of a tick's time, and
+#: enough for every query of scans. The limit is raised where half of it would cut a query next to
+#: the surface.
 MOST = 1000
 #: By how much distances may differ from the library's (unit frame).
 _ROUNDING = 1e-12

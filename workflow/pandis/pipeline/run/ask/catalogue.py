@@ -68,9 +68,7 @@ class _AllNames:
 
 
 def known_field(name):
-    """Return the FieldSpec of a name that planning has let through: what is no built-in field is
-    a recipe.
-    """
+    """Return the FieldSpec of a name that planning has passed: of a built-in field or a recipe."""
     return parse_field(name, _AllNames())
 
 
@@ -104,7 +102,7 @@ def parse_field(name, recipes):
     if name == AUTO:
         return FieldSpec(name, AUTO, AUTO, "choice")
     specs = [kind.parse(name, parse) for kind in KINDS.values()]
-    if name in recipes:  # the name of a built-in field is none of a recipe
+    if name in recipes:  # no recipe has the name of a built-in field
         specs += [kind.parse_recipe(name) for kind in KINDS.values()]
     for spec in filter(None, specs):
         return spec

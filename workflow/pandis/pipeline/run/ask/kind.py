@@ -104,7 +104,7 @@ class Kind:
     task, search = BuildTask, SearchTask
 
     def parse(self, name, parse):
-        """Return the `FieldSpec` of a field's name; None if it is none of this kind.
+        """Return the `FieldSpec` of a field's name; None if the field is of another kind.
 
         Parameters
         ----------
@@ -141,8 +141,8 @@ class Kind:
         )  # fmt: skip
 
     def sized_options(self, job, spec):
-        """Return what building an artifact of a given size is asked."""
-        raise NotImplementedError
+        """Return what building an artifact of a given size is asked; by default its kind alone."""
+        return self.task(kind=self.name)
 
     def unused(self, options):
         """Return modules that a stage imports but, with these options, never runs."""
