@@ -26,7 +26,6 @@ BENCHMARKS = ROOT / "docs" / "benchmarks"
 SPHERE = ROOT / "docs" / "sphere.md"
 TRAINING = ROOT / "docs" / "training.md"
 CLUSTER = ROOT / "docs" / "cluster.md"
-ARCHITECTURE = ROOT / "docs" / "architecture.md"
 ENGINE = ROOT / "workflow" / "pandis" / "engine"
 HEADER = ENGINE / "pandis.h"
 #: What pandis.h is joined from, in this order: `engine/parts`.

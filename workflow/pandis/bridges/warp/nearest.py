@@ -11,7 +11,6 @@ from pandis.bridges.warp.data import ROOM, Field
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 vec8i = wp.types.vector(length=8, dtype=wp.int32)
-vec8f = wp.types.vector(length=8, dtype=wp.float32)
 NONE = wp.constant(2147483647)
 WAITING = wp.constant(ROOM)
 WORDS_OF_A_BRANCH, BOXES = wp.constant(12), wp.constant(48)

@@ -84,7 +84,7 @@ class Maker(ABC):
         return figures["mean"] > limits.mean * self.finer(size, other) ** _FASTEST
 
     def never_meets(self, tried, limits, size):
-        """Tell it of several, (size, `Measured`) each, that were tried."""
+        """Tell whether a size cannot meet limits, by (size, `Measured`) of those tried."""
         return any(self.hopeless(s, m.figures, limits, size) for s, m in tried)
 
 

@@ -24,7 +24,7 @@ QUERIES = 2000
 
 
 class Torus(NamedTuple):
-    """What fields that are timed are of.
+    """The body whose fields are timed.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ CONTENTS = {
     "kim-ray": "distance",
     "kim-cell": "distance",
 }
-#: Readings that are there to be compared with: no program answers them.
+#: Readings kept only for comparison: no exported program evaluates them.
 _COMPARED = ("kim", "kim-ray", "kim-cell")
 #: Readings that `fields: auto` tries.
 TRIED = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
@@ -30,7 +30,7 @@ _NODES = 4, 512
 
 
 class GridTask(BuildTask):
-    """Fill one grid. The band reaches so far into the surface and out of it (unit frame)."""
+    """Fill one grid. `band`: how far it reaches into the surface and out of it (unit frame)."""
 
     content: str
     size: int

@@ -3,7 +3,7 @@
 import re
 from typing import ClassVar
 
-from pandis.pipeline.run.ask.kind import AUTO, BuildTask, FieldSpec, Kind, check_size
+from pandis.pipeline.run.ask.kind import AUTO, FieldSpec, Kind, check_size
 
 #: [16]: planes alone, with their distance maps, with the maps' slopes too.
 PLANES = ("support-planes-only", "support-planes-distance", "support-planes")
@@ -11,10 +11,6 @@ PLANES = ("support-planes-only", "support-planes-distance", "support-planes")
 PROXY = "salisbury"
 #: [10] on x² + y² + z² - 1, on the unit sphere.
 ALGEBRAIC = "kim-algebraic"
-
-
-class PlanesTask(BuildTask):
-    """Lay support planes around a mesh: nothing is asked."""
 
 
 class Paper(Kind):
@@ -25,7 +21,6 @@ class Paper(Kind):
     examples = (*PLANES, PROXY)
     colours: ClassVar = {ALGEBRAIC: "#d7ccc8", PROXY: "#00897b"}
     colours |= dict(zip(PLANES, ("#b0bec5", "#90a4ae", "#607d8b"), strict=True))
-    task = PlanesTask
 
     def parse(self, name, parse):
         """See `Kind.parse`."""
@@ -42,10 +37,6 @@ class Paper(Kind):
 
     def _spec(self, name, form, stem, size=None, through=None):
         return FieldSpec(name, self.name, form, stem, size, native=False, through=through)
-
-    def sized_options(self, job, spec):
-        """See `Kind.sized_options`."""
-        return PlanesTask(kind=self.name)
 
 
 def _check_tracked(name, inner):
