@@ -26,8 +26,10 @@ MM, STIFFNESS, MOVING = UNIT_SIDE / 100, 400.0, 8
 NEAR, DEEP = 0.05, 0.05
 #: By which friction's cone may be wider (radians): on a ridge any plane between its faces holds.
 SLANT = 0.1
-#: Seconds after which a proxy that is late is left behind.
-LATER = 1.0
+#: Seconds that a proxy may need more than `slide` allows, and after which it is left behind.
+DUE, LATER = 0.05, 2.0
+#: With few looks a second: how far (m) it goes with each of them, and how many the 50 ms are.
+STRIDE, LOOKS = 4e-6, 600
 
 
 def _cut(part):
@@ -209,8 +211,27 @@ class Followed:
         poses = way.turns(len(path)) if way.moving else (np.eye(4),)
         for pose, part in zip(poses, path[:, None] if way.moving else (path,), strict=True):
             self._go(part, pose)
+        self._driven = len(self.proxies)
         left = np.linalg.norm(self.proxies[-1][-1] - self.probe) / MM * 1e-3
-        self.rest(0.05 + 1.2 * left / self._contact.options.slide)
+        self.rest(DUE + 1.2 * left / self._contact.options.slide)
+
+    def patience(self, looks):
+        """Return at which speed (m/s) it has to go at least, and how many seconds it may rest.
+
+        Parameters
+        ----------
+        looks : bool
+            Whether few looks in a second excuse it.
+        """
+        slide, rate = self._contact.options.slide, self.way.budget / self.way.dt
+        return (min(slide, STRIDE * rate), max(DUE, LOOKS / rate)) if looks else (slide, DUE)
+
+    def waited(self, speed):
+        """Return how many seconds it has rested, and how many of them without going at a speed."""
+        path = np.concatenate([self.proxies[self._driven - 1][-1:], *self.proxies[self._driven :]])
+        gone = np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / MM * 1e-3
+        rested = (len(path) - 1) * self.way.dt
+        return rested, rested - gone / speed
 
     def rest(self, seconds):
         """Stay where the probe is."""
@@ -243,24 +264,45 @@ def behind(own, followed):
     return off, (off > NEAR) & (gain > np.sin(np.arctan(friction) + SLANT))
 
 
+def overdue(own, followed, looks):
+    """Return those that are behind though they are past their `Followed.patience`.
+
+    So a way around an edge, which is longer than the distance, may take its time.
+    """
+    waiting = late = [followed[i] for i in np.flatnonzero(behind(own, followed)[1])]
+    while waiting:
+        waiting = []
+        for one in late:
+            speed, due = one.patience(looks)
+            rested, idle = one.waited(speed)
+            if idle < due and rested < LATER:
+                one.rest(due - idle)
+                waiting.append(one)
+        late = [late[i] for i in np.flatnonzero(behind(own, late)[1])] if waiting else late
+        waiting = waiting if late else []
+    return late
+
+
 def judge(field, kind, solid, ways, largest):
     """Return a `Counter` of what came of ways on one field, and how far (mm) the worst is left."""
     own = solid.distance if kind == "exact" else lambda points: field.query(points)[:2]
     seen, followed = Counter(ways=len(ways)), [Followed(field, way, largest) for way in ways]
+    slow = overdue(own, followed, looks=False)
+    late = overdue(own, slow, looks=True) if slow else []
+    for one in late:
+        one.rest(LATER)
+    off, left = behind(own, late) if late else (np.zeros(0), np.zeros(0, bool))
+    seen["slow"], seen["late"], seen["left"] = len(slow), len(late), int(left.sum())
     for one in followed:
         places = np.concatenate(one.proxies)
         deep = one.radius - own(places[:: 1 if one.way.dt > 1e-3 else 4])[0]
         seen["passes"] += int(deep.max() > max(0, deep[0]) + DEEP * MM)
         seen["bounds"] += one.over > 0
-    late = [followed[i] for i in np.flatnonzero(behind(own, followed)[1])]
-    for one in late:
-        one.rest(LATER)
-    off, left = behind(own, late) if late else (np.zeros(0), np.zeros(0, bool))
-    seen["left"], seen["late"] = int(left.sum()), int((~left).sum())
     return seen, off[left].max(initial=0)
 
 
 def told(seen):
     """Return a line of what came of ways."""
-    words = {"left": "left behind", "late": "late", "passes": "passes", "bounds": "over a bound"}
+    words = {"left": "left behind", "late": "late", "slow": "slow", "passes": "passes"}
+    words["bounds"] = "over a bound"
     return f"{seen['ways']} ways, " + ", ".join(f"{seen[k]} {word}" for k, word in words.items())

@@ -62,10 +62,17 @@ def file_of(body, name):
         made = fit.build(fit.choose_size(budget), budget, silent_progress)
         field = _opened("spline-auto", *made)
     else:
-        grid = DenseGrid(engine, CONTENTS[kind], int(size), WIDE, silent_progress)
-        values = np.concatenate(list(grid.slabs(32)))
-        field = _opened(name, {"values": values}, grid.attributes())
+        return file_of_grid(body, name)
     return native_bytes(field, {}, safe=_safe(field, engine))
+
+
+def file_of_grid(body, name, steep=1):
+    """Return the bytes of a grid's file, whose values are so many times too large."""
+    grid = DenseGrid(body.distance, CONTENTS[name.rpartition("-")[0]], int(name.rpartition("-")[2]),
+                     WIDE, silent_progress)  # fmt: skip
+    values = np.float32(steep) * np.concatenate(list(grid.slabs(32)))
+    field = _opened(name, {"values": values}, grid.attributes())
+    return native_bytes(field, {}, safe=_safe(field, body.distance))
 
 
 def _network_of(body, steps):

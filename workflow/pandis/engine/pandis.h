@@ -3941,7 +3941,7 @@ typedef struct {
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active;              /* planes that hold it back, a bit for each */
+    int active, rubs;        /* planes that hold it back, and those by friction, a bit for each */
     int held;                /* `travel` or the budget does */
     int stuck;               /* no way on was found */
     int turned;              /* how often another wall was in the way, */
@@ -3966,7 +3966,7 @@ static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, 
 static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
     double wanted = pandis__between(way->goal, p->x), step = wanted;
-    way->held = way->arriving = 0;
+    way->held = way->arriving = way->rubs = 0;
     double reach = 1; /* share of the way to the probe at which the first plane is met */
     for (int i = 0, touches = 0; i < p->count; i++) {
         double above = pandis__height(p->plane + i, p->x), below = -pandis__height(p->plane + i, probe);
@@ -3981,11 +3981,12 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
     if (way->active) {
         pandis__plane touched[PANDIS__PLANES];
         double place[3];
-        int count = 0;
+        int count = 0, which[PANDIS__PLANES];
         for (int i = 0; i < p->count; i++)
-            if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) touched[count++] = p->plane[i];
+            if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) which[count] = i, touched[count++] = p->plane[i];
         if (count < p->count) { /* it rubs only on what it touches */
-            pandis__nearest_in_front(touched, count, probe, place);
+            int rubs = pandis__nearest_in_front(touched, count, probe, place);
+            for (int i = 0; i < count; i++) way->rubs |= (rubs >> i & 1) << which[i];
             double far = pandis__between(place, p->x), free = pandis__rubbed(p->state, way, far, pandis__between(place, probe));
             step = fmin(step, free);
         } else {
@@ -4008,6 +4009,8 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
+static void pandis__halve_ball(pandis__proxy *p) { p->ball[3] *= 0.5, p->ball[4] = fmin(p->ball[4], p->ball[3]); }
+
 /* Move towards a place that is beyond what is known to be free: to the rim of the ball, where it is looked at next. */
 static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
@@ -4022,7 +4025,18 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
         double to = pandis__between(target, rim), within = to > look.free ? look.free / to : 1;
         for (int k = 0; k < 3; k++) place[k] = rim[k] + within * (target[k] - rim[k]);
         pandis__take_ball(p, &look);
+        if (!p->exact) { /* a field that is steeper than a distance says that more is free than is */
+            pandis__look near;
+            if (!pandis__look_at(p, place, &near)) return 0;
+            if (near.distance < -PANDIS__SLIVER) {
+                memcpy(place, rim, sizeof place);
+                pandis__halve_ball(p);
+                look = near;
+            }
+        }
         pandis__arrive(p, way, place);
+    } else if (!p->exact) {
+        pandis__halve_ball(p);
     }
     pandis__learn(p, &look, p->x, 0);
     return 1;
@@ -4163,7 +4177,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
     memcpy(held, p->plane, sizeof held);
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
-        if (!(way->active >> i & 1) || !(rests || distant)) continue;
+        if (!((way->active | way->rubs) >> i & 1) || !(rests || distant)) continue;
         /* on its way from so near that the foot is no distant one again */
         int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
@@ -4173,6 +4187,10 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
         pandis__look look;
         if (!pandis__look_at(p, p->x, &look)) return -1;
         if (look.distance < -p->blur) changed = 1, pandis__learn(p, &look, p->x, look.distance);
+        else if (look.distance > fmax(p->blur, PANDIS__ABOVE)) { /* it does not touch what holds it */
+            changed = 1, p->count = 0;
+            pandis__learn(p, &look, p->x, 0);
+        }
     }
     return changed;
 }
@@ -4201,7 +4219,8 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
+        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* what one hop does, in a groove, too */
+        if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < small)) {
             way->held |= p->queries >= c->options.budget;
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
             return 1;
@@ -4222,10 +4241,10 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
  * each other, and no hop leads nearer to the probe. A walk uses none of them. Each of its steps goes straight towards the
  * probe, and out of the surface again by planes that are looked at for this step alone. */
 
-#define PANDIS__PACE 1.6e-3        /* its longest step; it begins with an eighth of that, */
+#define PANDIS__PACE 4.8e-3        /* its longest step; it begins with an eighth of that, */
 #define PANDIS__TIRED (1 / 1024.0) /* and ends at so small a share, for each step that fails halves the next */
 #define PANDIS__IDLE 16            /* it begins at this count: a step of the contact that leads nowhere is 2, another -1 */
-#define PANDIS__GAIN 0.05          /* a step leads nowhere if it gains less than this share of what it may, */
+#define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
 #define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */
 #define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
 #define PANDIS__MOVED 0.2          /* or when the probe has gone this share of its distance to the proxy */
@@ -4235,14 +4254,22 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
 
 /* Look for the place nearest to a goal that walls leave free, at most `reach` away. Returns 1 if it is in `look`, 0 if none
  * was seen, -1 if there was no answer. `slope` is by how much the distance grows along the normal: in a rounded corner by
- * less than 1, and in one of a trilinear field's cells it may even fall. */
+ * less than 1, and in one of a trilinear field's cells it may even fall. A place that is farther outside than it has to be
+ * is improved once. */
 PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
     double at[3] = {goal[0], goal[1], goal[2]}, last[3] = {0}, before = 0;
+    pandis__look high;
+    int over = 0;
     const double sunk = fmin(PANDIS__SUNK, PANDIS__SUNK_SHARE * p->state->pace);
     *slope = fmax(0.1, *slope);
     for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget && pandis__between(at, goal) <= reach;) {
         if (!pandis__look_at(p, at, look)) return -1;
-        if (look->distance >= -sunk) return 1;
+        if (look->distance >= -sunk && (over || !p->count || look->distance <= *slope * 0.02 * reach)) return 1;
+        if (over) { /* that was too near: so the place before */
+            *look = high;
+            return 1;
+        }
+        if (look->distance >= -sunk) over = 1, high = *look;
         pandis__plane *seen = p->plane + p->count;
         if (p->count && pandis__dot(seen[-1].normal, look->normal) > 0.9) {
             double risen = 0;
@@ -4257,22 +4284,23 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
             seen->foot[k] = at[k] - look->distance / *slope * look->normal[k];
         }
         seen->offset = pandis__dot(seen->normal, seen->foot);
+        if (over) seen[-1] = *seen, p->count--;
         pandis__nearest_in_front(p->plane, ++p->count, goal, at);
     }
-    return 0;
+    if (over) *look = high;
+    return over;
 }
 
 /* Take a free ball above a place, offset by the planes that hold the proxy there, if any. Returns 1 if the ball joins
- * the last one, else 0; -1: no answer. It has to join because an exact surface may be thinner than a step: that a place
- * is free does not mean that the way to it is. `anew`: the ball need not join the last one, but has to reach the
- * place. */
-static int pandis__covers(pandis__proxy *p, const double *place, int anew) {
+ * the last one or holds the proxy (if `joins`), and reaches the place (if `reaches`); else 0; -1: no answer. It has to join
+ * because an exact surface may be thinner than a step: that a place is free does not mean that the way to it is. */
+static int pandis__covers(pandis__proxy *p, const double *place, int joins, int reaches) {
     pandis__look look;
     double at[3];
     pandis__lifted(p, place, NULL, p->state->lift, at);
     if (!pandis__look_at(p, at, &look)) return -1;
-    double reach = (anew ? 0 : p->ball[3]) + look.free, gap = pandis__between(at, anew ? place : p->ball) - reach;
-    if (!(look.free > 0 && gap <= (anew ? PANDIS__GAP : 0))) return 0;
+    if (!(look.free > 0) || (reaches && pandis__between(at, place) > look.free + PANDIS__GAP)) return 0;
+    if (joins && pandis__between(at, p->ball) > p->ball[3] + look.free && pandis__between(at, p->x) >= look.free) return 0;
     pandis__take_ball(p, &look);
     return 1;
 }
@@ -4283,19 +4311,19 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     pandis__plane known[PANDIS__PLANES];
     pandis__look look;
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
-    const int most = p->exact ? c->options.budget - 1 : p->queries + (c->options.budget - p->queries) * 5 / 8;
-    const double longest = p->exact ? PANDIS__SLIVER : PANDIS__PACE;
+    const int all = p->exact || c->stalled > 4; /* the hops that follow lead nowhere */
+    const int most = all ? c->options.budget - 1 : p->queries + (c->options.budget - p->queries) * 5 / 8;
     int first = !p->exact, good = 1; /* out of the surface at first, where the proxy has sunk in */
-    if (p->exact && pandis__between(p->ball, p->x) > p->ball[3] + PANDIS__GAP) good = pandis__covers(p, p->x, 1);
+    if (p->exact && pandis__between(p->ball, p->x) > p->ball[3] + PANDIS__GAP) good = pandis__covers(p, p->x, 0, 1);
     if (good < 1) return good + 1;
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
         double goal[3], left = pandis__between(probe, p->x), along = 0, share = 1;
         if (left <= PANDIS__SMALL) break;
-        const double pace = first ? 0 : fmin(fmax(fmin(c->pace, longest), clear), left);
+        const double pace = first ? 0 : fmin(fmax(c->pace, clear), left);
         for (int k = 0; k < 3; k++) goal[k] = p->x[k] + pace / left * (probe[k] - p->x[k]);
         const int count = p->count;
         memcpy(known, p->plane, sizeof known);
-        good = pandis__free_place(p, goal, first ? longest : 3 * pace, &slope, &look);
+        good = pandis__free_place(p, goal, first ? PANDIS__PACE : 3 * pace, &slope, &look);
         double step = pandis__between(look.at, p->x), behind = 0, nearer = left - pandis__between(look.at, probe);
         for (int k = 0; k < 3; k++) {
             along += (look.at[k] - p->x[k]) * (probe[k] - p->x[k]);
@@ -4308,13 +4336,13 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
         /* a place behind the surface, which faces the other way there, is a thin wall's other side */
         if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
-        if (good == 1 && p->exact) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 0) : 0;
+        if (good == 1 && p->exact) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 1, step > PANDIS__SLIVER) : 0;
         if (good < 0) return 0;
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good) {
             p->count = count;
             memcpy(p->plane, known, sizeof known);
-            if (!first) c->pace = fmin(c->pace, longest) / 2;
+            if (!first) c->pace /= 2;
             slope = 1;
             clear = 0;
             continue;
@@ -4333,7 +4361,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         }
         if (first) continue;
         c->pace = fmin(1.5 * c->pace, PANDIS__PACE);
-        if (p->exact) c->idle = 0; /* hops are faster, if they lead anywhere from here */
+        if (p->exact) c->idle = PANDIS__IDLE - 2; /* hops are faster, if they lead anywhere from here */
         if (share < 1) break;
     }
     return 1;
@@ -4347,6 +4375,19 @@ PANDIS__ONCE static int pandis__try_walk(pandis__proxy *p, pandis__way *way, con
     return pandis__walk_on(p, way, probe);
 }
 
+/* Go back to a place that was nearer to the probe, if it lies outside. Planes that contradict each other led away from it;
+ * without this, the proxy could go round in a circle for ever. 0: no answer. */
+PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, const double *ball) {
+    pandis__look look;
+    if (!pandis__look_at(p, place, &look)) return 0;
+    if (look.distance < -fmax(PANDIS__SUNK, p->blur)) return 1; /* the proxy was led out of the surface */
+    memcpy(p->x, place, 3 * sizeof *place);
+    memcpy(p->ball, ball, 5 * sizeof *ball);
+    p->count = 0;
+    pandis__learn(p, &look, p->x, 0);
+    return 1;
+}
+
 /* Bring the proxy as near to the probe, which moved so far, as it can come: by hops, and by a walk where these lead
  * nowhere. 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
@@ -4356,6 +4397,8 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe,
     /* a probe that goes faster than the proxy may is not followed by short steps: it has to slow down before */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
+    double ball[5];
+    memcpy(ball, p->ball, sizeof ball);
     if (!pandis__follow(p, way, probe)) return 0;
     double gone = 0, apart = 0, left = 0; /* all of them squared */
     for (int k = 0; k < 3; k++) {
@@ -4364,6 +4407,7 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe,
         left += (probe[k] - p->x[k]) * (probe[k] - p->x[k]);
     }
     int nowhere = left > PANDIS__SMALL * PANDIS__SMALL && (gone < least * least || apart <= left);
+    if (apart < (1 - 1e-9) * left && p->queries <= c->options.budget + 1 && !pandis__go_back(p, before, ball)) return 0;
     c->idle += nowhere ? 2 * (c->idle < PANDIS__IDLE) : -(c->idle > 0);
     return 1;
 }
@@ -4545,7 +4589,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
 
     double moved = contact->state == PANDIS__BEGINS ? 0 : pandis__between(probe, contact->probe), pulled[3];
     double soft = material->drag > 0 ? object->stiffness * dt / (object->stiffness * dt + material->drag) : 1;
-    pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+    pandis__way way = {moved + options->slide * dt * per, material->sticking, material->sliding, soft, -1, 1, 0, {0}, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     int answered = 1;
     if (contact->state == PANDIS__BEGINS) answered = pandis__begin(&p, probe);
     else if (!(contact->ball[3] > 0)) answered = pandis__regain(&p);

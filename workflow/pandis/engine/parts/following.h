@@ -76,7 +76,7 @@ typedef struct {
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active;              /* planes that hold it back, a bit for each */
+    int active, rubs;        /* planes that hold it back, and those by friction, a bit for each */
     int held;                /* `travel` or the budget does */
     int stuck;               /* no way on was found */
     int turned;              /* how often another wall was in the way, */
@@ -101,7 +101,7 @@ static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, 
 static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *probe, double *target) {
     way->active = pandis__nearest_in_front(p->plane, p->count, probe, way->goal);
     double wanted = pandis__between(way->goal, p->x), step = wanted;
-    way->held = way->arriving = 0;
+    way->held = way->arriving = way->rubs = 0;
     double reach = 1; /* share of the way to the probe at which the first plane is met */
     for (int i = 0, touches = 0; i < p->count; i++) {
         double above = pandis__height(p->plane + i, p->x), below = -pandis__height(p->plane + i, probe);
@@ -116,11 +116,12 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
     if (way->active) {
         pandis__plane touched[PANDIS__PLANES];
         double place[3];
-        int count = 0;
+        int count = 0, which[PANDIS__PLANES];
         for (int i = 0; i < p->count; i++)
-            if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) touched[count++] = p->plane[i];
+            if (pandis__height(p->plane + i, p->x) <= PANDIS__ABOVE) which[count] = i, touched[count++] = p->plane[i];
         if (count < p->count) { /* it rubs only on what it touches */
-            pandis__nearest_in_front(touched, count, probe, place);
+            int rubs = pandis__nearest_in_front(touched, count, probe, place);
+            for (int i = 0; i < count; i++) way->rubs |= (rubs >> i & 1) << which[i];
             double far = pandis__between(place, p->x), free = pandis__rubbed(p->state, way, far, pandis__between(place, probe));
             step = fmin(step, free);
         } else {
@@ -143,6 +144,8 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
+static void pandis__halve_ball(pandis__proxy *p) { p->ball[3] *= 0.5, p->ball[4] = fmin(p->ball[4], p->ball[3]); }
+
 /* Move towards a place that is beyond what is known to be free: to the rim of the ball, where it is looked at next. */
 static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
@@ -157,7 +160,18 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
         double to = pandis__between(target, rim), within = to > look.free ? look.free / to : 1;
         for (int k = 0; k < 3; k++) place[k] = rim[k] + within * (target[k] - rim[k]);
         pandis__take_ball(p, &look);
+        if (!p->exact) { /* a field that is steeper than a distance says that more is free than is */
+            pandis__look near;
+            if (!pandis__look_at(p, place, &near)) return 0;
+            if (near.distance < -PANDIS__SLIVER) {
+                memcpy(place, rim, sizeof place);
+                pandis__halve_ball(p);
+                look = near;
+            }
+        }
         pandis__arrive(p, way, place);
+    } else if (!p->exact) {
+        pandis__halve_ball(p);
     }
     pandis__learn(p, &look, p->x, 0);
     return 1;
@@ -298,7 +312,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
     memcpy(held, p->plane, sizeof held);
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
-        if (!(way->active >> i & 1) || !(rests || distant)) continue;
+        if (!((way->active | way->rubs) >> i & 1) || !(rests || distant)) continue;
         /* on its way from so near that the foot is no distant one again */
         int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
@@ -308,6 +322,10 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
         pandis__look look;
         if (!pandis__look_at(p, p->x, &look)) return -1;
         if (look.distance < -p->blur) changed = 1, pandis__learn(p, &look, p->x, look.distance);
+        else if (look.distance > fmax(p->blur, PANDIS__ABOVE)) { /* it does not touch what holds it */
+            changed = 1, p->count = 0;
+            pandis__learn(p, &look, p->x, 0);
+        }
     }
     return changed;
 }
@@ -336,7 +354,8 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < PANDIS__HOVER / 8)) {
+        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* what one hop does, in a groove, too */
+        if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < small)) {
             way->held |= p->queries >= c->options.budget;
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
             return 1;
