@@ -51,7 +51,7 @@ rule report:
         options=plan.options("report"),
         code=plan.code("report"),
     message:
-        "all meshes: write results/report.html"
+        "all meshes: write the report"
     script:
         "../scripts/report.py"
 

@@ -5,6 +5,7 @@
  * probe, and out of the surface again by planes that are looked at for this step alone. */
 
 #define PANDIS__PACE 4.8e-3        /* its longest step; it begins with an eighth of that, */
+#define PANDIS__CHORD 1.6e-3       /* the longest of which the proxy goes a part, straight on, */
 #define PANDIS__TIRED (1 / 1024.0) /* and ends at so small a share, for each step that fails halves the next */
 #define PANDIS__IDLE 16            /* it begins at this count: a step of the contact that leads nowhere is 2, another -1 */
 #define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
@@ -82,7 +83,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
         double goal[3], left = pandis__between(probe, p->x), along = 0, share = 1;
         if (left <= PANDIS__SMALL) break;
-        const double pace = first ? 0 : fmin(fmax(c->pace, clear), left);
+        const double pace = first ? 0 : fmin(fmax(fmin(c->pace, fmax(PANDIS__CHORD, way->travel)), clear), left);
         for (int k = 0; k < 3; k++) goal[k] = p->x[k] + pace / left * (probe[k] - p->x[k]);
         const int count = p->count;
         memcpy(known, p->plane, sizeof known);
@@ -101,20 +102,19 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
         if (good == 1 && p->exact) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 1, step > PANDIS__SLIVER) : 0;
         if (good < 0) return 0;
+        double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
+        if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
+        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD; /* of a long step a part may lie inside */
         if (good || first) memcpy(side, look.normal, sizeof side);
-        if (!good) {
+        if (!good || cuts) {
             p->count = count;
             memcpy(p->plane, known, sizeof known);
-            if (!first) c->pace /= 2;
+            if (!first) c->pace = good ? fmax(PANDIS__CHORD, 0.9 * share * pace) : c->pace / 2;
             slope = 1;
             clear = 0;
             continue;
         }
-        if (p->count && !first) {
-            if (slip < 0) slip = way->soft < 1 ? way->soft * (along - friction) : 1e300;
-            share = fmax(0, fmin(1, fmin(slip, way->travel) / step));
-            slip -= share * step, way->travel -= share * step, way->slid += share * step;
-        }
+        if (p->count && !first) slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
         for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
         c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
         if (!p->exact) { /* an empty ball on the surface makes the next step look at it from above */
