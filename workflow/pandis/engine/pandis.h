@@ -4009,8 +4009,6 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
-static void pandis__halve_ball(pandis__proxy *p) { p->ball[3] *= 0.5, p->ball[4] = fmin(p->ball[4], p->ball[3]); }
-
 /* Move towards a place that is beyond what is known to be free: to the rim of the ball, where it is looked at next. */
 static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
@@ -4030,13 +4028,10 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
             if (!pandis__look_at(p, place, &near)) return 0;
             if (near.distance < -PANDIS__SLIVER) {
                 memcpy(place, rim, sizeof place);
-                pandis__halve_ball(p);
                 look = near;
             }
         }
         pandis__arrive(p, way, place);
-    } else if (!p->exact) {
-        pandis__halve_ball(p);
     }
     pandis__learn(p, &look, p->x, 0);
     return 1;
