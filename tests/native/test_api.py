@@ -12,6 +12,7 @@ import subprocess
 import numpy as np
 import pytest
 
+import pandis
 from pandis.base.errors import PandisError
 from pandis.engine.layout import compare_layouts
 from pandis.runtime.contact import NativeContact, Options, TouchedScene, library
@@ -91,6 +92,13 @@ def compiled(folder, compiler, *flags, source=None, text=""):
     command = [compiler, *flags, "-O1", "-I", ENGINE, source, "-o", folder / "main", "-lm"]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     return done.stderr if done.returncode else folder / "main"
+
+
+def test_the_parts_of_the_version_are_those_of_the_library():
+    """They said 0.1.0 beside "0.2.0"."""
+    parts = re.findall(r"#define PANDIS_VERSION_\w+ (\d+)", HEADER)
+    assert ".".join(parts) == pandis.__version__
+    assert f'#define PANDIS_VERSION "{pandis.__version__}"' in HEADER
 
 
 @pytest.mark.slow

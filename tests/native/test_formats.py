@@ -50,7 +50,7 @@ def cooked(body, monkeypatch):
 def test_a_file_for_newton_holds_mesh_options_and_provenance(cooked, body, tmp_path):
     """Newton finds the distances by the name that it makes of the mesh that is in the file."""
     data, lines = cooked()
-    assert "µm in the mean" in lines[0]
+    assert "µm on average" in lines[0]
     path = tmp_path / "newton.npz"
     path.write_bytes(data)
     check_seal(path)

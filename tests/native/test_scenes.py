@@ -299,7 +299,7 @@ def test_a_scene_is_tried(tried):
     assert 0 < proxies["queries_mean"] < 8
     assert proxies["touched_share"] > attributes["touched_share"]  # a proxy stays where it was
     assert arrays["proxy_force"].any()
-    assert json.loads(text)["sentence"].endswith("every force is that of asking every object")
+    assert json.loads(text)["sentence"].endswith("every force equals that of asking every object")
     steps = np.linalg.norm(np.diff(arrays["points"], axis=0), axis=1)
     assert np.median(steps) == pytest.approx(5e-4)
     left = attributes["objects"][0]

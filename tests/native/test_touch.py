@@ -61,7 +61,7 @@ def test_with_a_proxy_the_force_points_back_to_where_the_probe_came_from(exporte
     ("damage", "said"),
     [
         (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"), "about another file"),
-        (lambda path: (path.parent.parent / "hardware.json").unlink(), "is not there"),
+        (lambda path: (path.parent.parent / "hardware.json").unlink(), "does not exist"),
         (lambda path: (path.parent.parent / "hardware.json").write_text("{}"), "of this version"),
     ],
 )
@@ -84,7 +84,7 @@ def test_another_size_or_device_is_not_what_was_found_safe(exported):
     (exported.parent.parent / "hardware.json").write_text(json.dumps(report | {"rate": 10_000.0}))
     assert "about 10000 Hz" in touch.known(exported, "touch", 0.1).why
     (exported.parent.parent / "hardware.json").write_text(json.dumps(report))
-    assert "knows no falcon" in touch.known(exported, "falcon", 0.1).why
+    assert "does not cover falcon" in touch.known(exported, "falcon", 0.1).why
 
 
 def test_a_damaged_field_is_one_sentence(exported, capsys):

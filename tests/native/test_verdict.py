@@ -142,7 +142,7 @@ def test_every_device_is_named(files, surface):
     walls = changed(WHOLE, pressed_missing=2)
     failed = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
     assert failed.verdict == "fail"
-    assert "at 2 of the points that a device presses on the force is missing" in failed.sentence
+    assert "the force is missing at 2 of the points that a device presses on" in failed.sentence
     assert "do not use it" in failed.sentence
     walls = changed(WHOLE, missing=0.02, holds=False)
     lacking = press_devices(NativeField(files["torus"]), surface, walls, options)["touch"]
@@ -212,7 +212,7 @@ def test_a_stand_in_is_never_a_device(arm, fault, libraries, files, monkeypatch)
     assert found.stand_in
     assert not found.hardware
     assert found.stiffness == DEVICES["touch"].stiffness
-    assert "nothing of it is a hardware result" in found.statement
+    assert "this is no hardware result" in found.statement
     assert arrays["force"].any() == arm
     statement = _statement({"sphere": changed(SOUND, attached=found)})
     assert "forces were sent" not in statement
@@ -279,7 +279,7 @@ def test_without_a_safe_stiffness_no_force_is_sent(libraries, files, monkeypatch
     arrays, found = attach(libraries[1], files, monkeypatch, allowed=False)
     assert not found.armed
     assert not arrays["force"].any()
-    assert "though it was to be armed: no safe stiffness is known" in found.statement
+    assert "although arming was asked for: no safe stiffness is known" in found.statement
 
 
 def test_the_stiffness_that_is_sent_is_the_one_found_safe(libraries, files, monkeypatch):

@@ -59,8 +59,8 @@ def stale(tree, name, old, new, options=None):
     [
         (
             "engine/pandis.h",
-            "/* An answer to one point.",
-            "/* An answer to one point, and more.\n *",
+            "/* The answer at a point.",
+            "/* The answer at a point, and more.\n *",
         ),
         (
             "engine/pandis.h",

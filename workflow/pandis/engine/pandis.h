@@ -14,7 +14,7 @@
  *     ...
  *     pandis_close(&bunny);
  *
- * Several objects, of which only those are asked that the probe may touch:
+ * Several objects; only those that the probe may touch are queried:
  *
  *     pandis_object objects[2] = {...};        fields and where they lie
  *     static double room[PANDIS_SCENE_ROOM(2)];
@@ -24,26 +24,26 @@
  *
  * Positions and distances are in the units of the mesh that the field was made from; distances are
  * negative inside, normals point outward and have unit length. A field is only read: any number of
- * threads may ask it. The format of the file: docs/format.md of pandis.
+ * threads may query it. The file format: docs/format.md of pandis.
  *
  * C99 or later, or C++11 or later. It needs no flags: with -O2 alone it is about as fast as with -O3
- * -march=native, since GCC and clang compile what takes most time for AVX2, too, which is taken on x86-64
+ * -march=native, since GCC and clang also compile the hot functions for AVX2, which is used on x86-64
  * machines that have it (not on Windows; PANDIS_NO_DISPATCH leaves it out). Every compiler, every machine
  * and every vector width gives the same bits (clang not with -ffp-contract=fast). With -ffast-math or x87
- * arithmetic it does not compile, for it would answer wrongly; parts of -ffast-math that no macro shows are
- * found by a test of the arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network
- * 80 KB: define a smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16), and it needs four bytes times
- * (depth + 2) times width. Define PANDIS_API as `static inline` to keep the names to one source file,
+ * arithmetic it does not compile: answers would be wrong. pandis_open tests for parts of -ffast-math that
+ * no macro shows. A query needs at most 8 KB of stack, one of a network 80 KB. With a smaller
+ * PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16) that is four bytes times (depth + 2)
+ * times width. Define PANDIS_API as `static inline` to keep the names to one source file,
  * PANDIS_NO_FILE to leave out what opens files.
  *
- * In a loop that must keep its time: open fields before the loop (a file is read and checked, which
+ * For a real-time loop: open fields before the loop (a file is read and checked, which
  * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on Windows raise
  * the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to pandis_open), ask every
  * field a few points once so that its pages and the caches are filled, and give the thread a real-time
  * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
  * depends on the place, except for meshes: where very many faces are about equally near (the middle of a finely
- * tessellated ball) a query can take some hundreds of times as long as usual; it is cut after
- * as many steps as its file says: see PANDIS_CUT.
+ * tessellated ball) a query can take some hundreds of times as long as usual. It is cut after the steps
+ * that its file allows: see PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. It needs nothing else of it.
@@ -71,9 +71,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Of this header; a file says which version of the format it has (PANDIS_FORMAT_VERSION). */
+/* Version of this header; a file states its format version (PANDIS_FORMAT_VERSION). */
 #define PANDIS_VERSION_MAJOR 0
-#define PANDIS_VERSION_MINOR 1
+#define PANDIS_VERSION_MINOR 2
 #define PANDIS_VERSION_PATCH 0
 #define PANDIS_VERSION "0.2.0"
 #define PANDIS_FORMAT_VERSION 4
@@ -90,34 +90,33 @@ extern "C" {
 typedef enum {
     PANDIS_OK = 0,      /* within the accuracy of the field */
     PANDIS_BOUND = 1,   /* outside of what the field covers: the side is right, the distance an estimate that may be too large */
-    PANDIS_INVALID = 2, /* no answer: an argument is beyond its range, no finite number, or the field overflowed */
-    PANDIS_CUT = 3,     /* so many faces are about equally near (around the middle of a finely tessellated ball) that not all
-                         * were looked at: the distance may be too large, by some hundredths of the object, see
-                         * pandis_answer.clear. Next to the surface nothing was cut of all that was tried when the file was
-                         * made */
-    PANDIS_BEYOND = 4   /* of pandis_query_within alone: no surface is within its reach */
+    PANDIS_INVALID = 2, /* no answer: an argument is out of range or not finite, or the field overflowed */
+    PANDIS_CUT = 3,     /* the search was cut short: too many faces are about equally near (around the middle of a finely
+                         * tessellated ball). The distance may be too large, by some hundredths of the object: see
+                         * pandis_answer.clear. No point tried next to the surface when the file was made was cut */
+    PANDIS_BEYOND = 4   /* pandis_query_within only: no surface is within its reach */
 } pandis_flag;
 
 /* Why something cannot be opened or changed. Errors are negative and flags are not, so neither is taken for the other. */
 typedef enum {
     PANDIS_SUCCESS = 0,
     PANDIS_ERROR_FILE = -1,        /* the file cannot be read */
-    PANDIS_ERROR_FORMAT = -2,      /* it is no such file */
-    PANDIS_ERROR_ENDIAN = -3,      /* its bytes are in the other order, or this machine's are */
+    PANDIS_ERROR_FORMAT = -2,      /* not a .pandis file */
+    PANDIS_ERROR_ENDIAN = -3,      /* wrong byte order, of the file or of this machine */
     PANDIS_ERROR_VERSION = -4,     /* it is of a later version, or a mesh of an earlier one */
     PANDIS_ERROR_SIZE = -5,        /* it is shorter or longer than it says */
     PANDIS_ERROR_CHECKSUM = -6,    /* its bytes have changed */
-    PANDIS_ERROR_CONTENT = -7,     /* what it says does not fit together, or this kind of field cannot do that */
-    PANDIS_ERROR_POSE = -8,        /* an object of a scene lies nowhere: see pandis_object */
+    PANDIS_ERROR_CONTENT = -7,     /* its content is inconsistent, or this kind of field cannot do that */
+    PANDIS_ERROR_POSE = -8,        /* an object or a pose is invalid: see pandis_object */
     PANDIS_ERROR_ALIGNMENT = -9,   /* the bytes do not begin at a multiple of 8 */
     PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags under which it would answer wrongly */
     PANDIS_ERROR_LARGE = -11,      /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
-    PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
-    PANDIS_ERROR_KIND = -13,       /* a grid of forces, which knows no distance outside, cannot have a contact */
-    PANDIS_ERROR_RADIUS = -14,     /* of a probe: larger than what the field knows of free space around its surface */
-    PANDIS_ERROR_OPTIONS = -15,    /* an option of a contact is beyond its range: see pandis_contact_options */
-    PANDIS_ERROR_COUNT = -16,      /* an array has fewer or more elements than this takes */
-    PANDIS_ERROR_HEADER = -17      /* the compiled part is of another version of this header, or was packed otherwise */
+    PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is not finite, or beyond 1e30 in the unit frame */
+    PANDIS_ERROR_KIND = -13,       /* a grid of forces cannot have a contact: it has no distances outside */
+    PANDIS_ERROR_RADIUS = -14,     /* the probe is larger than the free space known around the field's surface */
+    PANDIS_ERROR_OPTIONS = -15,    /* a contact option is out of range: see pandis_contact_options */
+    PANDIS_ERROR_COUNT = -16,      /* an array is shorter or longer than required */
+    PANDIS_ERROR_HEADER = -17      /* the implementation is of another version of this header, or packed differently */
 } pandis_error;
 
 /* What a field is. */
@@ -131,27 +130,27 @@ typedef enum {
     PANDIS_COMPACT = 6
 } pandis_kind;
 
-/* An answer to one point. */
+/* The answer at a point. */
 typedef struct {
     double distance;  /* mesh units, negative inside */
     double normal[3]; /* outward, of unit length */
-    double slope;     /* length of the vector that was scaled to the normal: 1 of meshes and closed forms; elsewhere about 1, and
+    double slope;     /* length of the vector that was normalised: 1 for meshes and closed forms; elsewhere about 1, but
                        * clearly less near the medial axis, where two walls are about equally near and the normal is about to
-                       * turn; 0 of grids of forces, which have none */
-    double clear;     /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
+                       * turn; 0 for grids of forces, which have none */
+    double clear;     /* meshes: no surface is nearer than this, up to rounding; else |distance| */
     pandis_flag flag;
     int32_t face;     /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a face
                        * beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG, know it */
     int32_t region;   /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
 
-/* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and used with
- * another field: it changes the time of a query, and no answer. */
+/* State that pandis_query_from keeps between queries: all zero before the first. It may be copied, or used with another
+ * field: it affects the time of a query, never the answer. */
 typedef struct {
     uint64_t room[16];
 } pandis_hint;
 
-/* Everything below is the implementation's: read it, but do not rely on it. */
+/* The structures below are internal: read them, but do not rely on them. */
 typedef struct {
     int32_t size; /* nodes per axis */
     double low, per_step;
@@ -176,9 +175,9 @@ typedef struct {
 typedef struct {
     int32_t size, bricks;  /* nodes and bricks per axis */
     double low, per_step;  /* place of node 0, nodes per length */
-    const uint16_t *brick; /* of each place: which kept brick it is, or 65535 */
+    const uint16_t *brick; /* for each place: its kept brick, or 65535 */
     const uint64_t *mask;  /* for each kept brick: a bit for each block it holds */
-    const uint32_t *base;  /* of each kept brick: how many blocks come before it */
+    const uint32_t *base;  /* for each kept brick: number of blocks before it */
 } pandis__layout;
 
 typedef struct {
@@ -187,12 +186,11 @@ typedef struct {
     double far_low, far_per_step, offset[3], scale[3], inside, outside;
     const int16_t *coarse, *far; /* coefficients: offset + scale * stored; of the band ... */
     const int8_t *fine;          /* ... and what is added to it there */
-    const uint8_t *side;         /* of each block of the coarse lattice's cells: whether it is outside */
+    const uint8_t *side;         /* for each block of coarse lattice cells: whether it is outside */
 } pandis__spline;
 
-/* What was collected around points of a spline, for those that come after: the coefficients from a node on, and what
- * pandis__collect has told, plus one (0: nothing is known). Of the coarse and the fine lattice, each as many cells as lie
- * in a cube of eight. */
+/* Cache of a spline's coefficients around recent points. An entry has its first node, 64 coefficients, and the result of
+ * pandis__collect plus one (0: empty). The coarse and the fine lattice have a cube of 8 x 8 x 8 entries each. */
 typedef struct {
     struct {
         int first[3], known;
@@ -207,17 +205,17 @@ typedef struct {
     int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
 } pandis__node;
 
-/* Up to eight triangles, rounded: a coordinate lies at origin + corner * step. Single precision finds with them which
- * triangles may be nearest; a distance is too large by at most slack + share * itself. */
+/* Up to eight triangles, rounded: a coordinate is origin + corner * step. They serve to find, in single precision, which
+ * triangles may be nearest. A distance d is too large by at most slack + share * d. */
 typedef struct {
-    uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; places that are not used repeat the first */
-    int32_t face[PANDIS__WIDTH];          /* -1: this place is not used */
+    uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; unused places repeat the first */
+    int32_t face[PANDIS__WIDTH];          /* -1: unused */
     float origin[3], step, slack, share;  /* of the unit frame; the step is a power of two */
 } pandis__leaf;
 
 typedef struct {
     int32_t vertex_count, face_count, node_count, leaf_count;
-    int32_t most; /* nodes, leaves and faces that a query looks at */
+    int32_t most; /* budget of a query: nodes, leaves and faces */
     double reach; /* largest coordinate */
     const double *vertices;
     const int32_t *faces;
@@ -225,8 +223,8 @@ typedef struct {
     const double *vertex_normals; /* (V, 3), angle-weighted, unit */
     const pandis__node *nodes;
     const pandis__leaf *leaves;
-    const int32_t *around, *corners_at; /* of a mesh that moves: of each vertex, the corners of faces that lie on it */
-    const float (*slacks)[2];           /* likewise: of each leaf, slack and share */
+    const int32_t *around, *corners_at; /* for a mesh that moves: for each vertex, the face corners at it */
+    const float (*slacks)[2];           /* likewise: slack and share of each leaf */
 } pandis__mesh;
 
 /* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to
@@ -238,8 +236,8 @@ typedef struct {
     int32_t child[PANDIS__WIDTH];    /* a branch if >= 0, else the complement of a block */
 } pandis__branch;
 
-/* Where a block of faces lies, in the section of blocks and in space: 21 bits of each coordinate of its
- * origin; faces less one and corners less one (6 bits each), bits that its extents need (5 each). */
+/* Where a block of faces lies, in the section of blocks and in space. origin: 21 bits an axis. counts: faces less one,
+ * corners less one (6 bits each), and the bits that its extents need (5 each). */
 typedef struct {
     uint32_t start, counts;
     uint64_t origin;
@@ -247,12 +245,12 @@ typedef struct {
 
 typedef struct {
     int32_t bits, branch_count, block_count;
-    int32_t most; /* groups of faces and blocks that a query looks at */
-    double step, reach; /* of the lattice, and the largest coordinate: unit frame */
+    int32_t most; /* budget of a query: groups of faces, and blocks */
+    double step, reach; /* step of the lattice and largest coordinate, unit frame */
     const pandis__branch *branches;
     const pandis__block_record *blocks;
     const unsigned char *packed;
-    const int32_t *original; /* of each place of each block: a face of mesh.zarr.zip; NULL: not said */
+    const int32_t *original; /* for each place of each block: a face of mesh.zarr.zip; NULL: unknown */
 } pandis__compact;
 
 typedef struct {
@@ -260,13 +258,13 @@ typedef struct {
     double size[3];
 } pandis__shape;
 
-typedef struct { /* of the implementation, but for its size: ask the functions below */
+typedef struct { /* internal except for its size: use the functions below */
     const unsigned char *data;
     size_t size;
     int kind, mapped;
     double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
     double low[3], high[3], margin[2], height; /* see pandis__measure; unit frame */
-    const uint8_t *regions;            /* of each face, in the field's own order; NULL: not said */
+    const uint8_t *regions;            /* one per face, in the field's own order; NULL: unknown */
     union {
         pandis__network network;
         pandis__grid grid;
@@ -279,14 +277,14 @@ typedef struct { /* of the implementation, but for its size: ask the functions b
 
 /* ---------------------------------------------------------------- versions and errors
  *
- * Functions marked [rt] may be called in a loop that must keep its time: they allocate nothing, lock nothing and make no
- * system call. Call all others before the loop. */
+ * Functions marked [rt] may be called in a real-time loop: they allocate nothing, lock nothing and make no system call.
+ * Call all others before the loop. */
 
-/* [rt] The version of the part that was compiled, as PANDIS_VERSION has that of this header. */
+/* [rt] The version of the compiled implementation; PANDIS_VERSION is that of this header. */
 PANDIS_API const char *pandis_version(void);
 
-/* Whether the compiled part has the version and the structures of the header that this line is compiled with: call it once
- * where both are built apart. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
+/* Check that the compiled implementation has the version and the structures of this header. Call it once if both are
+ * built separately. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
 #define PANDIS_CHECK() \
     pandis__check(PANDIS_VERSION, sizeof(pandis_field), sizeof(pandis_contact_options), sizeof(pandis_touch))
 PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch);
@@ -296,7 +294,7 @@ PANDIS_API const char *pandis_error_text(pandis_error error);
 
 /* ---------------------------------------------------------------- fields */
 
-/* Open a field from bytes, all of which are checked, so that no query can leave them.
+/* Open a field from bytes. They are checked, so that no query reads outside them.
  *
  * field    filled in; closed on error
  * data     kept by the caller until the field is closed, at a multiple of 8 (in C11: _Alignas(8) on an array)
@@ -304,12 +302,12 @@ PANDIS_API const char *pandis_error_text(pandis_error error);
 PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size);
 
 #ifndef PANDIS_NO_FILE
-/* Open a file, read into memory of its own. With PANDIS_MMAP defined it is mapped instead (not on Windows), and must not be
- * overwritten while it is open. The path is in UTF-8, on Windows, too. */
+/* Open a file by reading it into memory. With PANDIS_MMAP defined it is mapped instead (not on Windows), and must not be
+ * overwritten while it is open. The path is UTF-8, also on Windows. */
 PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path);
 #endif
 
-/* Close a field; a second time does nothing. No other thread may ask it any more. */
+/* Close a field; closing it again does nothing. No other thread may still use it. */
 PANDIS_API void pandis_close(pandis_field *field);
 
 /* [rt] What a field is: PANDIS_CLOSED after pandis_close. */
@@ -329,28 +327,28 @@ PANDIS_API double pandis_longest_side(const pandis_field *field);
  * there is no such region. */
 PANDIS_API const char *pandis_region(const pandis_field *field, int region);
 
-/* [rt] What the field was made from and how: JSON of `*size` bytes, which does not end with a zero and lives as long as the
- * field is open; NULL if there is none. */
+/* [rt] What the field was made from and how: JSON of `*size` bytes, not zero-terminated and valid as long as the field is
+ * open; NULL if there is none. */
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size);
 
-/* [rt] Answer one point. Without an answer (PANDIS_INVALID: a coordinate is no finite number, or beyond 1e150)
+/* [rt] Answer one point. Without an answer (PANDIS_INVALID: a coordinate is not finite, or beyond 1e150)
  * distance, normal and slope are NaN.
  *
  * point    mesh units */
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
-/* [rt] Answer one point if the surface is nearer than a reach, to the last bit as pandis_query does. Else the flag may be
- * PANDIS_BEYOND: then no surface is nearer than answer->clear, which is the reach (or less, if the search was cut short), nothing is
- * said of the side, and distance, normal and slope are NaN. Of meshes that takes a look at a few boxes, wherever the point is;
- * other fields, and a reach that is negative or NaN, are answered in full.
+/* [rt] Answer one point as pandis_query does, bit for bit, if the surface is nearer than a reach. Else the flag may be
+ * PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach (or less, if the search was cut short); the
+ * side is unknown, and distance, normal and slope are NaN. For meshes that takes a few box tests, wherever the point is.
+ * Other fields, and a negative or NaN reach, are answered in full.
  *
  * point    mesh units
  * reach    mesh units, from 0 on */
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer);
 
-/* [rt] Answer one point, to the last bit as pandis_query does. Of `exact` meshes it saves time where the point before, with
- * the same hint, was near; in the middle of a ball it costs some. Other fields have no use for a hint.
+/* [rt] Answer one point as pandis_query does, bit for bit. For `exact` meshes it saves time if the previous point with
+ * the same hint was near; in the middle of a ball it costs some. Other fields do not use the hint.
  *
  * point    mesh units
  * hint     all zero before the first query */
@@ -361,11 +359,11 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
  * Takes less than half the time for a network whose normal is its gradient; otherwise the same. */
 PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance);
 
-/* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. Of meshes and closed forms they
- * are those of what is nearest: 0 next to a face, round next to an edge or a corner; of splines and grids of distances those
- * of their formula; elsewhere (networks, and wherever the flag is PANDIS_BOUND) they are differences over a few thousandths
- * of the object or less. Where the distance has a crease they are those of one side. PANDIS_INVALID, and NaN, without an
- * answer and of grids of forces. */
+/* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. For meshes and closed forms
+ * they are those of the nearest feature: 0 next to a face, round next to an edge or a corner. For splines and grids of
+ * distances they follow from the formula. Elsewhere (networks, and where the flag is PANDIS_BOUND) they are differences
+ * over a few thousandths of the object or less. At a crease they are those of one side. PANDIS_INVALID, and NaN, without
+ * an answer and for grids of forces. */
 PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
                                           double hessian[9]);
 
@@ -386,23 +384,23 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
 
 /* ---------------------------------------------------------------- meshes whose vertices move (`exact` fields alone) */
 
-/* [rt] How many vertices a mesh has, and how many bytes a shape of its own takes; 0 for any other field. */
+/* [rt] Vertices of a mesh, and bytes of room that pandis_refit_open needs; both 0 for any other field. */
 PANDIS_API size_t pandis_vertex_count(const pandis_field *field);
 PANDIS_API size_t pandis_refit_room(const pandis_field *field);
 
-/* Begin a field that answers all queries as another one does, but for a shape of its own. It needs no closing.
+/* Begin a mesh field that has the faces of another one, and vertices that can move. It needs no closing.
  *
  * moving   filled in
- * field    a mesh, which stays open as long
+ * field    a mesh, to be kept open as long
  * room     of at least pandis_refit_room bytes, at a multiple of 8, kept by the caller
  * size     of the room, bytes
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (no mesh), PANDIS_ERROR_ALIGNMENT or PANDIS_ERROR_COUNT (too little room). */
 PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size);
 
-/* [rt] Move the vertices. Distances are then those of a tree that was built anew, to the last bit. The frame stays: points
- * beyond its box are answered, and flagged PANDIS_BOUND. Tell scenes (pandis_scene_moved) and contacts
- * (pandis_contact_reshaped). No other thread may ask the field meanwhile.
+/* [rt] Move the vertices. Distances are then bit for bit those of a newly built tree. The unit frame stays: points beyond
+ * its box are answered and flagged PANDIS_BOUND. Tell scenes (pandis_scene_moved) and contacts (pandis_contact_reshaped).
+ * No other thread may use the field meanwhile.
  *
  * vertices  3 * count doubles, mesh units, in the order of mesh.zarr.zip
  * count     pandis_vertex_count
@@ -411,32 +409,32 @@ PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_fie
 PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertices, size_t count);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
-/* A shape that one thread moves while another asks, and neither waits: of three shapes one is written, one is asked, and
- * the newest whole one is handed over. One thread refits, one takes. Its content is the implementation's. */
+/* A mesh that one thread moves while another queries it; neither waits. Of three shapes one is written, one is queried,
+ * and the newest complete one is handed over. One thread refits, one takes. The contents are internal. */
 typedef union {
     double aligned;
     unsigned char bytes[3 * sizeof(pandis_field) + 16];
 } pandis_handover;
 
-/* [rt] Bytes of three shapes; 0: no such field. */
+/* [rt] Bytes for three shapes; 0: not a mesh. */
 PANDIS_API size_t pandis_handover_room(const pandis_field *field);
 
-/* Begin a handover; arguments and errors as of pandis_refit_open, with room of pandis_handover_room bytes. */
+/* Begin a handover. Arguments and errors as for pandis_refit_open; room has pandis_handover_room bytes. */
 PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room,
                                              size_t size);
 
 /* [rt] Move the vertices, as pandis_refit does, and hand the shape over. */
 PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const double *vertices, size_t count);
 
-/* [rt] Make `moving` the newest whole shape, at the beginning of a tick: it stays as it is until the next time. Returns 1
- * if it is another shape than before, or the first time, else 0: after 1 tell scenes (pandis_scene_moved) and contacts
+/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. It stays as it is until the next call.
+ * Returns 1 if the shape is new, or the first time; else 0. After 1 tell scenes (pandis_scene_moved) and contacts
  * (pandis_contact_reshaped). */
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
 #endif
 
 /* ---------------------------------------------------------------- objects and what they feel like */
 
-/* An object: a field, and where it lies. A point p of the mesh lies at scale * rotation * p + translation of the scene. */
+/* An object: a field, and where it lies. A point p of the mesh lies at scale * rotation * p + translation in the scene. */
 typedef struct {
     const pandis_field *field; /* open as long as the object is used */
     double rotation[9];        /* by rows; without reflection: columns of unit length, at right angles, within 1e-6 */
@@ -451,20 +449,20 @@ typedef struct {
  * force    in the directions of the scene */
 PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
 
-/* What a surface feels like, beside its stiffness, which is the object's. Everything is in units of the scene, from 0 to
- * 1e100; all zero is smooth. */
+/* How a surface feels, apart from the object's stiffness. All values are in units of the scene, from 0 to 1e100; all zero
+ * is smooth. */
 typedef struct {
-    double sticking; /* force along the surface per force against it, up to which the proxy stays where it is ... */
-    double sliding;  /* ... and what it drags once it slides: at most `sticking` */
-    double damping;  /* force per speed of the probe along the normal, never so that it pulls towards the surface */
+    double sticking; /* static friction: force along the surface per force against it up to which the proxy stays */
+    double sliding;  /* sliding friction, likewise, at most `sticking` */
+    double damping;  /* force per speed of the probe along the normal; it never pulls towards the surface */
     double drag;     /* force per speed along the surface */
 } pandis_material;
 
-/* A height over the surface, which a proxy feels. It only adds, so walls hold as they do without it. Slopes up to about 0.65
- * are followed; on steeper ones the proxy falls behind. */
+/* A height above the surface, which a proxy feels. It is never negative: walls hold as without it. The proxy follows
+ * slopes up to about 0.65; on steeper ones it falls behind. */
 typedef struct {
-    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the surface (mesh units) and of
-     * its region (pandis_answer). It is called in the loop, so it has to be [rt], too */
+    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the surface (mesh units) in a
+     * region (pandis_answer). It is called in the loop, so it must be [rt], too */
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data; /* passed on to `height` */
     double most;      /* mesh units, from 0 on */
@@ -483,9 +481,9 @@ typedef struct {
 } pandis_bumps;
 PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
 
-/* [rt] A texture for each region: `count` of them in the order of the regions, of which one whose height is NULL is
- * smooth. What has no region, or one beyond them, has the first, as with materials. The texture that is made of them has
- * pandis_by_region for its height, and the largest `most` and `steepest` of them all. */
+/* [rt] A texture for each region: `count` of them, in the order of the regions; a NULL height is smooth. Places without a
+ * region, or with one beyond these, have the first, as with materials. The combined texture has pandis_by_region as its
+ * height, and the largest `most` and `steepest` of them all. */
 typedef struct {
     const pandis_texture *textures;
     int32_t count;
@@ -494,30 +492,30 @@ PANDIS_API double pandis_by_region(const void *patches, const double point[3], i
 
 /* ---------------------------------------------------------------- contacts
  *
- * What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which is
- * where the device is, hangs on it by a spring. One contact belongs to one probe, one object and one thread. */
+ * The force on a probe that is kept out of an object. The proxy is a ball that never goes through the surface. A spring
+ * ties it to the probe, which is where the device is. A contact belongs to one probe, one object and one thread. */
 
 /* Options of a contact. Start from pandis_contact_defaults, and change only what should differ. */
 typedef struct {
-    double radius;  /* of the proxy, scene lengths, 0: a point. Up to 1e100 on meshes, compact meshes, closed forms and networks;
-                     * on splines and grids up to 0.95 of the height over the surface up to which they are made (1 mm of 100
-                     * by default), else PANDIS_ERROR_RADIUS. Default 0 */
-    double slide;   /* scene lengths per second, from 0 on, by which the proxy moves beside the probe's own way: it bounds steps
-                     * of the force at ridges. Default: half of the object's longest side */
+    double radius;  /* of the proxy, scene lengths; 0: a point. Up to 1e100 for meshes, compact meshes, closed forms and
+                     * networks; for splines and grids up to 0.95 of the height above the surface that they cover (by default
+                     * 1 mm of 100), else PANDIS_ERROR_RADIUS. Default 0 */
+    double slide;   /* speed of the proxy in excess of the probe's: scene lengths per second, at least 0. It bounds steps of
+                     * the force at ridges. Default: half the object's longest side */
     int32_t budget; /* A step ends after this many queries (a look under way may add two, and `regions` one), and the next step
                      * continues it. At least 8: with fewer, every step would start over. Default 24 */
-    const pandis_material *materials; /* of each region, kept by the caller, who may change their values between steps; what
-                                       * has no region, or one beyond them, has the first. Default NULL: smooth */
+    const pandis_material *materials; /* one per region, kept by the caller, who may change their values between steps. Places
+                                       * with no region, or one beyond these, have the first. NULL: smooth */
     size_t material_count;            /* 0: smooth */
     const pandis_texture *texture;    /* of the surface, kept by the caller; NULL, the default: none */
-    const pandis_field *regions;      /* whose regions count, if the object's field has none: a mesh of the same object, open as
+    const pandis_field *regions;      /* source of regions if the object's field has none: a mesh of the same object, open as
                                        * long; NULL, the default: none */
 } pandis_contact_options;
 
 /* [rt] The defaults for an object. */
 PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object);
 
-/* The state of a contact, which may be copied. Its content is the implementation's. */
+/* The state of a contact, which may be copied. Its contents are internal. */
 #define PANDIS_CONTACT_BYTES 1024
 typedef union {
     double aligned;
@@ -528,24 +526,24 @@ typedef union {
 typedef enum {
     PANDIS_TOUCHING = 1, /* the surface holds the proxy back */
     PANDIS_STICKING = 2, /* friction holds it, too */
-    PANDIS_BEHIND = 4,   /* the budget, or `slide`, did not let the proxy go as far as it would */
-    PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. From which side it came is not known, so nothing
-                          * pushes it out; but it is held at the depth where it began, or the least that it has reached since.
-                          * Where the field knows no distance so deep inside, there is no force until the probe is out */
+    PANDIS_BEHIND = 4,   /* the budget or `slide` stopped the proxy short of its goal */
+    PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. The side it came from is unknown, so nothing
+                          * pushes it out. It is held at the depth where it began, or at the least depth since. Where the
+                          * field knows no distance that deep inside, there is no force until the probe is out */
 } pandis_touch_bits;
 
-/* What a step answers, in units and directions of the scene. */
+/* Result of a step, in units and directions of the scene. */
 typedef struct {
     double force[3], proxy[3];
-    double normal[3]; /* of the surface (of several, of all together) against which the proxy is pressed; 0 if it is not */
-    double depth;     /* by which the probe is pressed beyond the proxy, along the normal */
-    double slip;      /* by which the proxy slid along the surface */
+    double normal[3]; /* of the surface, or of several combined, that the proxy is pressed against; 0 if there is none */
+    double depth;     /* how far the probe is pressed past the proxy, along the normal */
+    double slip;      /* how far the proxy slid along the surface */
     int state;        /* pandis_touch_bits */
     pandis_flag flag; /* the worst of the queries; PANDIS_INVALID: no force, and the proxy stays */
     int planes;       /* that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
     int queries;      /* that this step took */
     int32_t object;   /* of a scene: its index */
-    int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, where the field says it: see pandis_answer */
+    int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, if the field knows it: see pandis_answer */
     int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
@@ -559,22 +557,22 @@ typedef struct {
 PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
                                             const pandis_contact_options *options);
 
-/* [rt] The options of a contact that is open, and others for it, which count from the next step on. After an error the old
- * ones stay. Another radius moves the walls: of a scene's contact, call pandis_scene_moved, too. */
+/* [rt] Get or set the options of an open contact. New ones apply from the next step on; after an error the old ones stay.
+ * A new radius moves the walls: for a scene's contact, call pandis_scene_moved, too. */
 PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *contact);
 PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options);
 
-/* [rt] Move the probe. On its way to the probe the proxy never goes through the surface: free motion is followed, however
- * thin what lies between; along the surface it takes short steps, on up to three planes at once, of the eight that it knows.
+/* [rt] Move the probe. The proxy follows it through free space and never goes through the surface, however thin a wall
+ * is. Along the surface it takes short steps, on up to three planes at once, of the eight that it knows.
  *
- * object    it may have another pose than last time: the proxy goes with it. With another field or scale the contact begins
- *           anew; if the probe is inside then, the state is PANDIS_WAITING
+ * object    its pose may differ from last time: the proxy moves with it. With another field or scale the contact begins
+ *           anew; if the probe is then inside, the state is PANDIS_WAITING
  * position  of the probe, scene lengths
  * dt        seconds since the last step, more than 0. Steps of 0.2 to 5 ms are tried
  *
- * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is beyond its range, means no force in
- * this tick: it drops to zero at once. The force changes by at most the object's stiffness times (twice the way of the probe + slide * dt),
- * beside what damping adds. An object that jumps counts as a way of the probe. */
+ * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is out of range, means no force in
+ * this tick: it drops to zero at once. Apart from damping, the force changes by at most the object's stiffness times
+ * (twice the way of the probe + slide * dt). A jump of the object counts as a way of the probe. */
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
                                            double dt, pandis_touch *touch);
 
@@ -584,16 +582,16 @@ PANDIS_API void pandis_contact_reshaped(pandis_contact *contact);
 
 /* ---------------------------------------------------------------- scenes
  *
- * Objects under one probe. Each is asked again only when the probe may touch it: a field that is nowhere nearer than d cannot
- * be touched before the probe has gone that far. One probe, and one thread, has a scene of its own. */
+ * Objects that one probe can touch. Each is queried again only when the probe may touch it: a field at distance d cannot
+ * be touched before the probe has moved that far. Each probe needs its own scene, in one thread. */
 
-/* The state of a scene. Its content is the implementation's. */
+/* The state of a scene. Its contents are internal. */
 typedef union {
     double aligned;
     unsigned char bytes[256];
 } pandis_scene;
 
-/* Doubles that a scene of this many objects needs; objects that are looked at together. */
+/* Objects that are tested together, and doubles that a scene of `count` objects needs. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
     (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
@@ -604,23 +602,22 @@ typedef union {
  * room         of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
  * room_length  doubles in the room
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE, and objects that lie nowhere are left out; or PANDIS_ERROR_COUNT, and the scene is
- * empty. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT: the scene is empty. */
 PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
                                           size_t room_length);
 
-/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped (then call pandis_contact_reshaped of its contact, too),
+/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped (call pandis_contact_reshaped for its contact, too),
  * or given another field.
  *
  * object   its index
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE, and the object is left out until it lies somewhere; or PANDIS_ERROR_COUNT: there is
- * no such object. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: the object is left out until it is valid; or PANDIS_ERROR_COUNT: there is no
+ * such object. */
 PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
-/* [rt] The sum of the penalty forces of all objects, in their order, to the last bit that of pandis_object_force as long as no
- * field's distance is further off than its file says. It changes nothing of what pandis_scene_touch answers, in whatever
- * order they are called. Returns the worst flag of those that were asked.
+/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of pandis_object_force as long as
+ * no field's distance is farther off than its file says. It does not affect pandis_scene_touch, in whatever order they
+ * are called. Returns the worst flag of the objects queried.
  *
  * point    scene lengths, at most 1e100 */
 PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
@@ -635,12 +632,12 @@ PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double poin
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
                                                 const pandis_contact_options *options, size_t count);
 
-/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum of theirs, in the order of
- * the objects, to the last bit that of stepping all of them. An object that is moved carries its proxy along.
+/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum of theirs, in the order
+ * of the objects, bit for bit as if all had been stepped. A moved object carries its proxy along.
  *
  * position  scene lengths, at most 1e100
  * dt        seconds since the last step, more than 0
- * touches   filled in, of those objects that are touched or whose proxy is behind; NULL: none
+ * touches   filled in for objects that are touched or whose proxy is behind; NULL: none
  * most      touches that there is room for
  * touched   how many such objects there are, which may be more than `most`; NULL: not wanted
  *
@@ -654,18 +651,18 @@ PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
 #if defined(__GNUC__) || defined(_MSC_VER)
 /* ---------------------------------------------------------------- objects that a simulation moves
  *
- * A simulation hands frames of poses over to the haptic loop, and neither waits: of three frames one is written, one is
- * followed, and the newest whole one is handed over. In each tick every object goes on, without a step, towards where it
- * will lie when the next frame is due; there it waits, if that is late. One thread gives, one steps. */
+ * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is written, one is
+ * followed, and the newest complete one is handed over. In each tick every object moves on without a jump to where it
+ * will lie when the next frame is due. If that is late, it waits there. One thread gives, one steps. */
 
 /* Where an object lies in a frame, and how it moves. */
 typedef struct {
-    double rotation[9], translation[3]; /* as of pandis_object */
+    double rotation[9], translation[3]; /* as in pandis_object */
     double velocity[3];                 /* of the point at `translation`, scene lengths per second, at most 1e50 */
     double spin[3];                     /* axis times radians per second, in the directions of the scene */
 } pandis_pose;
 
-/* The state of the handover. Its content is the implementation's. */
+/* The state of the handover. Its contents are internal. */
 typedef union {
     double aligned;
     unsigned char bytes[128];
@@ -684,19 +681,19 @@ typedef union {
 PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room,
                                           size_t room_length);
 
-/* [rt] Hand over a frame, by the simulation's thread.
+/* [rt] Hand over a frame, in the simulation's thread.
  *
  * frame    a pose for each object, copied
  * count    that of the objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
- * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE (a rotation matrix is not a rotation, something is not finite, or an object turns more than halfway
- * round in the period), and nothing is handed over. */
+ * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is not a rotation,
+ * something is not finite, or an object turns more than halfway round in the period. */
 PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
-/* [rt] Move the objects on, at the beginning of a tick. Returns 1 if there was another frame than before, else 0.
+/* [rt] Move the objects, at the beginning of a tick. Returns 1 if there was a new frame, else 0.
  *
- * scene    that holds them, and is told; or NULL
+ * scene    that holds and follows them; or NULL
  * dt       seconds since the last tick, more than 0 */
 PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt);
 #endif
@@ -744,10 +741,10 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__RESTRICT restrict
 #endif
 
-/* A plain -O2 is enough for all that follows. GCC uses few vectors then, and fewer still as long as an operation might
- * trap, so it is told here; clang knows by itself. Products and sums are rounded one by one, whatever the flags say, so
- * that every compiler, every machine and every vector width gives the same bits. */
-#if defined(__cplusplus) && defined(__GNUC__) /* what follows is C, too, which has no other casts */
+/* A plain -O2 is enough for all that follows. GCC then uses few vectors, and fewer still if an operation might trap, so
+ * options are set here; clang needs none. Products and sums are rounded one by one, whatever the flags say, so that every
+ * compiler, every machine and every vector width gives the same bits. */
+#if defined(__cplusplus) && defined(__GNUC__) /* the code is also C, which has no other casts */
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wold-style-cast"
 #pragma GCC diagnostic ignored "-Wcast-qual"
@@ -763,13 +760,13 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__PUSHED
 #endif
 
-#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* whose stack would grow */
+#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* its stack would grow */
 #define PANDIS__INLINE static inline __attribute__((always_inline))
 #else
 #define PANDIS__INLINE static inline
 #endif
 
-/* A function that keeps its stack to itself. */
+/* Not inlined: its stack frame stays apart. */
 #if defined(__GNUC__)
 #define PANDIS__APART __attribute__((noinline))
 #elif defined(_MSC_VER)
@@ -798,13 +795,13 @@ PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, doubl
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in this many lanes, whatever the machine's vectors hold */
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
-#define PANDIS__HEAP 512 /* boxes that wait to be looked at, at most: of more, the farthest are not */
+#define PANDIS__HEAP 512 /* boxes that can wait to be visited; above that, farther ones are dropped */
 #define PANDIS__STACK 704
 #define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-#define PANDIS__SOON 192 /* boxes and faces, at least, that are looked at before one asks which to look at next */
-#define PANDIS__SLACK 16 /* bytes behind the last block, which are read and not used */
+#define PANDIS__SOON 192 /* at least this many boxes and faces are visited in tree order, before best-first */
+#define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
 #define PANDIS__BLOCK 64 /* most faces, and most corners, of a block of a packed mesh */
 
 static double pandis__dot(const double *u, const double *v) {
@@ -818,9 +815,9 @@ static void pandis__cross(const double *u, const double *v, double *out) {
 }
 
 #define PANDIS__STIFFEST 1e100
-#define PANDIS__TINY 1e-150 /* squares of less have lost their digits */
+#define PANDIS__TINY 1e-150 /* squares of smaller numbers lose digits */
 
-/* Scale to unit length; 0 if there is none. */
+/* Scale to unit length; 0 if it is 0. */
 static int pandis__normalise(double *v) {
     double length = sqrt(pandis__dot(v, v));
     if (!(length > PANDIS__TINY)) return 0;
@@ -828,7 +825,7 @@ static int pandis__normalise(double *v) {
     return 1;
 }
 
-/* Move a point into the box [-1, 1]^3; returns how far. */
+/* Move a point into a box; returns how far. */
 static double pandis__clamp_to(const double *low, const double *high, const double *u, double *inside) {
     double off[3];
     for (int k = 0; k < 3; k++) {
@@ -869,18 +866,17 @@ typedef struct {
     pandis_pose *frames;
     double periods[3], *ways, period, gone;
     int32_t writing, asking;
-    volatile int32_t waiting; /* a frame, and 4 if nobody has taken it yet */
+    volatile int32_t waiting; /* a frame's index, plus 4 until it is taken */
 } pandis__poses;
 
 typedef struct {
     pandis_field shapes[3];
     int32_t writing, asking;
-    volatile int32_t waiting; /* a shape, and 4 if nobody has taken it yet */
+    volatile int32_t waiting; /* a shape's index, plus 4 until it is taken */
 } pandis__handover;
 #endif
 
-/* The state behind each handle. Handles are aligned for doubles; as unions with characters in them, compilers take them to
- * share their place with anything. */
+/* The state behind each handle. Handles are aligned for doubles. As unions with characters, they may alias anything. */
 #define PANDIS__STATE(handle)                                                                                     \
     typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];                     \
     PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) { return (pandis__##handle *)(void *)h; } \
@@ -904,8 +900,8 @@ PANDIS__ONCE PANDIS_API pandis_error pandis__check(const char *version, size_t f
 
 /* ---------------------------------------------------------------- vectors
  *
- * Sums run in lanes, in vectors where the compiler has them: it would not see by itself that these can stay in registers.
- * Elsewhere a vector is one number. What is added to what, and in which order, is the same for every width. */
+ * Sums run in lanes, in vector types where the compiler has them: it would not keep lanes in registers by itself.
+ * Elsewhere a vector is one number. The order of additions is the same for every width. */
 #if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
 #if defined(__AVX512F__)
 #define PANDIS__VECTOR 16
@@ -918,7 +914,7 @@ typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
 typedef float pandis__floats __attribute__((vector_size(4 * PANDIS__VECTOR), aligned(4), may_alias));
 typedef int16_t pandis__shorts __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
 typedef int32_t pandis__ints __attribute__((vector_size(4 * PANDIS__VECTOR)));
-/* no functions, for a vector that one returns is a matter of the ABI */
+/* macros, as returning a vector from a function depends on the ABI */
 #define pandis__load(p) (*(const pandis__floats *)(p))
 #define pandis__load16(p) __builtin_convertvector(*(const pandis__shorts *)(p), pandis__vector)
 #else
@@ -946,8 +942,8 @@ typedef float pandis__vector;
 #endif
 #define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
 
-/* What takes most time is compiled twice where the program is for any x86-64 machine: as `name_plain`, and as `name_wide`
- * for AVX2, which is taken where the machine has it. Windows keeps no stack aligned for such vectors. */
+/* Hot functions are compiled twice if the program is for any x86-64 machine: as `name_plain`, and as `name_wide` for
+ * AVX2, which is used where the machine has it. Windows does not align the stack for such vectors. */
 #if PANDIS__VECTOR == 8 && defined(__x86_64__) && !defined(__AVX2__) && !defined(_WIN32) && !defined(PANDIS_NO_DISPATCH)
 #define PANDIS__WIDE __attribute__((target("avx2")))
 #define PANDIS__TWICE(plain, wide) plain wide
@@ -958,7 +954,7 @@ typedef float pandis__vector;
 #define PANDIS__CHOOSE(name) name##_plain
 #endif
 
-/* A function that keeps its stack to itself, of the body of its name. */
+/* Define a function with its own stack frame from `name_body`. */
 #define PANDIS__COMPILE(name, parameters, arguments)                                            \
     PANDIS__TWICE(PANDIS__APART static void name##_plain parameters { name##_body arguments; }, \
                   PANDIS__WIDE PANDIS__APART static void name##_wide parameters { name##_body arguments; }) \
@@ -970,8 +966,8 @@ typedef float pandis__vector;
 #define PANDIS__PART2 4.837512969970703125e-4f
 #define PANDIS__PART3 7.549789954891e-8f
 
-/* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, as of
- * 0; NaN of what is no finite number. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+/* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, those of 0; NaN if x is not
+ * finite. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN if x is not finite */
@@ -987,13 +983,13 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
-/* Tell whether the arithmetic is what all of this relies on: sums rounded in the order in which they are
- * written, NaN that stays NaN. Some parts of -ffast-math break that, and no macro tells. */
+/* Check the arithmetic that all of this relies on: sums are rounded in the order in which they are written, NaN stays
+ * NaN. Some parts of -ffast-math break that, and set no macro. */
 PANDIS__ONCE static int pandis__arithmetic(void) {
-    /* sines and cosines of 3 and of -100, from a loop as a network's layers have it */
+    /* sines and cosines of 3 and of -100, from a loop like that of network layers */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
     volatile float read[2] = {3.0f, -100.0f};
-    volatile uint32_t none = 0x7fc00000u; /* NaN, which no division makes: nothing is trapped */
+    volatile uint32_t none = 0x7fc00000u; /* NaN, made without a division, which might trap */
     uint32_t bits = none;
     volatile double large = 9007199254740992.0, one = 1;
     float x[16], sine[16], cosine[16];
@@ -1114,8 +1110,8 @@ PANDIS__INLINE int32_t pandis__block(const pandis__layout *l, int bx, int by, in
 
 /* ---------------------------------------------------------------- eight boxes or triangles at once, in single precision
  *
- * Squared distances are sorted as whole numbers, their keys: a float that is not negative sorts as the number that
- * has its bits. The last three bits say of which box it is. */
+ * Squared distances are sorted as integers, their keys: non-negative floats sort like integers with the same bits. The
+ * last three bits are the index of the box. */
 
 PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     int32_t least = keys[0];
@@ -1123,14 +1119,14 @@ PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     return least;
 }
 
-/* A squared distance as such a number: boxes with larger ones are farther. */
+/* A squared distance as a key: boxes with larger keys are farther. */
 static int32_t pandis__key(float squared) {
     int32_t key;
     memcpy(&key, &squared, sizeof key);
     return key | 7;
 }
 
-/* Of how much may be looked at, what is looked at in the order of the tree, for which most queries have no more to do. */
+/* The part of a budget that is spent in tree order: most queries need no more. */
 static int32_t pandis__soon(int32_t most) {
     int32_t soon = most / 4 > PANDIS__SOON ? most / 4 : PANDIS__SOON;
     return most < INT32_MAX && most > soon ? soon : most;
@@ -1157,7 +1153,7 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Let a box wait; where there is no room, the farther one of it and the last is left out: 1, and its key. */
+/* Queue a box. If there is no room, the farther of it and the last one is dropped: 1, and its key. */
 static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
     if (*count < PANDIS__HEAP) {
@@ -1176,7 +1172,7 @@ PANDIS__INLINE float pandis__clamp01f(float t) {
 }
 
 /* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that of some point
- * of the triangle, and so never too small but for rounding. By how much it can be too large: pandis__slacks. */
+ * of the triangle, and so too small only by rounding. pandis__slacks bounds how much too large it can be. */
 PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
                                     float *PANDIS__RESTRICT out) {
     for (int i = 0; i < PANDIS__WIDTH; i++) {
@@ -1207,10 +1203,10 @@ PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const 
     }
 }
 
-/* By how much the distance d to any of eight triangles can be too large in single precision, above what rounds the
- * point itself: at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
- * roundoff e, the foot inside of a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). Or the triangle
- * is so narrow that any of its points is nearer to an edge than that: by half its least height. */
+/* How much too large the distance d to any of eight triangles can be in single precision, besides rounding of the point:
+ * at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
+ * roundoff e, the foot inside a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). If a triangle is so
+ * narrow that half its least height is less, that bounds it: an edge is as near. */
 static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     const float e = 6e-8f;
     float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
@@ -1224,8 +1220,8 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
         float longest = sqrtf(ww > most ? ww : most), half = longest > 0 ? twice / (2 * longest) : 0;
         float sine = sqrtf(uu) * sqrtf(vv) / (twice > 0 ? twice : 1e-30f), more = e * (32 * sine + 8 * sine * sine);
         float less = e * 32 * sine * longest;
-        int wide = less + more * longest < half; /* not so for what has overflowed */
-        /* and what is lost on the edges, and of a height that has lost its digits */
+        int wide = less + more * longest < half; /* false after an overflow */
+        /* plus the error on edges, and of a height that has lost its digits */
         off[i] = (wide ? less : half) + 64 * e * longest, share[i] = (wide ? more : 0) + 64 * e;
     }
     slack[0] = off[0], slack[1] = share[0];
@@ -1235,7 +1231,7 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     }
 }
 
-/* Whether a segment from a point meets a triangle, and at which share of the way: -1 from within, 1 from without. */
+/* Whether a segment from a point meets a triangle (-1: from inside, 1: from outside), and at which share of it. */
 static int pandis__meets(const double *const *c, const double *p, const double *way, double *at) {
     double u[3], v[3], x[3], across[3], turned[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
@@ -1247,10 +1243,9 @@ static int pandis__meets(const double *const *c, const double *p, const double *
 }
 /* ---------------------------------------------------------------- closest points of a mesh */
 
-/* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
- * may be wrong. Afterwards there are the closest point, the face of mesh.zarr.zip that it is on (-1: not said), and the
- * place of its face in the field's own order (-1: it has none); whether it lies on a corner or an edge, and the direction
- * of that edge (else 0). */
+/* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face, which may be wrong.
+ * Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place of that face in the field's own order
+ * (-1: none), whether the point lies on a corner or an edge, and the direction of that edge (else 0). */
 typedef struct {
     double reach, guess, closest[3];
     int32_t face, place, round;
@@ -1292,12 +1287,12 @@ static void pandis__edge_foot(const double *p, const double *a, const double *b,
     double u[3], x[3];
     for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], x[k] = p[k] - a[k];
     double length = pandis__dot(u, u), t = length > 0 ? pandis__clamp01(pandis__dot(u, x) / length) : 0;
-    /* from the nearer end, where less is cancelled */
+    /* from the nearer end, for less cancellation */
     for (int k = 0; k < 3; k++) offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* The closest point of a triangle, with what it lies on, if that is on its edges. Returns its squared distance. */
+/* The closest point on a triangle's edges, and the corner or edge that holds it. Returns its squared distance. */
 static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
@@ -1315,7 +1310,7 @@ static double pandis__rim_foot(const double *const *c, const double *p, pandis__
     return best;
 }
 
-/* The same inside of it, if it is there and no farther than `best` (squared); returns whether it is. */
+/* The same inside the triangle; returns whether it is there and no farther than `best` (squared). */
 static int pandis__inner_foot(const double *const *c, const double *p, double best, pandis__foot *foot) {
     double u[3], v[3], x[3], n[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
@@ -1330,7 +1325,7 @@ static int pandis__inner_foot(const double *const *c, const double *p, double be
         for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
     }
     if (!(s > 0 && r > 0 && s + r < 1)) return 0;
-    /* a point of the plane: its offset is along the normal, and exact as such */
+    /* the offset is taken along the normal, which is exact */
     double height = pandis__dot(n, x) / det, offset[3];
     for (int k = 0; k < 3; k++) offset[k] = height * n[k];
     if (!(pandis__dot(offset, offset) <= best)) return 0;
@@ -1345,7 +1340,7 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
 }
 
-/* Keep what of its face the closest point is on. */
+/* Keep the feature that the closest point is on. */
 static void pandis__keep_feature(const double *const *c, const pandis__foot *foot, pandis__start *begin) {
     begin->round = foot->corner >= 0 || foot->edge >= 0;
     if (foot->edge < 0) return;
@@ -1359,7 +1354,7 @@ static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const do
     pandis__find_foot(c, p, foot);
 }
 
-/* What one face adds to the normal of its k-th corner: its own, weighted by its angle there. */
+/* Add a face's normal to that of its k-th corner, weighted by its angle there. */
 static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
     const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
     const double *s = pandis__corner(t, face, (k + 2) % 3);
@@ -1370,7 +1365,7 @@ static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, co
     for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
 }
 
-/* The normal of a vertex; where the mesh moves, from its faces as they are. */
+/* The normal of a vertex; if the mesh moves, from its current faces. */
 static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double *n) {
     if (!t->around) {
         memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)vertex, 3 * sizeof *n);
@@ -1401,7 +1396,7 @@ static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pand
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
-/* On which side of the surface a point is: -1 inside. Beyond all vertices it is outside; very far
+/* The side that a point is on: -1 inside. Beyond all vertices it is outside: very far
  * away all triangles are equally near, and their normals tell nothing. */
 static int pandis__within(const pandis__mesh *t, const double *p) {
     return fabs(p[0]) <= t->reach && fabs(p[1]) <= t->reach && fabs(p[2]) <= t->reach;
@@ -1413,9 +1408,9 @@ static double pandis__sign(const pandis__mesh *t, const double *p, const pandis_
 
 /* ---------------------------------------------------------------- the nearest face of a mesh
  *
- * Leaves say in single precision which faces may be the nearest, double precision says which of them is. */
+ * Leaves find candidates for the nearest face in single precision; double precision decides. */
 
-/* The keys of a node's boxes: of lower bounds of the squared distances to what is in them. */
+/* The keys of a node's boxes: lower bounds of the squared distances to their contents. */
 PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
                              int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
@@ -1433,7 +1428,7 @@ PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, con
     for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
 }
 
-/* The key of how far one looks: boxes with larger ones are farther. */
+/* The key of a search limit: boxes with larger keys are farther. */
 static int32_t pandis__limit_key(double limit) {
     double squared = limit * limit * (1 + 1e-6);
     return squared < 3e38 ? pandis__key((float)squared) : INT32_MAX - 1;
@@ -1441,8 +1436,8 @@ static int32_t pandis__limit_key(double limit) {
 
 #define PANDIS__FOUR 4
 
-/* The squared distances to four faces, in double precision: among those about equally near the nearest is the one of
- * which this number is the least. */
+/* The squared distances to four faces, in double precision. Among faces about equally near, the least of these numbers
+ * decides. */
 PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
                                  double *PANDIS__RESTRICT out) {
     double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
@@ -1462,7 +1457,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         double det = nx * nx + ny * ny + nz * nz;
-        /* 0 / 0 of an edge without length is NaN, which counts as 0; of a face without an area as outside of it */
+        /* an edge without length gives 0 / 0, NaN, which counts as 0; a face without area, as outside of it */
         double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
@@ -1482,11 +1477,11 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
     }
 }
 
-#define PANDIS__MAYBE 12 /* faces that are put off before one looks at them in double precision */
+#define PANDIS__MAYBE 12 /* faces that can wait to be computed in double precision */
 
-/* What is known while one looks for the nearest face: how far it is at most; which faces may be it, and how far they
- * seem to be, squared; of those that were looked at in double precision the nearest, and its squared distance; how many
- * nodes, leaves and faces may still be looked at; and the key of the nearest box that was not. */
+/* State of a search for the nearest face: an upper bound of its distance; the nearest face computed in double precision,
+ * and its squared distance; how many nodes, leaves and faces may still be visited; the key of the nearest box that was
+ * not; and the waiting faces, with their squared distances in single precision. */
 typedef struct {
     double limit, squared;
     int32_t face, left, unseen;
@@ -1498,13 +1493,13 @@ typedef struct {
     } maybe[PANDIS__MAYBE];
 } pandis__seeking;
 
-/* How far a face can seem to be that is no farther than a limit, squared. */
+/* How far a face within a limit can seem to be, squared. */
 static double pandis__may_seem(double limit, const float *slack) {
     double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
     return most * most * (1 + 1e-6);
 }
 
-/* Look at the faces that were put off. */
+/* Compute the waiting faces. */
 PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     double squared[PANDIS__FOUR];
     int32_t faces[PANDIS__FOUR];
@@ -1525,7 +1520,7 @@ PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandi
     s->count = 0;
 }
 
-/* The vertices of the triangles of a leaf of a mesh that moves: 24 of them, behind the corners on each vertex. */
+/* The 24 triangle vertices of a leaf of a mesh that moves, stored after the corners on each vertex. */
 static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
     return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
 }
@@ -1541,8 +1536,8 @@ PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff
         }
 }
 
-/* How far the triangles of a leaf seem to be in single precision, squared, and the least of these; and what such distances
- * may lose. Zeros, and -1 as the least, where single precision cannot hold squares. */
+/* Squared distances to the triangles of a leaf in single precision, and their error bounds. Returns the least. Zeros, and
+ * -1 as the least, where single precision cannot hold squares. */
 PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
     double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
@@ -1566,7 +1561,7 @@ PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *le
     return small ? (double)least * (step * step) : -1;
 }
 
-/* Put off the triangles of a leaf that may be the nearest. */
+/* Collect those triangles of a leaf that may be nearest. */
 PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
@@ -1615,7 +1610,7 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
 
 PANDIS__COMPILE(pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
-/* Look in whatever seems nearest of all that is left, so that little is missed when the time is up. */
+/* Search best-first, so that little is missed when the budget is spent. */
 PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     pandis__waiting heap[PANDIS__HEAP];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
@@ -1645,8 +1640,8 @@ PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *
 
 PANDIS__COMPILE(pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
-/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If there were
- * too many to look at, `clear` is how far all others are at least; else infinite. */
+/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If the
+ * search was cut short, all others are at least `clear` away; else it is infinite. */
 static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
     int32_t soon = pandis__soon(t->most);
@@ -1660,7 +1655,7 @@ static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double li
     for (int i = 0; i < s.count; i++)
         if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack)) s.maybe[kept++] = s.maybe[i];
     s.count = kept;
-    /* a face is certainly nearer than the limit, and no other can be it */
+    /* the only candidate is certainly nearer than the limit */
     if (kept == 1 && s.face == INT32_MAX && s.limit < limit)
         s.face = s.maybe[0].face;
     else
@@ -1690,8 +1685,8 @@ static int pandis__nodes_between(const pandis__node *node, const double *p, cons
     return met;
 }
 
-/* The side of a point, by the first face that the way to another one meets, of which so much is clear; that one
- * itself tells if too many are to be looked at: -1 inside. */
+/* The side of a point, by the first face on the way to a target: -1 inside. It is clear up to the share `from`. If too
+ * many faces are met, the target's own decides. */
 PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const double *p, const double *target,
                                                const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -1721,7 +1716,7 @@ PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const doub
     return sign;
 }
 
-/* The sign of a point next to whose nearest face others may be nearer: of the way there, so much is clear. */
+/* The sign of a point after a search that was cut short: other faces may be nearer, but not than `clear`. */
 static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot,
                                double clear) {
     double target[3], n[3]; /* next to the foot, within the face */
@@ -1747,7 +1742,7 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
         *clear = begin->reach;
         return PANDIS_BEYOND;
     }
-    /* with too much to look at, a search that knows more takes another way and ends elsewhere */
+    /* if cut short, a search with a limit may end elsewhere: repeat it without one */
     if ((face == INT32_MAX || cut) && limit < (double)INFINITY) face = pandis__nearest(t, u, (double)INFINITY, clear);
     if (face == INT32_MAX) return PANDIS_INVALID;
     double n[3], sign;
@@ -1762,7 +1757,7 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
     if (cut && pandis__within(t, u)) sign = pandis__cut_sign(t, u, face, &foot, *clear);
     *distance = sign * foot.distance;
     *clear = *clear < foot.distance ? *clear : foot.distance;
-    /* closer than this the quotient has lost too many digits */
+    /* closer than this, the quotient loses too many digits */
     for (int k = 0; k < 3; k++) normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
     return !(fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1) ? PANDIS_BOUND : cut ? PANDIS_CUT : PANDIS_OK;
 }
@@ -1773,10 +1768,10 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
  * leads to the blocks. The nearest face is found in single precision, relative to the block; its closest
  * point and the answer are then computed in double.
  *
- * Which side a point is on whose closest point lies on an edge or a corner: all points with that closest
- * point are on the same side, because they form a convex cone that the surface does not enter. So two bits say it,
- * and no neighbour is needed. Where faces around are nearly in one plane, and inside of faces, the face
- * itself tells. Where the lattice has folded the surface over itself no face does: there a ray counts. */
+ * The side of a point whose closest point lies on an edge or a corner: all points with that closest point
+ * form a convex cone that the surface does not enter, so they are on the same side. Two bits store it, and no
+ * neighbour is needed. Where faces around are nearly coplanar, and inside faces, the face itself tells. Where
+ * the lattice has folded the surface over itself no face does: there crossings of a ray are counted. */
 
 enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
 
@@ -1789,7 +1784,7 @@ typedef struct {
 
 #define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
 
-/* How far the low byte of a box's place is shifted, where extents need this many bits. */
+/* Shift of a box's byte coordinates, if extents need this many bits. */
 static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
@@ -1808,7 +1803,7 @@ PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pand
     b->sides = record->counts >> 27 & 1 ? b->words + b->stride * b->corner_count : NULL;
 }
 
-/* The corners of eight faces, as numbers of the block's: six bits each, for one of the three corners. */
+/* One of the three corners of eight faces: six bits each, an index into the block's corners. */
 PANDIS__INLINE uint64_t pandis__six_bits(const unsigned char *bytes) {
     uint32_t low;
     uint16_t high;
@@ -1846,7 +1841,7 @@ PANDIS__INLINE void pandis__group_corners(const pandis__packed *b, int group, fl
     }
 }
 
-/* The keys of eight boxes: of lower bounds of the squared distances at which faces can be found in them. */
+/* The keys of eight boxes: lower bounds of the squared distances to the faces in them. */
 PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
                                 const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
@@ -1881,8 +1876,8 @@ PANDIS__INLINE void pandis__group_distances(const pandis__packed *b, int group, 
 }
 /* ---------------------------------------------------------------- answers of a packed mesh */
 
-/* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it; how
- * many groups and blocks may still be looked at; and the key of the nearest that was not. */
+/* The nearest face so far: its squared distance, also as a key, and block * 64 + its place there. Also how many groups
+ * and blocks may still be visited, and the key of the nearest that was not. */
 typedef struct {
     float squared;
     int32_t key, face, left, unseen;
@@ -1920,7 +1915,7 @@ PANDIS__INLINE void pandis__branch_keys(const pandis__branch *branch, const doub
     pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, keys);
 }
 
-/* Look for the nearest face, in the nearest branch first and there to the end; for most points that is soon. */
+/* Descend depth-first, the nearest branch first; for most points that soon finds the nearest face. */
 PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
@@ -1949,7 +1944,7 @@ PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const do
 
 PANDIS__COMPILE(pandis__search_depth, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
-/* Look for it in whatever seems nearest of all that is left, so that little is missed when the time is up. */
+/* Search best-first, so that little is missed when the budget is spent. */
 PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const double *p, pandis__near *best) {
     pandis__waiting heap[PANDIS__HEAP];
     int count = 1;
@@ -1981,8 +1976,7 @@ PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const dou
 PANDIS__COMPILE(pandis__search_best, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
 /* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none within the
- * reach (steps). If there were too many to look at, `clear` is how far all others are at least, squared; else
- * infinite. */
+ * reach (steps). If the search was cut short, all others are at least `clear` away, squared; else it is infinite. */
 static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = pandis__soon(t->most);
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
@@ -2012,7 +2006,7 @@ static void pandis__face_corners(const pandis__packed *b, int place, int *corner
     }
 }
 
-/* Two bits of a list of them. */
+/* An entry of a two-bit list. */
 static int pandis__two_bits(const unsigned char *list, int at) { return list[at / 4] >> 2 * (at % 4) & 3; }
 
 /* Which of eight boxes a ray from a point along x meets: a bit each. */
@@ -2029,8 +2023,8 @@ static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int3
     return met;
 }
 
-/* Twice the signed area that an edge and a point span, seen along x. Of the edge's two directions the values
- * are opposite to the last bit, so that a ray next to it meets one of its two faces. */
+/* Twice the signed area that an edge and a point span, seen along x. The edge's two directions give exactly opposite
+ * values, so that a ray next to it meets one of its two faces. */
 static double pandis__beside(const double *a, const double *b, const double *p) {
     int turn = a[1] > b[1] || (a[1] == b[1] && a[2] > b[2]);
     const double *s = turn ? b : a, *e = turn ? a : b;
@@ -2101,8 +2095,8 @@ static int pandis__boxes_between(const unsigned char *boxes, int count, const in
     return met;
 }
 
-/* The side of a point, by the first face that the way to another one meets, of which so much is clear; that one
- * itself tells if too many are to be looked at. */
+/* The side of a point, by the first face on the way to a target. It is clear up to the share `from`. If too many faces
+ * are met, the target's own decides. */
 PANDIS__APART static int pandis__first_side(const pandis__compact *t, const double *p, const double *target,
                                             const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -2150,7 +2144,7 @@ static int pandis__tells(const pandis__packed *b, int place, const int *corners,
     return tells == PANDIS__BY_FACE ? pandis__two_bits(faces, place) : tells;
 }
 
-/* The side of a point next to whose nearest face others may be nearer: of the way there, so much is clear. */
+/* The side of a point after a search that was cut short: other faces may be nearer, but not than `clear`. */
 static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
                             const pandis__foot *foot, const double *n, double clear) {
     double target[3]; /* next to the foot, within the face */
@@ -2171,10 +2165,10 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     /* a very distant point has the same nearest face as a nearer point in the same direction */
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
-    /* somewhat farther than the reach, for single precision may find a face too far away */
+    /* a little beyond the reach: single precision may overestimate distances */
     double steps = nearer < 1 ? (double)INFINITY : (begin->reach * 1.0001 + 1e-3) / t->step;
     int32_t face = pandis__search(t, p, steps, &unseen);
-    /* with too much to look at, a search with a reach takes another way and ends elsewhere */
+    /* if cut short, a search with a reach may end elsewhere: repeat it without one */
     if (unseen < FLT_MAX && steps < 1e18) steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
     if (face == INT32_MAX && steps < 1e18) {
         *clear = begin->reach;
@@ -2213,14 +2207,14 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
 
 /* ---------------------------------------------------------------- networks */
 
-/* A network is as fast as its weights come: ask for the next rows while these are worked on. */
+/* A network is as fast as its weights arrive: prefetch the next rows while these are used. */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
 #else
 #define PANDIS__FETCH(p) ((void)(p))
 #endif
 
-/* Each of the following for weights of 32 and of 16 bits. */
+/* Each of the following, for 32-bit and 16-bit weights. */
 #define PANDIS__KINDS(make)                                                                                      \
     PANDIS__TWICE(make(pandis__load, float, f_plain, static) make(pandis__load16, int16_t, h_plain, static),     \
                   make(pandis__load, float, f_wide, PANDIS__WIDE static)                                         \
@@ -2347,8 +2341,8 @@ PANDIS__KINDS(PANDIS__EITHER)
 
 #define PANDIS__ROOM (PANDIS__ROWS * (PANDIS_MOST_DEPTH + 2))
 
-/* Rows of numbers that a point needs while a network is asked: what goes into a layer, what comes out, and
- * slopes, of every layer where the gradient is asked for. */
+/* Rows of numbers that a network needs for a point: a layer's input, its output, and slopes (of every layer if the normal
+ * is the gradient). */
 static int pandis__rows(const pandis__network *n) { return n->outputs == 1 ? n->depth + 2 : 3; }
 
 /* Whether four points at a time fit into the room of one with the largest network. */
@@ -2356,9 +2350,9 @@ static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
-/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Of one point or
- * of four, which read every weight together; what a point gets is the same. Without normals (NULL) there is no
- * gradient to compute. */
+/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. For one point, or
+ * for four with one reading of the weights: answers are the same. Without normals (NULL) no gradient is
+ * computed. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
                                                 double (*normal)[3], pandis_flag *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
@@ -2366,7 +2360,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
     int stride = n->stride, own = n->outputs == 1;
     ptrdiff_t all = (ptrdiff_t)count * stride;
     float *h = room, *z = room + all, *slopes = z + all;
-    room[0] = 0; /* what follows writes it too, which gcc for Windows does not see */
+    room[0] = 0; /* also written below, which gcc for Windows does not see */
     for (int p = 0; p < count; p++) {
         outside[p] = pandis__clamp(u[p], inside[p]);
         for (int k = 0; k < 3; k++) h[p * (ptrdiff_t)stride + k] = (float)inside[p][k];
@@ -2499,7 +2493,7 @@ static pandis_flag pandis__answer_grid(const pandis__grid *g, const double *u, d
 
 /* ---------------------------------------------------------------- banded splines */
 
-/* Coefficients, four at a time, from what is stored of them: coarse or far ones, and fine ones. */
+/* Restore stored coefficients, four at a time: coarse or far ones, and fine ones. */
 #ifdef PANDIS__FOUR_AT_ONCE
 typedef int16_t pandis__four_shorts __attribute__((vector_size(8), aligned(2), may_alias));
 typedef int8_t pandis__four_bytes __attribute__((vector_size(4), aligned(1), may_alias));
@@ -2519,13 +2513,13 @@ typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
 PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
 PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* Collect the 64 coefficients around a point, block by block; blocks that are not kept give zeros. Tells whether any
- * block is kept or, for the coarse lattice, which is useless in parts, whether all are. */
+/* Collect the 64 coefficients around a point, block by block; blocks that are not kept give zeros. Returns whether any
+ * block is kept; for the coarse lattice, useless if incomplete, whether all are. */
 PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
     int found = 0, low[3], blocks[3];
     double offset = s->offset[level], scale = s->scale[level];
-    float room[6][6][6], own[8]; /* two or three blocks of an axis */
+    float room[6][6][6], own[8]; /* two or three blocks per axis */
     memset(room, 0, sizeof room);
     for (int k = 0; k < 3; k++) low[k] = first[k] >> 1, blocks[k] = ((first[k] + 3) >> 1) - low[k] + 1;
     for (int i = 0; i < blocks[0]; i++)
@@ -2555,7 +2549,7 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
     return found;
 }
 
-/* Add one level's value and gradient; tells what pandis__collect does. With `cells`, of this very spline, nothing is
+/* Add one level's value and gradient; returns as pandis__collect does. With `cells` of this very spline, nothing is
  * collected twice for points near each other. */
 PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
                                      double *value, double *gradient) {
@@ -2577,9 +2571,9 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
     return known - 1;
 }
 
-/* Where two walls are about equally near a spline rounds the crease between them, which shows in a
- * gradient shorter than 1. The field is linear along the way to the nearest wall, so the answer
- * is taken some way up, where less is rounded, and carried back down. */
+/* Where two walls are about equally near, a spline rounds the crease between them: its gradient is
+ * shorter than 1. The distance is linear towards the nearest wall. So the answer is taken nearer to it,
+ * where less is rounded, and extrapolated back. */
 #define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
 #define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
 
@@ -2706,7 +2700,7 @@ static int pandis__unit(const pandis_field *field, const double *point, double *
     return finite;
 }
 
-/* Make an answer in mesh units of distance, direction and flag in the unit frame. */
+/* Convert distance, direction and flag (unit frame) to an answer in mesh units. */
 static void pandis__tell(const pandis_field *field, double d, double *n, double clear, pandis_flag flag,
                          pandis_answer *answer) {
     if (flag != PANDIS_INVALID && !(fabs(d) <= 4e150 && pandis__dot(n, n) <= 1e300)) flag = PANDIS_INVALID;
@@ -2840,8 +2834,8 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
 
 /* ---------------------------------------------------------------- derivatives of the distance */
 
-/* Steps of differences, unit frame: of a gradient in single precision, of a distance in single precision, and of one in
- * double precision. */
+/* Finite-difference steps, unit frame: for a gradient in single precision, for a distance in single and in double
+ * precision. */
 #define PANDIS__STEP 1e-3
 #define PANDIS__WIDE_STEP 4e-3
 #define PANDIS__FINE_STEP 1e-4
@@ -2874,7 +2868,7 @@ static int pandis__place_twice(int32_t size, double low, double per_step, const 
     return 1;
 }
 
-/* Of a spline in its band, unless it is carried down from above (pandis__sharpen): 0 there, and elsewhere. */
+/* Derivatives of a spline in its band; returns 0 elsewhere, and where pandis__sharpen changes it. */
 static int pandis__bend_spline(const pandis__spline *s, const double *u, double *gradient, double *hessian) {
     double w[3][4], dw[3][4], ddw[3][4], value = 0;
     for (int k = 0; k < 3; k++)
@@ -2893,7 +2887,7 @@ static int pandis__bend_spline(const pandis__spline *s, const double *u, double 
     return !(value < 0 && 1 - pandis__dot(gradient, gradient) > PANDIS__SHORT);
 }
 
-/* Of a grid of distances in its box; elsewhere 0. */
+/* Those of a distance grid; 0 outside its box. */
 static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gradient, double *hessian) {
     for (int k = 0; k < 3; k++)
         if (!(u[k] > g->low[k] && u[k] < g->high[k])) return 0;
@@ -2926,7 +2920,7 @@ static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gra
     return 1;
 }
 
-/* Of the distance to a point, or, where `along` is a direction of unit length, to a line; the answer is in mesh units. */
+/* Hessian of the distance to a point or, if `along` is a unit vector, to a line; the answer is in mesh units. */
 static void pandis__bend_round(const pandis_answer *answer, const double *along, double *hessian) {
     for (int i = 0; i < 9; i++) {
         double rest = (i % 4 == 0) - answer->normal[i / 3] * answer->normal[i % 3];
@@ -2958,14 +2952,14 @@ static void pandis__bend_shape(const pandis__shape *s, const double *p, const pa
     for (int i = 0; i < 9; i++) hessian[i] += bend * (along[i / 3] * along[i % 3]);
 }
 
-/* Answer a point some way along an axis. */
+/* Answer a point offset along an axis. */
 static void pandis__query_beside(const pandis_field *field, const double *point, double step, int axis, pandis_answer *answer) {
     double beside[3] = {point[0], point[1], point[2]};
     beside[axis] += step;
     pandis_query(field, beside, answer);
 }
 
-/* By differences over a step; `own`: the gradient is the answer's own. */
+/* Finite differences; `own`: the gradient is the answer's own. */
 static void pandis__differ(const pandis_field *field, const double *point, int own, const pandis_answer *here,
                            double *gradient, double *hessian) {
     double step = own ? PANDIS__STEP : field->kind == PANDIS_NETWORK ? PANDIS__WIDE_STEP : PANDIS__FINE_STEP;
@@ -3051,7 +3045,7 @@ PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
 }
 
-/* The box around a leaf, and what distances to its triangles may lose. */
+/* The box around a leaf, and the error bounds of its distances. */
 static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, float *low, float *high, float *slack) {
     float v[3][3][PANDIS__WIDTH];
     const double *base = m->vertices + 3 * (ptrdiff_t)*pandis__leaf_vertices(m, leaf);
@@ -3071,7 +3065,7 @@ static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, f
     }
 }
 
-/* The boxes of all nodes, those below first. */
+/* The boxes of all nodes, bottom up. */
 static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, float (*slacks)[2]) {
     /* the float box of a point may be off by half a unit in the last place of the coordinates */
     float pad = (float)(m->reach * 4e-7);
@@ -3103,7 +3097,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     int32_t *around = (int32_t *)(void *)(nodes + n), *corners_at = around + v + 1;
     memcpy(vertices, m->vertices, 3 * v * sizeof *vertices);
     memcpy(nodes, m->nodes, n * sizeof *nodes);
-    /* the corners on each vertex, in the order of the faces, as where normals are summed up at first */
+    /* the corners on each vertex, in the order of faces in which normals were summed at first */
     memset(around, 0, (v + 1) * sizeof *around);
     for (size_t i = 0; i < 3 * f; i++) around[m->faces[i]]++;
     int32_t before = 0;
@@ -3124,12 +3118,12 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
         slacks[leaf][0] = m->leaves[leaf].slack, slacks[leaf][1] = m->leaves[leaf].share;
     *moving = *field;
-    moving->mapped = 0; /* the bytes are the field's, which lets go of them */
+    moving->mapped = 0; /* the bytes belong to the field, which frees them */
     pandis__mesh *own = &moving->as.mesh;
     own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
     own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
-    own->most = INT32_MAX; /* nothing is known of what its shapes would cut */
+    own->most = INT32_MAX; /* no budget is known to suit all its shapes */
     return PANDIS_SUCCESS;
 }
 
@@ -3165,8 +3159,7 @@ PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertice
 #if defined(__GNUC__) || defined(_MSC_VER)
 #define PANDIS__NEW 4
 
-/* Put a number where another thread may do so at the same time; returns what was there. What was written before is seen
- * by whoever reads the number. */
+/* Exchange a number atomically; returns the old one. Whoever reads the number sees what was written before it. */
 static int32_t pandis__exchange(volatile int32_t *where, int32_t number) {
 #if defined(__GNUC__)
     return __atomic_exchange_n(where, number, __ATOMIC_ACQ_REL);
@@ -3207,7 +3200,7 @@ PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const d
 
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving) {
     pandis__handover *h = pandis__handover_of(handover);
-    int is_new = (pandis__peek(&h->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
+    int is_new = (pandis__peek(&h->waiting) & PANDIS__NEW) != 0; /* only this thread clears the flag */
     if (is_new) h->asking = pandis__exchange(&h->waiting, h->asking) & 3;
     *moving = h->shapes[h->asking];
     return is_new;
@@ -3243,7 +3236,7 @@ PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const do
     return answer.flag;
 }
 
-/* Whether a rotation is one, within 1e-6, and a translation finite. */
+/* Whether a matrix is a rotation to 1e-6, and a translation finite. */
 static int pandis__places(const double *rotation, const double *translation) {
     double most = 0, across[3];
     for (int i = 0; i < 3; i++) {
@@ -3264,8 +3257,8 @@ static int pandis__lies(const pandis_object *o) {
     return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
 }
 
-/* A scene keeps of each object two balls in which it cannot be touched, one for penalty forces and one for
- * contacts, whose proxies may be elsewhere: centre and squared radius, in blocks, coordinate by coordinate. */
+/* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for contacts, whose
+ * proxies may be elsewhere. Centres and squared radii lie in blocks, coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
 static double *pandis__ball(const pandis__scene *scene, int use, size_t object) {
@@ -3278,7 +3271,7 @@ static void pandis__keep_ball(double *ball, const double *centre, double radius)
     ball[3 * PANDIS_SCENE_BLOCK] = radius > 0 ? radius * radius : -1;
 }
 
-/* How far from a point (unit frame) nothing can be touched, going by where the surface lies. */
+/* How far from a point (unit frame) nothing can be touched, by the bounds of the surface. */
 static double pandis__clearance(const pandis_field *f, const double *u) {
     double off[3];
     for (int k = 0; k < 3; k++) {
@@ -3295,7 +3288,7 @@ static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
     return rank[one] > rank[other] ? one : other;
 }
 
-/* Ask an object unless it cannot be touched at a point, and keep how far that is so. */
+/* Query an object if it may be touched at a point; keep the ball where it cannot be. */
 static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
     const pandis_field *f = o->field;
@@ -3317,12 +3310,12 @@ static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const doubl
         double away = flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance;
         if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
     }
-    /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
+    /* less rounding errors, and the stretch of a rotation that is exact only within 1e-6 */
     pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
     return flag;
 }
 
-/* Let an object be asked at the next point; leave it out if it lies nowhere. */
+/* Have an object queried at the next point; leave it out if it is invalid. */
 static pandis_error pandis__wake_object(const pandis__scene *scene, size_t object) {
     const double origin[3] = {0};
     int lies = pandis__lies(scene->objects + object);
@@ -3355,7 +3348,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, cons
 
 PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) { return pandis__scene_in(scene)->queries; }
 
-/* The next object, from one on, that may be touched at a point; the count, if there is none. */
+/* The next object from `from` on that may be touched at a point; the count if there is none. */
 static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {
@@ -3421,8 +3414,8 @@ static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* The turn of a spin in some seconds, at most half of a whole one. The series is that of a sixteenth of it: libraries
- * differ in the last bits of their sines. */
+/* The rotation by a spin in `dt` seconds, at most half a turn, from a series for a sixteenth of it: sines of libraries
+ * differ in their last bits. */
 static void pandis__spun(const double *spin, double dt, double *q) {
     double half[3], whole[4];
     for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;
@@ -3445,7 +3438,7 @@ static void pandis__turned(const double *q, double *r) {
     memcpy(r, made, sizeof made);
 }
 
-/* The way that an object is on: two ends, of each the quaternion and the translation. */
+/* The way that an object is on: quaternion and translation of both its ends. */
 static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
 
 PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
@@ -3508,7 +3501,7 @@ static void pandis__set_out(const pandis__poses *poses, size_t object) {
 }
 
 static int pandis__poses_go(pandis__poses *poses, pandis_scene *scene, double dt) {
-    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
+    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread clears the flag */
     if (is_new) {
         poses->asking = pandis__exchange(&poses->waiting, poses->asking) & 3;
         for (size_t i = 0; i < poses->count; i++) pandis__set_out(poses, i);
@@ -3547,7 +3540,7 @@ PANDIS_API double pandis_waves(const void *ridges, const double point[3], int re
     return w->height / 2 * (1 + sin(along));
 }
 
-/* A number from 0 to 1 for a node of the lattice, as if drawn at random. */
+/* A pseudo-random number from 0 to 1 for a node of the lattice. */
 static double pandis__drawn(const int32_t *node) {
     uint32_t h = (uint32_t)node[0] * 0x8da6b343u ^ (uint32_t)node[1] * 0xd8163841u ^ (uint32_t)node[2] * 0xcb1ab31fu;
     h = (h ^ h >> 15) * 0x2c1b3c6du, h = (h ^ h >> 12) * 0x297a2d39u;
@@ -3563,7 +3556,7 @@ PANDIS_API double pandis_noise(const void *bumps, const double point[3], int reg
         double x = point[k] / b->length, t;
         if (!(fabs(x) < 1e9)) return gradient[0] = gradient[1] = gradient[2] = 0;
         low[k] = (int32_t)floor(x), t = x - floor(x);
-        blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1]; /* two derivatives are steady */
+        blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1]; /* two continuous derivatives */
         change[k] = 30 * t * t * (1 - t) * (1 - t) / b->length;
         gradient[k] = 0;
     }
@@ -3588,25 +3581,25 @@ PANDIS_API double pandis_by_region(const void *patches, const double point[3], i
 }
 /* ---------------------------------------------------------------- planes that a proxy touches */
 
-#define PANDIS__KEPT 8   /* planes from step to step: all walls of a corner, for which three hold the proxy changes with the probe */
+#define PANDIS__KEPT 8   /* planes kept between steps: all walls of a corner, as the probe decides which three hold the proxy */
 #define PANDIS__PLANES 9 /* and the one of the last look */
 
-/* A piece of the surface near a proxy, taken as flat: what is free lies where normal . x >= offset (unit frame). */
+/* A piece of the surface near a proxy, taken as flat: free space is where normal . x >= offset (unit frame). */
 typedef struct {
     double normal[3], offset, foot[3];
 } pandis__plane;
 
 static double pandis__height(const pandis__plane *p, const double *x) { return pandis__dot(p->normal, x) - p->offset; }
 
-/* The point on two or three planes that is nearest to a goal, if the goal is behind all of them together: each has to
- * push, or the point is not the nearest one in front of them. 0 if not so, or if they are nearly parallel. */
+/* The point on two or three planes that is nearest to a goal, if it is also the nearest one in front of them: each plane
+ * has to push. 0 if one does not, or if they are nearly parallel. */
 static int pandis__onto(const pandis__plane *planes, const int *which, int count, const double *under, const double *goal,
                         double *y) {
     const double *a = planes[which[0]].normal, *b = planes[which[1]].normal;
     double push[3], across[3][3], sum[3];
     pandis__cross(a, b, across[2]);
     if (count == 2) {
-        double c = pandis__dot(a, b), det = pandis__dot(across[2], across[2]); /* 1 - c^2, without what that loses */
+        double c = pandis__dot(a, b), det = pandis__dot(across[2], across[2]); /* 1 - c^2 without cancellation */
         if (!(det > 1e-14)) return 0;
         push[0] = (c * under[which[1]] - under[which[0]]) / det, push[1] = (c * under[which[0]] - under[which[1]]) / det;
     } else {
@@ -3626,8 +3619,8 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
-/* Whether a set of planes gives the point: the goal is behind one of them, and all others lie behind the point. Returns a
- * bit for each of the set, or 0. */
+/* Whether a set of planes gives the point: the goal is behind one of them, and the point is in front of all others.
+ * Returns a bit for each, or 0. */
 static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *under, int behind,
                          const double *goal, double *y) {
     int set = 0;
@@ -3642,8 +3635,8 @@ static int pandis__gives(const pandis__plane *planes, int count, const int *whic
     return set;
 }
 
-/* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. With planes
- * that nothing satisfies together, the last one, which was looked at last, decides. */
+/* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. If no point is
+ * in front of all planes, the last one, which is the newest, decides. */
 static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
     double under[PANDIS__PLANES];
     int set, behind = 0;
@@ -3669,19 +3662,19 @@ static int pandis__nearest_in_front(const pandis__plane *planes, int count, cons
 }
 /* ---------------------------------------------------------------- a proxy: what it knows of the surface near it
  *
- * All in the object's unit frame. The proxy is a point; a probe of radius r makes the surface that far thicker. What is
- * known to be free is a ball, around a point a little above the proxy, as large as the distance there. The proxy goes from
- * ball to ball, each of which overlaps with the one before: so nothing that has a surface lies on its way. What is known of
- * the surface are planes, each through the foot of a point that was looked at. */
+ * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the surface by r. The known
+ * free space is a ball around a point a little above the proxy, as large as the distance there. The proxy goes from ball
+ * to ball. Each overlaps the one before, so no surface lies on its way. The surface is known as planes, each through the
+ * foot of a point that was looked at. */
 
-#define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
-#define PANDIS__FARTHEST 2       /* lifts: no point is looked from that is farther away from the place */
-#define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
+#define PANDIS__HOVER 0.004       /* height above the surface to look at it from */
+#define PANDIS__FARTHEST 2       /* lifts: a look at a place is taken from no farther away */
+#define PANDIS__STALE 4          /* lifts: planes whose foot is farther away are forgotten */
 #define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
-#define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
-#define PANDIS__TRUSTED 0.8      /* share of an approximate distance to what is felt that is free */
+#define PANDIS__BEHIND 1e-8      /* a surface in front of a plane is no farther behind it */
+#define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the felt surface */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
-#define PANDIS__GUESSED 0.05     /* by which a distance may be too large where the file does not say it */
+#define PANDIS__GUESSED 0.05     /* how much too large a distance may be if the file does not say */
 
 enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 
@@ -3689,9 +3682,9 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 typedef struct {
     pandis__contact *state;
     const pandis_field *field;
-    double radius;            /* how far outside of the surface the walls are, less where the probe has begun nearer */
+    double radius;            /* offset of the walls from the surface; less where the probe began nearer */
     double tolerance;         /* by which planes are compared */
-    double blur;              /* a surface so far away, or so far behind a plane, tells nothing */
+    double blur;              /* a surface this near, or this little behind a plane, is ignored */
     int exact;                /* its distances are those of a surface, not of an approximation */
     int flat;                 /* and that surface is the one that is felt */
     int queries, count;
@@ -3700,8 +3693,8 @@ typedef struct {
     double *x, *ball;
 } pandis__proxy;
 
-/* What a look at a point says: distance, the ball around it that is free, and the one that needs no other look to be
- * entered, and the surface's foot and normal. */
+/* Result of a look at a point: distance, radius of the free ball around it and of the one that can be entered without a
+ * look, foot and normal of the surface. */
 typedef struct {
     double at[3], distance, free, sure, normal[3], foot[3];
     int32_t face, region;
@@ -3711,8 +3704,8 @@ static int pandis__knows_distance(const pandis_field *f) {
     return f->kind && !(f->kind == PANDIS_GRID && f->as.grid.rule <= PANDIS__TRILINEAR);
 }
 
-/* Put a texture onto what a look at a point has found: the distance becomes that to the plane that touches the raised
- * surface below the point, the normal that of this plane, and less is free. */
+/* Apply a texture to the result of a look. The distance becomes that to the tangent plane of the raised surface below the
+ * point, the normal becomes that of this plane, and less is free. */
 static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
                             double *free, double *sure) {
     const pandis_texture *t = p->state->options.texture;
@@ -3726,12 +3719,12 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
     for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
     *distance = (*distance - raised) / sqrt(1 + steep);
-    /* the raised surface lies below a cone over the foot, of twice the slope, for feet move up to twice as far as points */
+    /* the raised surface lies below a cone over the foot with twice the slope: feet move up to twice as far as points */
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 
-/* How far a network's surface is at least from a place beyond its box: it lies in the box, and from the box's nearest place
- * at least a share of the distance away that the network answers there. */
+/* Lower bound of the distance to a network's surface from a place beyond its box. The surface lies in the box, and it is
+ * at least a share of the network's distance from the box's nearest place. */
 PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
     double way = 0;
     for (int k = 0; k < 3; k++) {
@@ -3759,11 +3752,11 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     } else if (answer.flag == PANDIS_OK) {
         sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
     } else {
-        /* the margin holds in the box; beyond it only where the surface cannot be is known */
+        /* the margin holds in the box; beyond it only the surface's bounds are known */
         int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
         double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
         double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
-        /* and how far the surface is at least: what a spline covers goes so far beyond it */
+        /* a lower bound, too: what a spline covers goes this far beyond the surface */
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
         if (inside && distance > 0) free = fmax(free, f->height);
@@ -3804,13 +3797,13 @@ static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int insi
     }
 }
 
-/* Add the plane of a look, as the last one; `place` is where the proxy would be, at least so high over the surface. */
+/* Add the plane of a look as the last one. The proxy would be at `place`, at least `height` above the surface. */
 static void pandis__learn(pandis__proxy *p, const pandis__look *look, const double *place, double height) {
     pandis__plane seen;
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    for (int i = p->count - 1; i >= 0; i--) { /* of two that face each other without a gap one is of a fold: the nearer */
+    for (int i = p->count - 1; i >= 0; i--) { /* of two that face each other without a gap, the nearer is a fold */
         double gap = pandis__height(p->plane + i, seen.foot);
         if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur) continue;
         if (fabs(look->distance) < p->blur) return;
@@ -3828,9 +3821,9 @@ static double pandis__between(const double *a, const double *b) {
     return sqrt(pandis__dot(off, off));
 }
 
-/* Where to look from, to see whether the proxy can be at a place: the nearest point to it that is `lift` above all planes,
- * twice as high above those unlike `nearest`, if that is not NULL. Where planes meet at a sharp angle, or face each other,
- * that would be far away, or nowhere: there it is less high. */
+/* Where to look from, to see whether the proxy can be at a place: the nearest point that is `lift` above all planes, and
+ * twice that above planes unlike `nearest`, if it is not NULL. Where planes meet at a sharp angle or face each other, no
+ * such point is near: there the lift is reduced. */
 static void pandis__lifted(const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
     pandis__plane raised[PANDIS__PLANES];
     double height = lift;
@@ -3865,22 +3858,22 @@ static void pandis__take_ball(pandis__proxy *p, const pandis__look *look) {
 }
 /* ---------------------------------------------------------------- how a proxy follows the probe */
 
-#define PANDIS__SMALL 1e-13  /* of the unit frame: no way at all */
-#define PANDIS__ABOVE 4e-6   /* so high over a plane it is not yet there */
-#define PANDIS__GAP 5e-4     /* between a ball and the place in an edge or a corner from which it is seen */
-#define PANDIS__ASIDE 1e-3   /* lifts: so far beside it is looked again */
+#define PANDIS__SMALL 1e-13  /* shorter ways are 0 (unit frame) */
+#define PANDIS__ABOVE 4e-6   /* above this height a plane is not touched */
+#define PANDIS__GAP 5e-4     /* a ball may miss the proxy by this much in an edge or a corner */
+#define PANDIS__ASIDE 1e-3   /* lifts: sideways offset of a second look */
 #define PANDIS__SLIVER 2e-4  /* this much of a way need not be known to be free */
 
-/* Whether a look tells of a wall that is nearer than all planes which are known. */
+/* Whether a look shows a wall that is nearer than all known planes. */
 static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
     double least = INFINITY;
     for (int i = 0; i < p->count; i++) least = fmin(least, pandis__height(p->plane + i, look->at));
     return p->count && look->distance < least - 0.1 * fabs(least) - p->blur;
 }
 
-/* Begin the chain of balls anew, from the proxy upwards: each overlaps with the one below it, and the lowest reaches the
- * proxy but for a sliver. It ends at the height from which it is looked, or where too much of an edge would not be seen
- * from. 0: no answer; 2: a wall was met that was not known. */
+/* Rebuild the chain of balls from the proxy upwards. Each ball overlaps the one below it, and the lowest reaches the
+ * proxy to within a sliver. The chain ends at the lift, or where a ball would miss the proxy in an edge by too much. 0:
+ * no answer; 2: an unknown wall was met. */
 static int pandis__climb(pandis__proxy *p) {
     pandis__contact *c = p->state;
     double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
@@ -3897,7 +3890,7 @@ static int pandis__climb(pandis__proxy *p) {
         if (look.free > 0 && gap <= look.free * (1 + 1e-9) && away <= look.free + PANDIS__GAP) {
             pandis__take_ball(p, &look);
             if (lift >= c->lift) return 1;
-            /* between planes through the proxy, the next ball that overlaps is larger by so much */
+            /* between planes through the proxy, overlapping balls grow by this factor */
             double sine = fmin(0.5, look.free / fmax(away, PANDIS__SMALL));
             reached = lift, lift *= 0.99 * (1 + sine) / (1 - sine);
         } else {
@@ -3910,7 +3903,7 @@ static int pandis__climb(pandis__proxy *p) {
     return 1;
 }
 
-/* Take a larger ball, above where the proxy is. 0: no answer. */
+/* Take a larger ball above the proxy. 0: no answer. */
 static int pandis__widen(pandis__proxy *p) {
     pandis__look look;
     double at[3];
@@ -3921,7 +3914,7 @@ static int pandis__widen(pandis__proxy *p) {
     return 1;
 }
 
-/* Make the ball anew; puts the proxy onto the surface, where that has come over it. 0: no answer. */
+/* Make a new ball. A proxy that the surface has moved over is put back onto it. 0: no answer. */
 static int pandis__regain(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -3932,17 +3925,17 @@ static int pandis__regain(pandis__proxy *p) {
     return pandis__widen(p);
 }
 
-/* How the proxy may go in a step. */
+/* The proxy's motion in a step. */
 typedef struct {
     double travel;           /* along the surface, at most */
-    double sticking, sliding; /* friction per force against the surface */
-    double soft;             /* share of the way along it that drag leaves */
-    double slip;             /* that friction and drag leave; below 0 until it is known */
+    double sticking, sliding; /* friction coefficients */
+    double soft;             /* share of motion along it that drag leaves */
+    double slip;             /* way that friction and drag leave; negative until known */
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active, rubs;        /* planes that hold it back, and those by friction, a bit for each */
-    int held;                /* `travel` or the budget does */
+    int active, rubs;        /* bit sets: planes that hold it back, and those that rub */
+    int held;                /* by `travel` or the budget */
     int stuck;               /* no way on was found */
     int turned;              /* how often another wall was in the way, */
     int refused;             /* a step would have led away from the probe, */
@@ -3950,10 +3943,10 @@ typedef struct {
     int climbed, confirmed;  /* the chain of balls was begun anew, or distant planes were looked at again */
 } pandis__way;
 
-/* How far the proxy may go along the surface towards a place `step` away, under a pressure. */
+/* How far friction and drag let the proxy go to a place `step` away, pressed in by `press`. */
 static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
-    if (way->slip < 0) { /* the first look at it in this step */
+    if (way->slip < 0) { /* the first call in this step */
         c->sticks = friction > 0 && step <= friction;
         friction = way->sliding * press;
         way->slip = c->sticks ? 0 : friction > 0 || way->soft < 1 ? fmax(0, step - friction) * way->soft : 1e300;
@@ -3974,7 +3967,7 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
         way->arriving = way->active && !touches;
         if (below > 0 && above > 0) reach = fmin(reach, above / (above + below));
     }
-    if (way->active && way->arriving) { /* it does not rub before it has arrived */
+    if (way->active && way->arriving) { /* no friction before it has arrived */
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + reach * (probe[k] - p->x[k]);
         return pandis__between(target, p->x);
     }
@@ -3999,7 +3992,7 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
     return step;
 }
 
-/* The proxy has gone somewhere. */
+/* Move the proxy to a place. */
 static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *place) {
     double step = pandis__between(place, p->x);
     way->shrink = 1;
@@ -4009,7 +4002,7 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
-/* Move towards a place that is beyond what is known to be free: to the rim of the ball, where it is looked at next. */
+/* Move towards a place beyond the known free space: to the rim of the ball, from where the next look is taken. */
 static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
     if (way->active && !way->arriving) { /* it lies on the surface, and stays there */
@@ -4023,7 +4016,7 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
         double to = pandis__between(target, rim), within = to > look.free ? look.free / to : 1;
         for (int k = 0; k < 3; k++) place[k] = rim[k] + within * (target[k] - rim[k]);
         pandis__take_ball(p, &look);
-        if (!p->exact) { /* a field that is steeper than a distance says that more is free than is */
+        if (!p->exact) { /* a field steeper than a distance overstates the free space */
             pandis__look near;
             if (!pandis__look_at(p, place, &near)) return 0;
             if (near.distance < -PANDIS__SLIVER) {
@@ -4037,7 +4030,7 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
     return 1;
 }
 
-/* Begin with what the surface is where the proxy is; it comes out, where it has sunk in by a sliver. 0: no answer. */
+/* Start over from the surface at the proxy, which comes out if it has sunk in by less than a sliver. 0: no answer. */
 static int pandis__emerge(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -4047,8 +4040,8 @@ static int pandis__emerge(pandis__proxy *p) {
     return 1;
 }
 
-/* Put the proxy in front of all planes, where it is behind them by a sliver. Those behind which it is by more are none of
- * the surface here, for it is free: they lie beyond an edge. */
+/* Put the proxy in front of all planes that it is behind by at most a sliver. Planes that it is farther behind are
+ * dropped: the proxy is free, so they lie beyond an edge. */
 static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
     for (int i = p->count - 1; i >= 0; i--) {
@@ -4092,7 +4085,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         if (!joined && way->active) way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
         if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
         double gap = pandis__between(target, at) - look.free;
-        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) { /* another wall is near: between them, and lower in the edge */
+        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) { /* another wall: look from lower, between them */
             c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
             pandis__learn(p, &look, p->x, 0);
             return 1;
@@ -4104,7 +4097,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         pandis__learn(p, &look, target, height);
         if (!pandis__look_at(p, target, &near)) return 0;
         height = near.distance;
-        if (fabs(height) > p->blur) look = near; /* at the surface itself a normal may be of an edge, or a fold */
+        if (fabs(height) > p->blur) look = near; /* on the surface the normal may be an edge's or a fold's */
         if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN; /* nothing new */
     }
     if (closely && height < PANDIS__HOVER) {
@@ -4121,11 +4114,11 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     pandis__nearest_in_front(p->plane, p->count, target, place);
     if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
         pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
-        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, with which it goes elsewhere */
+        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, which changes where it goes */
             way->refused++;
             return 1;
         }
-        if (way->refused++ < 3) { /* what is known does not fit: begin with what the surface is where the proxy is */
+        if (way->refused++ < 3) { /* the known planes are inconsistent: start over from the surface at the proxy */
             if (!pandis__emerge(p)) return 0;
             c->close = 1;
             return 1;
@@ -4143,14 +4136,14 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     return 1;
 }
 
-/* Look once more at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it was
- * another, -1 if there was no answer; `height` is that of the proxy, at least, where distances tell it. */
+/* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it changed,
+ * -1 if there was no answer. `height` is a lower bound of the proxy's, where distances give one. */
 static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
     double at[3], cross[3];
     pandis__lifted(p, p->x, held.normal, lift, at);
-    /* a little aside: on a ridge between faces every plane that touches it would be its own proof */
+    /* a little aside: on a ridge between faces every plane through it would confirm itself */
     if (p->field->kind != PANDIS_SHAPE && p->flat)
         for (int k = 0; k < 3; k++) at[k] += PANDIS__ASIDE * lift * (held.normal[(k + 1) % 3] - held.normal[(k + 2) % 3]);
     if (!pandis__look_at(p, at, &look)) return -1;
@@ -4162,9 +4155,9 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, doub
     return pandis__dot(cross, cross) > 1e-18 || *height > p->tolerance;
 }
 
-/* Look again at planes that hold the proxy: where it rests, at all of them, for on a curved surface an old one may be left
- * that is none here, and whether it has sunk in, where a wall is not known; on its way, at those seen from far. Returns how
- * many were others, -1 if there was no answer. */
+/* Look again at planes that hold the proxy. If it rests, look at all of them: on a curved surface an old one may no
+ * longer apply. Also check whether it has sunk into an unknown wall. On its way, look only at those seen from far.
+ * Returns how many changed, -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
     double height = -1, most = -1;
@@ -4173,7 +4166,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
         if (!((way->active | way->rubs) >> i & 1) || !(rests || distant)) continue;
-        /* on its way from so near that the foot is no distant one again */
+        /* on its way, from so near that the new foot is not distant */
         int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
         changed += rests ? other : 1, most = fmax(most, height);
@@ -4199,10 +4192,10 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
         return 1;
     }
     if (c->state == PANDIS__TOUCHES && p->ball[3] < c->lift / 16 && !pandis__widen(p)) return 0;
-    /* queries after which a small rest waits for the next step: more of them if the last steps came no further */
+    /* queries after which a short remainder is left to the next step: more if the last steps came no further */
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
-    /* each turn asks the field, or ends the step; that none does neither is made sure of */
+    /* each turn queries the field or ends the step; the bound is a safeguard */
     for (int turn = 0; turn < 4 * c->options.budget; turn++) {
         pandis__come_out(p);
         double step = pandis__aim(p, way, probe, target);
@@ -4214,7 +4207,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* what one hop does, in a groove, too */
+        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* what one hop does, even in a groove */
         if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < small)) {
             way->held |= p->queries >= c->options.budget;
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;
@@ -4238,8 +4231,8 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
 
 #define PANDIS__PACE 4.8e-3        /* its longest step; it begins with an eighth of that, */
 #define PANDIS__CHORD 1.6e-3       /* the longest of which the proxy goes a part, straight on, */
-#define PANDIS__TIRED (1 / 1024.0) /* and ends at so small a share, for each step that fails halves the next */
-#define PANDIS__IDLE 16            /* it begins at this count: a step of the contact that leads nowhere is 2, another -1 */
+#define PANDIS__TIRED (1 / 1024.0) /* and ends below this share of it: each step that fails halves the next */
+#define PANDIS__IDLE 16            /* it begins at this count: contact steps that lead nowhere add 2, others subtract 1 */
 #define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
 #define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */
 #define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
@@ -4248,10 +4241,9 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
 #define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper, */
 #define PANDIS__SUNK_SHARE 0.1     /* and no deeper than this share of a step */
 
-/* Look for the place nearest to a goal that walls leave free, at most `reach` away. Returns 1 if it is in `look`, 0 if none
- * was seen, -1 if there was no answer. `slope` is by how much the distance grows along the normal: in a rounded corner by
- * less than 1, and in one of a trilinear field's cells it may even fall. A place that is farther outside than it has to be
- * is improved once. */
+/* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if none was found, -1 if
+ * there was no answer. `slope` is the rate at which the distance grows along the normal: less than 1 in a rounded corner,
+ * and perhaps negative in a cell of a trilinear field. A place farther outside than necessary is improved once. */
 PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
     double at[3] = {goal[0], goal[1], goal[2]}, last[3] = {0}, before = 0;
     pandis__look high;
@@ -4261,7 +4253,7 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget && pandis__between(at, goal) <= reach;) {
         if (!pandis__look_at(p, at, look)) return -1;
         if (look->distance >= -sunk && (over || !p->count || look->distance <= *slope * 0.02 * reach)) return 1;
-        if (over) { /* that was too near: so the place before */
+        if (over) { /* too near: take the place before */
             *look = high;
             return 1;
         }
@@ -4288,8 +4280,8 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
 }
 
 /* Take a free ball above a place, offset by the planes that hold the proxy there, if any. Returns 1 if the ball joins
- * the last one or holds the proxy (if `joins`), and reaches the place (if `reaches`); else 0; -1: no answer. It has to join
- * because an exact surface may be thinner than a step: that a place is free does not mean that the way to it is. */
+ * the last one or holds the proxy (if `joins`), and reaches the place (if `reaches`); else 0; -1: no answer. It has to
+ * join because an exact object may be thinner than a step: the way to a free place need not be free. */
 static int pandis__covers(pandis__proxy *p, const double *place, int joins, int reaches) {
     pandis__look look;
     double at[3];
@@ -4309,8 +4301,13 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
     const int all = p->exact || c->stalled > 4; /* the hops that follow lead nowhere */
     const int most = all ? c->options.budget - 1 : p->queries + (c->options.budget - p->queries) * 5 / 8;
-    int first = !p->exact, good = 1; /* out of the surface at first, where the proxy has sunk in */
-    if (p->exact && pandis__between(p->ball, p->x) > p->ball[3] + PANDIS__GAP) good = pandis__covers(p, p->x, 0, 1);
+    int first = !p->exact, good = 1; /* out of the surface first, if the proxy has sunk in */
+    if (p->exact) { /* balls of the last one's height join it; those of a gap's height reach the proxy */
+        double far = pandis__between(p->ball, p->x);
+        c->lift = fmin(c->lift, fmax(far, PANDIS__GAP));
+        if (far > p->ball[3] + PANDIS__GAP) good = pandis__covers(p, p->x, 0, 1);
+        if (!good) c->lift = PANDIS__GAP, good = pandis__covers(p, p->x, 0, 1);
+    }
     if (good < 1) return good + 1;
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
         double goal[3], left = pandis__between(probe, p->x), along = 0, share = 1;
@@ -4330,7 +4327,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         if (!p->count) friction = 0;
         if (good == 1 && first) good = p->count > 0;
         else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
-        /* a place behind the surface, which faces the other way there, is a thin wall's other side */
+        /* a place behind the surface with the opposite normal is a thin wall's other side */
         if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
         if (good == 1 && p->exact) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 1, step > PANDIS__SLIVER) : 0;
         if (good < 0) return 0;
@@ -4349,7 +4346,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         if (p->count && !first) slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
         for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
         c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
-        if (!p->exact) { /* an empty ball on the surface makes the next step look at it from above */
+        if (!p->exact) { /* after an empty ball on the surface, the next step looks from above */
             pandis__take_ball(p, &look);
             memcpy(p->ball, p->x, 3 * sizeof *p->ball);
             if (p->count || !(look.free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
@@ -4380,16 +4377,17 @@ PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, c
     memcpy(p->ball, ball, 5 * sizeof *ball);
     p->count = 0;
     pandis__learn(p, &look, p->x, 0);
+    p->state->lift = fmax(p->state->lift / 4, PANDIS__HOVER / 64); /* from nearer, planes of a round surface fit better */
     return 1;
 }
 
-/* Bring the proxy as near to the probe, which moved so far, as it can come: by hops, and by a walk where these lead
- * nowhere. 0: no answer. */
+/* Bring the proxy as near to the probe as it can: by hops, or a walk where hops lead nowhere. `moved` is the probe's way.
+ * 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
     const double least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
-    /* a probe that goes faster than the proxy may is not followed by short steps: it has to slow down before */
+    /* a probe faster than the proxy may go is not followed by short steps: it has to slow down first */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     double ball[5];
@@ -4408,20 +4406,20 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe,
 }
 /* ---------------------------------------------------------------- contact */
 
-/* The pull of the spring and the damping, in the object's frame and scene units, from where probe and proxy are. */
+/* The force of spring and damping, in the object's frame and scene units, from where probe and proxy are. */
 static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal, double damping,
                          double *force) {
     double per = o->scale / o->field->scale;
     for (int k = 0; k < 3; k++) force[k] = o->stiffness * per * c->pull[k];
     double push = pandis__dot(force, normal), fast = -damping * pandis__dot(c->velocity, normal) * per;
     if (!(push > 0)) return;
-    /* no more than the spring gives: so it starts at nothing, and never pulls */
+    /* at most the spring's force: damping starts at zero and never pulls */
     fast = fast > push ? push : fast < -push ? -push : fast;
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
 
-/* The largest probe (unit frame) that finds its way back: where the field tells no more than that the surface is at least
- * so far away, a larger one would know of no free space. */
+/* The largest probe (unit frame) that finds its way back. Where the field gives only a lower bound of the distance, a
+ * larger probe would know of no free space. */
 static double pandis__widest(const pandis_field *f) {
     if (f->kind == PANDIS_SPLINE) return 0.95 * fmax(f->height, f->as.spline.outside);
     return f->kind == PANDIS_GRID ? 0.95 * f->height : 1e100;
@@ -4431,7 +4429,7 @@ static double pandis__widest(const pandis_field *f) {
 #define PANDIS__BUDGET 24
 #define PANDIS__STEEPEST 15.0
 
-/* Whether a number is from 0 to a most; not so for NaN. */
+/* Whether a number is from 0 to `most`; 0 for NaN. */
 static int pandis__in_range(double x, double most) { return x >= 0 && x <= most; }
 
 static int pandis__material_is_sound(const pandis_material *m) {
@@ -4482,7 +4480,7 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
     if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* it is not open */
     pandis_error error = pandis__check_options(options, &c->object);
     if (error) return error;
-    /* what is known to be free is so for the old radius, and without the new texture */
+    /* the known free space is that of the old radius and texture */
     if (options->radius != c->options.radius || options->texture != c->options.texture) c->ball[3] = -1;
     c->options = *options;
     return PANDIS_SUCCESS;
@@ -4490,7 +4488,7 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
 
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
 
-/* Walls are so much farther outside than they were, at most where the probe is: nothing stands between it and its proxy. */
+/* Move the walls outward by `by`, at most to the probe: then nothing stands between it and its proxy. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
     p->state->sunk -= by, p->radius += by;
     look->distance -= by, look->free -= by, look->sure -= by;
@@ -4501,8 +4499,8 @@ static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look
     pandis__learn(p, look, probe, look->distance);
 }
 
-/* Begin where the probe is. If that is inside, walls stand as deep as it lies, until it comes out: so nothing kicks, and
- * yet nothing lets it through. */
+/* Begin where the probe is. If that is inside, the walls stand at its depth until it comes out: nothing kicks it, and
+ * nothing lets it through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
@@ -4559,7 +4557,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     const pandis_contact_options *options = &contact->options;
     static const pandis_material smooth = {0, 0, 0, 0};
     const pandis_field *f = object->field;
-    double point[3], probe[3], per = f->scale / object->scale; /* of the unit frame for one of the scene */
+    double point[3], probe[3], per = f->scale / object->scale; /* unit-frame lengths per scene length */
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
@@ -4571,9 +4569,9 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
-    pandis__proxy p; /* but for planes that are not there */
+    pandis__proxy p; /* unused planes are uninitialised */
     p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk, p.tolerance = 1e-11;
-    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* of its lattice: where that folds faces */
+    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* the lattice step, which may fold faces */
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !options->texture;
@@ -4602,12 +4600,12 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     int active = way.active;
     if (active) contact->state = PANDIS__TOUCHES;
     if (!active) contact->sticks = 0;
-    if (!active && !(pandis__between(p.x, probe) > 0)) { /* it has come */
+    if (!active && !(pandis__between(p.x, probe) > 0)) { /* arrived */
         contact->state = PANDIS__CLEAR;
         contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
         contact->settled = contact->close = contact->idle = 0;
     }
-    /* the spring, whose length changes by no more than probe and proxy may go */
+    /* the spring: it changes by no more than probe and proxy may go */
     double most = 2 * moved + options->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {
         pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;
@@ -4724,7 +4722,7 @@ static uint32_t pandis__crc(const unsigned char *p, size_t size) {
     return ~crc;
 }
 
-/* A number of the header: the k-th of its 14 whole and 16 real ones. */
+/* The k-th of the 14 integers, or of the 16 reals, of the header. */
 static int32_t pandis__whole(const pandis_field *f, int k) {
     uint32_t value = pandis__u32(f->data + 72 + 4 * k);
     return value <= INT32_MAX ? (int32_t)value : -1;
@@ -4751,7 +4749,7 @@ static const void *pandis__section(const pandis_field *f, const char *name, uint
     return bytes == count * each ? section : NULL;
 }
 
-/* Whether there is a section of a name. */
+/* Whether a section has this name. */
 static int pandis__has_section(const pandis_field *f, const char *name) {
     uint64_t bytes;
     return pandis__find(f, name, &bytes) != NULL;
@@ -4791,8 +4789,8 @@ static uint64_t pandis__cube(int32_t n) { return (uint64_t)n * (uint64_t)n * (ui
 /* The child of a node at one of its eight places; 0 if there is none. */
 typedef int (*pandis__child)(const void *nodes, int32_t node, int place, int32_t *child);
 
-/* Walk a tree: nodes and leaves must come in the order in which they are met, each of them once, so
- * that no query can go round, or take longer than there are leaves; and not deeper than the stack. */
+/* Check a tree: nodes and leaves must come in the order in which a walk meets them, each once, and no deeper than the
+ * stack. So no query can loop, or visit more leaves than there are. */
 static int pandis__walk(const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
     int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
     int next[PANDIS__DEEPEST], depth = 0;
@@ -4829,7 +4827,7 @@ static int pandis__branch_child(const void *nodes, int32_t node, int place, int3
     return place < b->count;
 }
 
-/* Every index must lead somewhere. */
+/* Every index must be valid. */
 PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     pandis__mesh *m = &f->as.mesh;
     m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
@@ -4862,7 +4860,7 @@ PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
 }
 
-/* What a block says must lie in the section, and its corners among its own. */
+/* A block must lie in its section, and its faces' corners among its own. */
 static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t size) {
     pandis__packed b;
     const pandis__block_record *record = t->blocks + block;
@@ -4967,7 +4965,7 @@ PANDIS__ONCE static int pandis__open_grid(pandis_field *f) {
     g->rule = pandis__whole(f, 0), g->size = pandis__whole(f, 1);
     if (g->rule < 0 || g->rule > PANDIS__TRICUBIC || g->size < 2 || g->size > 1024) return 0;
     g->channels = channels[g->rule];
-    int own = pandis__u32(f->data + 12) > 1; /* version 1 knows the cube alone */
+    int own = pandis__u32(f->data + 12) > 1; /* version 1 has only the cube */
     for (int k = 0; k < 3; k++) {
         g->low[k] = own ? pandis__real(f, k) : -1, g->high[k] = own ? pandis__real(f, 3 + k) : 1;
         if (!(g->low[k] >= -1 && g->high[k] <= 1 && g->high[k] - g->low[k] >= 1e-9)) return 0;
@@ -5037,10 +5035,10 @@ PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Where the surface lies: the box around it; and two margins, measured: nothing outside of that box is touched
- * further off than the first, nor before the probe has gone the distance less a margin: the first, or
- * the second where the answer is flagged as a bound; and a height, nearer than which no surface is where an answer in
- * the box is flagged so and positive. Without the section nothing is known. */
+/* Read the box around the surface, two measured margins and a height. Nothing is touched farther outside the box than the
+ * first margin, or before the probe has gone the distance less a margin: the second where the answer is flagged as a
+ * bound, else the first. Where an answer in the box is so flagged and positive, no surface is nearer than the height.
+ * Without the section nothing is known. */
 PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
@@ -5124,7 +5122,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_open(pandis_field *field, const void
 
 #ifndef PANDIS_NO_FILE
 #ifdef PANDIS__READ
-/* Windows takes UTF-16 for what is UTF-8 elsewhere. */
+/* Windows needs UTF-16 for a path that is UTF-8. */
 static FILE *pandis__open_path(const char *path) {
 #ifdef _WIN32
     const unsigned char *p = (const unsigned char *)path;

@@ -31,10 +31,10 @@
 #define PANDIS__RESTRICT restrict
 #endif
 
-/* A plain -O2 is enough for all that follows. GCC uses few vectors then, and fewer still as long as an operation might
- * trap, so it is told here; clang knows by itself. Products and sums are rounded one by one, whatever the flags say, so
- * that every compiler, every machine and every vector width gives the same bits. */
-#if defined(__cplusplus) && defined(__GNUC__) /* what follows is C, too, which has no other casts */
+/* A plain -O2 is enough for all that follows. GCC then uses few vectors, and fewer still if an operation might trap, so
+ * options are set here; clang needs none. Products and sums are rounded one by one, whatever the flags say, so that every
+ * compiler, every machine and every vector width gives the same bits. */
+#if defined(__cplusplus) && defined(__GNUC__) /* the code is also C, which has no other casts */
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wold-style-cast"
 #pragma GCC diagnostic ignored "-Wcast-qual"
@@ -50,13 +50,13 @@
 #define PANDIS__PUSHED
 #endif
 
-#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* whose stack would grow */
+#if defined(__GNUC__) && !(defined(__clang__) && !defined(__OPTIMIZE__)) /* its stack would grow */
 #define PANDIS__INLINE static inline __attribute__((always_inline))
 #else
 #define PANDIS__INLINE static inline
 #endif
 
-/* A function that keeps its stack to itself. */
+/* Not inlined: its stack frame stays apart. */
 #if defined(__GNUC__)
 #define PANDIS__APART __attribute__((noinline))
 #elif defined(_MSC_VER)
@@ -85,13 +85,13 @@
 #define PANDIS__EDGE (1 - 1e-12)  /* the outermost faces of the box belong to its last cells */
 #define PANDIS__LANES 16          /* sums run in this many lanes, whatever the machine's vectors hold */
 #define PANDIS__ROWS ((PANDIS_MOST_WIDTH + PANDIS__LANES - 1) / PANDIS__LANES * PANDIS__LANES)
-#define PANDIS__HEAP 512 /* boxes that wait to be looked at, at most: of more, the farthest are not */
+#define PANDIS__HEAP 512 /* boxes that can wait to be visited; above that, farther ones are dropped */
 #define PANDIS__STACK 704
 #define PANDIS__DEEPEST 100 /* each level leaves seven entries on the stack */
 #define PANDIS__NO_BRICK 65535
 #define PANDIS__MOST_BITS 20
-#define PANDIS__SOON 192 /* boxes and faces, at least, that are looked at before one asks which to look at next */
-#define PANDIS__SLACK 16 /* bytes behind the last block, which are read and not used */
+#define PANDIS__SOON 192 /* at least this many boxes and faces are visited in tree order, before best-first */
+#define PANDIS__SLACK 16 /* bytes after the last block that are read but not used */
 #define PANDIS__BLOCK 64 /* most faces, and most corners, of a block of a packed mesh */
 
 static double pandis__dot(const double *u, const double *v) {
@@ -105,9 +105,9 @@ static void pandis__cross(const double *u, const double *v, double *out) {
 }
 
 #define PANDIS__STIFFEST 1e100
-#define PANDIS__TINY 1e-150 /* squares of less have lost their digits */
+#define PANDIS__TINY 1e-150 /* squares of smaller numbers lose digits */
 
-/* Scale to unit length; 0 if there is none. */
+/* Scale to unit length; 0 if it is 0. */
 static int pandis__normalise(double *v) {
     double length = sqrt(pandis__dot(v, v));
     if (!(length > PANDIS__TINY)) return 0;
@@ -115,7 +115,7 @@ static int pandis__normalise(double *v) {
     return 1;
 }
 
-/* Move a point into the box [-1, 1]^3; returns how far. */
+/* Move a point into a box; returns how far. */
 static double pandis__clamp_to(const double *low, const double *high, const double *u, double *inside) {
     double off[3];
     for (int k = 0; k < 3; k++) {

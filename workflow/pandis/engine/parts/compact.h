@@ -1,7 +1,7 @@
 /* ---------------------------------------------------------------- answers of a packed mesh */
 
-/* The nearest found so far: squared distance, as such and as a key, and block * 64 + place of the face in it; how
- * many groups and blocks may still be looked at; and the key of the nearest that was not. */
+/* The nearest face so far: its squared distance, also as a key, and block * 64 + its place there. Also how many groups
+ * and blocks may still be visited, and the key of the nearest that was not. */
 typedef struct {
     float squared;
     int32_t key, face, left, unseen;
@@ -39,7 +39,7 @@ PANDIS__INLINE void pandis__branch_keys(const pandis__branch *branch, const doub
     pandis__byte_bounds(branch->boxes[0], branch->count, shift, q, keys);
 }
 
-/* Look for the nearest face, in the nearest branch first and there to the end; for most points that is soon. */
+/* Descend depth-first, the nearest branch first; for most points that soon finds the nearest face. */
 PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const double *p, pandis__near *best) {
     struct {
         int32_t keys[PANDIS__WIDTH];
@@ -68,7 +68,7 @@ PANDIS__INLINE void pandis__search_depth_body(const pandis__compact *t, const do
 
 PANDIS__COMPILE(pandis__search_depth, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
-/* Look for it in whatever seems nearest of all that is left, so that little is missed when the time is up. */
+/* Search best-first, so that little is missed when the budget is spent. */
 PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const double *p, pandis__near *best) {
     pandis__waiting heap[PANDIS__HEAP];
     int count = 1;
@@ -100,8 +100,7 @@ PANDIS__INLINE void pandis__search_best_body(const pandis__compact *t, const dou
 PANDIS__COMPILE(pandis__search_best, (const pandis__compact *t, const double *p, pandis__near *best), (t, p, best))
 
 /* The nearest face to a point in steps of the lattice: block * 64 + place; INT32_MAX if there is none within the
- * reach (steps). If there were too many to look at, `clear` is how far all others are at least, squared; else
- * infinite. */
+ * reach (steps). If the search was cut short, all others are at least `clear` away, squared; else it is infinite. */
 static int32_t pandis__search(const pandis__compact *t, const double *p, double reach, float *clear) {
     int32_t soon = pandis__soon(t->most);
     pandis__near best = {FLT_MAX, INT32_MAX - 1, INT32_MAX, soon, INT32_MAX};
@@ -131,7 +130,7 @@ static void pandis__face_corners(const pandis__packed *b, int place, int *corner
     }
 }
 
-/* Two bits of a list of them. */
+/* An entry of a two-bit list. */
 static int pandis__two_bits(const unsigned char *list, int at) { return list[at / 4] >> 2 * (at % 4) & 3; }
 
 /* Which of eight boxes a ray from a point along x meets: a bit each. */
@@ -148,8 +147,8 @@ static int pandis__boxes_ahead(const unsigned char *boxes, int count, const int3
     return met;
 }
 
-/* Twice the signed area that an edge and a point span, seen along x. Of the edge's two directions the values
- * are opposite to the last bit, so that a ray next to it meets one of its two faces. */
+/* Twice the signed area that an edge and a point span, seen along x. The edge's two directions give exactly opposite
+ * values, so that a ray next to it meets one of its two faces. */
 static double pandis__beside(const double *a, const double *b, const double *p) {
     int turn = a[1] > b[1] || (a[1] == b[1] && a[2] > b[2]);
     const double *s = turn ? b : a, *e = turn ? a : b;
@@ -220,8 +219,8 @@ static int pandis__boxes_between(const unsigned char *boxes, int count, const in
     return met;
 }
 
-/* The side of a point, by the first face that the way to another one meets, of which so much is clear; that one
- * itself tells if too many are to be looked at. */
+/* The side of a point, by the first face on the way to a target. It is clear up to the share `from`. If too many faces
+ * are met, the target's own decides. */
 PANDIS__APART static int pandis__first_side(const pandis__compact *t, const double *p, const double *target,
                                             const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -269,7 +268,7 @@ static int pandis__tells(const pandis__packed *b, int place, const int *corners,
     return tells == PANDIS__BY_FACE ? pandis__two_bits(faces, place) : tells;
 }
 
-/* The side of a point next to whose nearest face others may be nearer: of the way there, so much is clear. */
+/* The side of a point after a search that was cut short: other faces may be nearer, but not than `clear`. */
 static int pandis__cut_side(const pandis__compact *t, const double *p, const double (*corner)[3],
                             const pandis__foot *foot, const double *n, double clear) {
     double target[3]; /* next to the foot, within the face */
@@ -290,10 +289,10 @@ PANDIS__APART static pandis_flag pandis__answer_compact(const pandis__compact *t
     /* a very distant point has the same nearest face as a nearer point in the same direction */
     double nearer = most > 1024 ? 1024 / most : 1;
     for (int k = 0; k < 3; k++) p[k] = (u[k] * nearer + PANDIS__HALF) / t->step;
-    /* somewhat farther than the reach, for single precision may find a face too far away */
+    /* a little beyond the reach: single precision may overestimate distances */
     double steps = nearer < 1 ? (double)INFINITY : (begin->reach * 1.0001 + 1e-3) / t->step;
     int32_t face = pandis__search(t, p, steps, &unseen);
-    /* with too much to look at, a search with a reach takes another way and ends elsewhere */
+    /* if cut short, a search with a reach may end elsewhere: repeat it without one */
     if (unseen < FLT_MAX && steps < 1e18) steps = (double)INFINITY, face = pandis__search(t, p, steps, &unseen);
     if (face == INT32_MAX && steps < 1e18) {
         *clear = begin->reach;

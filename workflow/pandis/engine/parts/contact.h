@@ -1,19 +1,19 @@
 /* ---------------------------------------------------------------- contact */
 
-/* The pull of the spring and the damping, in the object's frame and scene units, from where probe and proxy are. */
+/* The force of spring and damping, in the object's frame and scene units, from where probe and proxy are. */
 static void pandis__pull(const pandis__contact *c, const pandis_object *o, const double *normal, double damping,
                          double *force) {
     double per = o->scale / o->field->scale;
     for (int k = 0; k < 3; k++) force[k] = o->stiffness * per * c->pull[k];
     double push = pandis__dot(force, normal), fast = -damping * pandis__dot(c->velocity, normal) * per;
     if (!(push > 0)) return;
-    /* no more than the spring gives: so it starts at nothing, and never pulls */
+    /* at most the spring's force: damping starts at zero and never pulls */
     fast = fast > push ? push : fast < -push ? -push : fast;
     for (int k = 0; k < 3; k++) force[k] += fast * normal[k];
 }
 
-/* The largest probe (unit frame) that finds its way back: where the field tells no more than that the surface is at least
- * so far away, a larger one would know of no free space. */
+/* The largest probe (unit frame) that finds its way back. Where the field gives only a lower bound of the distance, a
+ * larger probe would know of no free space. */
 static double pandis__widest(const pandis_field *f) {
     if (f->kind == PANDIS_SPLINE) return 0.95 * fmax(f->height, f->as.spline.outside);
     return f->kind == PANDIS_GRID ? 0.95 * f->height : 1e100;
@@ -23,7 +23,7 @@ static double pandis__widest(const pandis_field *f) {
 #define PANDIS__BUDGET 24
 #define PANDIS__STEEPEST 15.0
 
-/* Whether a number is from 0 to a most; not so for NaN. */
+/* Whether a number is from 0 to `most`; 0 for NaN. */
 static int pandis__in_range(double x, double most) { return x >= 0 && x <= most; }
 
 static int pandis__material_is_sound(const pandis_material *m) {
@@ -74,7 +74,7 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
     if (!c->options.budget) return PANDIS_ERROR_OPTIONS; /* it is not open */
     pandis_error error = pandis__check_options(options, &c->object);
     if (error) return error;
-    /* what is known to be free is so for the old radius, and without the new texture */
+    /* the known free space is that of the old radius and texture */
     if (options->radius != c->options.radius || options->texture != c->options.texture) c->ball[3] = -1;
     c->options = *options;
     return PANDIS_SUCCESS;
@@ -82,7 +82,7 @@ PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis
 
 PANDIS_API void pandis_contact_reshaped(pandis_contact *contact) { pandis__contact_of(contact)->ball[3] = -1; }
 
-/* Walls are so much farther outside than they were, at most where the probe is: nothing stands between it and its proxy. */
+/* Move the walls outward by `by`, at most to the probe: then nothing stands between it and its proxy. */
 static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look *look, double by) {
     p->state->sunk -= by, p->radius += by;
     look->distance -= by, look->free -= by, look->sure -= by;
@@ -93,8 +93,8 @@ static void pandis__stand_at(pandis__proxy *p, const double *probe, pandis__look
     pandis__learn(p, look, probe, look->distance);
 }
 
-/* Begin where the probe is. If that is inside, walls stand as deep as it lies, until it comes out: so nothing kicks, and
- * yet nothing lets it through. */
+/* Begin where the probe is. If that is inside, the walls stand at its depth until it comes out: nothing kicks it, and
+ * nothing lets it through. */
 static int pandis__begin(pandis__proxy *p, const double *probe) {
     pandis__look look;
     if (!pandis__look_at(p, probe, &look) || (look.distance < 0 && p->flag != PANDIS_OK)) return 0;
@@ -151,7 +151,7 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     const pandis_contact_options *options = &contact->options;
     static const pandis_material smooth = {0, 0, 0, 0};
     const pandis_field *f = object->field;
-    double point[3], probe[3], per = f->scale / object->scale; /* of the unit frame for one of the scene */
+    double point[3], probe[3], per = f->scale / object->scale; /* unit-frame lengths per scene length */
     memset(touch, 0, sizeof *touch);
     touch->flag = PANDIS_INVALID, touch->face = touch->region = -1;
     pandis__enter(object, position, point);
@@ -163,9 +163,9 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     if (contact->object.field != f || contact->object.scale != object->scale) contact->state = PANDIS__BEGINS;
     if (contact->state == PANDIS__BEGINS) contact->sunk = 0;
     contact->object = *object;
-    pandis__proxy p; /* but for planes that are not there */
+    pandis__proxy p; /* unused planes are uninitialised */
     p.state = contact, p.field = f, p.radius = options->radius * per - contact->sunk, p.tolerance = 1e-11;
-    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* of its lattice: where that folds faces */
+    p.blur = f->kind == PANDIS_COMPACT ? f->as.compact.step : PANDIS__BEHIND; /* the lattice step, which may fold faces */
     p.queries = 0, p.flag = PANDIS_OK;
     p.exact = f->kind == PANDIS_MESH || f->kind == PANDIS_COMPACT || f->kind == PANDIS_SHAPE;
     p.flat = p.exact && !options->texture;
@@ -194,12 +194,12 @@ PANDIS_API pandis_flag pandis_contact_step(pandis_contact *handle, const pandis_
     int active = way.active;
     if (active) contact->state = PANDIS__TOUCHES;
     if (!active) contact->sticks = 0;
-    if (!active && !(pandis__between(p.x, probe) > 0)) { /* it has come */
+    if (!active && !(pandis__between(p.x, probe) > 0)) { /* arrived */
         contact->state = PANDIS__CLEAR;
         contact->lift = PANDIS__HOVER, contact->pace = PANDIS__PACE / 8;
         contact->settled = contact->close = contact->idle = 0;
     }
-    /* the spring, whose length changes by no more than probe and proxy may go */
+    /* the spring: it changes by no more than probe and proxy may go */
     double most = 2 * moved + options->slide * dt * per, change = 0;
     for (int k = 0; k < 3; k++) {
         pulled[k] = contact->state == PANDIS__TOUCHES ? p.x[k] - probe[k] : 0;

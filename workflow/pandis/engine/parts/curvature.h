@@ -1,8 +1,8 @@
 
 /* ---------------------------------------------------------------- derivatives of the distance */
 
-/* Steps of differences, unit frame: of a gradient in single precision, of a distance in single precision, and of one in
- * double precision. */
+/* Finite-difference steps, unit frame: for a gradient in single precision, for a distance in single and in double
+ * precision. */
 #define PANDIS__STEP 1e-3
 #define PANDIS__WIDE_STEP 4e-3
 #define PANDIS__FINE_STEP 1e-4
@@ -35,7 +35,7 @@ static int pandis__place_twice(int32_t size, double low, double per_step, const 
     return 1;
 }
 
-/* Of a spline in its band, unless it is carried down from above (pandis__sharpen): 0 there, and elsewhere. */
+/* Derivatives of a spline in its band; returns 0 elsewhere, and where pandis__sharpen changes it. */
 static int pandis__bend_spline(const pandis__spline *s, const double *u, double *gradient, double *hessian) {
     double w[3][4], dw[3][4], ddw[3][4], value = 0;
     for (int k = 0; k < 3; k++)
@@ -54,7 +54,7 @@ static int pandis__bend_spline(const pandis__spline *s, const double *u, double 
     return !(value < 0 && 1 - pandis__dot(gradient, gradient) > PANDIS__SHORT);
 }
 
-/* Of a grid of distances in its box; elsewhere 0. */
+/* Those of a distance grid; 0 outside its box. */
 static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gradient, double *hessian) {
     for (int k = 0; k < 3; k++)
         if (!(u[k] > g->low[k] && u[k] < g->high[k])) return 0;
@@ -87,7 +87,7 @@ static int pandis__bend_grid(const pandis__grid *g, const double *u, double *gra
     return 1;
 }
 
-/* Of the distance to a point, or, where `along` is a direction of unit length, to a line; the answer is in mesh units. */
+/* Hessian of the distance to a point or, if `along` is a unit vector, to a line; the answer is in mesh units. */
 static void pandis__bend_round(const pandis_answer *answer, const double *along, double *hessian) {
     for (int i = 0; i < 9; i++) {
         double rest = (i % 4 == 0) - answer->normal[i / 3] * answer->normal[i % 3];
@@ -119,14 +119,14 @@ static void pandis__bend_shape(const pandis__shape *s, const double *p, const pa
     for (int i = 0; i < 9; i++) hessian[i] += bend * (along[i / 3] * along[i % 3]);
 }
 
-/* Answer a point some way along an axis. */
+/* Answer a point offset along an axis. */
 static void pandis__query_beside(const pandis_field *field, const double *point, double step, int axis, pandis_answer *answer) {
     double beside[3] = {point[0], point[1], point[2]};
     beside[axis] += step;
     pandis_query(field, beside, answer);
 }
 
-/* By differences over a step; `own`: the gradient is the answer's own. */
+/* Finite differences; `own`: the gradient is the answer's own. */
 static void pandis__differ(const pandis_field *field, const double *point, int own, const pandis_answer *here,
                            double *gradient, double *hessian) {
     double step = own ? PANDIS__STEP : field->kind == PANDIS_NETWORK ? PANDIS__WIDE_STEP : PANDIS__FINE_STEP;

@@ -36,7 +36,7 @@ PANDIS__ONCE static int pandis__open_grid(pandis_field *f) {
     g->rule = pandis__whole(f, 0), g->size = pandis__whole(f, 1);
     if (g->rule < 0 || g->rule > PANDIS__TRICUBIC || g->size < 2 || g->size > 1024) return 0;
     g->channels = channels[g->rule];
-    int own = pandis__u32(f->data + 12) > 1; /* version 1 knows the cube alone */
+    int own = pandis__u32(f->data + 12) > 1; /* version 1 has only the cube */
     for (int k = 0; k < 3; k++) {
         g->low[k] = own ? pandis__real(f, k) : -1, g->high[k] = own ? pandis__real(f, 3 + k) : 1;
         if (!(g->low[k] >= -1 && g->high[k] <= 1 && g->high[k] - g->low[k] >= 1e-9)) return 0;
@@ -106,10 +106,10 @@ PANDIS__ONCE static int pandis__open_shape(pandis_field *f) {
     return s->shape >= 0 && s->shape <= PANDIS__CAPSULE;
 }
 
-/* Where the surface lies: the box around it; and two margins, measured: nothing outside of that box is touched
- * further off than the first, nor before the probe has gone the distance less a margin: the first, or
- * the second where the answer is flagged as a bound; and a height, nearer than which no surface is where an answer in
- * the box is flagged so and positive. Without the section nothing is known. */
+/* Read the box around the surface, two measured margins and a height. Nothing is touched farther outside the box than the
+ * first margin, or before the probe has gone the distance less a margin: the second where the answer is flagged as a
+ * bound, else the first. Where an answer in the box is so flagged and positive, no surface is nearer than the height.
+ * Without the section nothing is known. */
 PANDIS__ONCE static int pandis__measure(pandis_field *f) {
     const unsigned char *bounds = (const unsigned char *)pandis__section(f, "SAFE", 9, sizeof(double));
     for (int k = 0; k < 2; k++) {
@@ -193,7 +193,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_open(pandis_field *field, const void
 
 #ifndef PANDIS_NO_FILE
 #ifdef PANDIS__READ
-/* Windows takes UTF-16 for what is UTF-8 elsewhere. */
+/* Windows needs UTF-16 for a path that is UTF-8. */
 static FILE *pandis__open_path(const char *path) {
 #ifdef _WIN32
     const unsigned char *p = (const unsigned char *)path;

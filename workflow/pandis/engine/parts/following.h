@@ -1,21 +1,21 @@
 /* ---------------------------------------------------------------- how a proxy follows the probe */
 
-#define PANDIS__SMALL 1e-13  /* of the unit frame: no way at all */
-#define PANDIS__ABOVE 4e-6   /* so high over a plane it is not yet there */
-#define PANDIS__GAP 5e-4     /* between a ball and the place in an edge or a corner from which it is seen */
-#define PANDIS__ASIDE 1e-3   /* lifts: so far beside it is looked again */
+#define PANDIS__SMALL 1e-13  /* shorter ways are 0 (unit frame) */
+#define PANDIS__ABOVE 4e-6   /* above this height a plane is not touched */
+#define PANDIS__GAP 5e-4     /* a ball may miss the proxy by this much in an edge or a corner */
+#define PANDIS__ASIDE 1e-3   /* lifts: sideways offset of a second look */
 #define PANDIS__SLIVER 2e-4  /* this much of a way need not be known to be free */
 
-/* Whether a look tells of a wall that is nearer than all planes which are known. */
+/* Whether a look shows a wall that is nearer than all known planes. */
 static int pandis__unknown(const pandis__proxy *p, const pandis__look *look) {
     double least = INFINITY;
     for (int i = 0; i < p->count; i++) least = fmin(least, pandis__height(p->plane + i, look->at));
     return p->count && look->distance < least - 0.1 * fabs(least) - p->blur;
 }
 
-/* Begin the chain of balls anew, from the proxy upwards: each overlaps with the one below it, and the lowest reaches the
- * proxy but for a sliver. It ends at the height from which it is looked, or where too much of an edge would not be seen
- * from. 0: no answer; 2: a wall was met that was not known. */
+/* Rebuild the chain of balls from the proxy upwards. Each ball overlaps the one below it, and the lowest reaches the
+ * proxy to within a sliver. The chain ends at the lift, or where a ball would miss the proxy in an edge by too much. 0:
+ * no answer; 2: an unknown wall was met. */
 static int pandis__climb(pandis__proxy *p) {
     pandis__contact *c = p->state;
     double at[3], lift = fmin(PANDIS__SLIVER / PANDIS__FARTHEST, c->lift), reached = 0;
@@ -32,7 +32,7 @@ static int pandis__climb(pandis__proxy *p) {
         if (look.free > 0 && gap <= look.free * (1 + 1e-9) && away <= look.free + PANDIS__GAP) {
             pandis__take_ball(p, &look);
             if (lift >= c->lift) return 1;
-            /* between planes through the proxy, the next ball that overlaps is larger by so much */
+            /* between planes through the proxy, overlapping balls grow by this factor */
             double sine = fmin(0.5, look.free / fmax(away, PANDIS__SMALL));
             reached = lift, lift *= 0.99 * (1 + sine) / (1 - sine);
         } else {
@@ -45,7 +45,7 @@ static int pandis__climb(pandis__proxy *p) {
     return 1;
 }
 
-/* Take a larger ball, above where the proxy is. 0: no answer. */
+/* Take a larger ball above the proxy. 0: no answer. */
 static int pandis__widen(pandis__proxy *p) {
     pandis__look look;
     double at[3];
@@ -56,7 +56,7 @@ static int pandis__widen(pandis__proxy *p) {
     return 1;
 }
 
-/* Make the ball anew; puts the proxy onto the surface, where that has come over it. 0: no answer. */
+/* Make a new ball. A proxy that the surface has moved over is put back onto it. 0: no answer. */
 static int pandis__regain(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -67,17 +67,17 @@ static int pandis__regain(pandis__proxy *p) {
     return pandis__widen(p);
 }
 
-/* How the proxy may go in a step. */
+/* The proxy's motion in a step. */
 typedef struct {
     double travel;           /* along the surface, at most */
-    double sticking, sliding; /* friction per force against the surface */
-    double soft;             /* share of the way along it that drag leaves */
-    double slip;             /* that friction and drag leave; below 0 until it is known */
+    double sticking, sliding; /* friction coefficients */
+    double soft;             /* share of motion along it that drag leaves */
+    double slip;             /* way that friction and drag leave; negative until known */
     double shrink;           /* share of a hop that is tried */
     double slid, goal[3];    /* how far it has slid; where it would go without friction */
     int arriving;            /* it is not yet on the planes */
-    int active, rubs;        /* planes that hold it back, and those by friction, a bit for each */
-    int held;                /* `travel` or the budget does */
+    int active, rubs;        /* bit sets: planes that hold it back, and those that rub */
+    int held;                /* by `travel` or the budget */
     int stuck;               /* no way on was found */
     int turned;              /* how often another wall was in the way, */
     int refused;             /* a step would have led away from the probe, */
@@ -85,10 +85,10 @@ typedef struct {
     int climbed, confirmed;  /* the chain of balls was begun anew, or distant planes were looked at again */
 } pandis__way;
 
-/* How far the proxy may go along the surface towards a place `step` away, under a pressure. */
+/* How far friction and drag let the proxy go to a place `step` away, pressed in by `press`. */
 static double pandis__rubbed(pandis__contact *c, pandis__way *way, double step, double press) {
     double friction = (c->sticks ? way->sticking : way->sliding) * press;
-    if (way->slip < 0) { /* the first look at it in this step */
+    if (way->slip < 0) { /* the first call in this step */
         c->sticks = friction > 0 && step <= friction;
         friction = way->sliding * press;
         way->slip = c->sticks ? 0 : friction > 0 || way->soft < 1 ? fmax(0, step - friction) * way->soft : 1e300;
@@ -109,7 +109,7 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
         way->arriving = way->active && !touches;
         if (below > 0 && above > 0) reach = fmin(reach, above / (above + below));
     }
-    if (way->active && way->arriving) { /* it does not rub before it has arrived */
+    if (way->active && way->arriving) { /* no friction before it has arrived */
         for (int k = 0; k < 3; k++) target[k] = p->x[k] + reach * (probe[k] - p->x[k]);
         return pandis__between(target, p->x);
     }
@@ -134,7 +134,7 @@ static double pandis__aim(pandis__proxy *p, pandis__way *way, const double *prob
     return step;
 }
 
-/* The proxy has gone somewhere. */
+/* Move the proxy to a place. */
 static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *place) {
     double step = pandis__between(place, p->x);
     way->shrink = 1;
@@ -144,7 +144,7 @@ static void pandis__arrive(pandis__proxy *p, pandis__way *way, const double *pla
     memcpy(p->x, place, 3 * sizeof *place);
 }
 
-/* Move towards a place that is beyond what is known to be free: to the rim of the ball, where it is looked at next. */
+/* Move towards a place beyond the known free space: to the rim of the ball, from where the next look is taken. */
 static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, const double *target) {
     pandis__look look;
     if (way->active && !way->arriving) { /* it lies on the surface, and stays there */
@@ -158,7 +158,7 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
         double to = pandis__between(target, rim), within = to > look.free ? look.free / to : 1;
         for (int k = 0; k < 3; k++) place[k] = rim[k] + within * (target[k] - rim[k]);
         pandis__take_ball(p, &look);
-        if (!p->exact) { /* a field that is steeper than a distance says that more is free than is */
+        if (!p->exact) { /* a field steeper than a distance overstates the free space */
             pandis__look near;
             if (!pandis__look_at(p, place, &near)) return 0;
             if (near.distance < -PANDIS__SLIVER) {
@@ -172,7 +172,7 @@ static int pandis__go_on(pandis__proxy *p, pandis__way *way, const double *at, c
     return 1;
 }
 
-/* Begin with what the surface is where the proxy is; it comes out, where it has sunk in by a sliver. 0: no answer. */
+/* Start over from the surface at the proxy, which comes out if it has sunk in by less than a sliver. 0: no answer. */
 static int pandis__emerge(pandis__proxy *p) {
     pandis__look look;
     if (!pandis__look_at(p, p->x, &look)) return 0;
@@ -182,8 +182,8 @@ static int pandis__emerge(pandis__proxy *p) {
     return 1;
 }
 
-/* Put the proxy in front of all planes, where it is behind them by a sliver. Those behind which it is by more are none of
- * the surface here, for it is free: they lie beyond an edge. */
+/* Put the proxy in front of all planes that it is behind by at most a sliver. Planes that it is farther behind are
+ * dropped: the proxy is free, so they lie beyond an edge. */
 static void pandis__come_out(pandis__proxy *p) {
     double place[3], behind = 0;
     for (int i = p->count - 1; i >= 0; i--) {
@@ -227,7 +227,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         if (!joined && way->active) way->shrink *= 0.3, c->lift = fmax(0.7 * c->lift, PANDIS__HOVER / 64);
         if (!joined) return way->active && way->shrink > 1e-3 ? 1 : pandis__go_on(p, way, at, target);
         double gap = pandis__between(target, at) - look.free;
-        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) { /* another wall is near: between them, and lower in the edge */
+        if (gap > (p->flat ? PANDIS__GAP : look.free) && way->narrow++ < 6) { /* another wall: look from lower, between them */
             c->lift = fmax(c->lift * fmin(0.9, fmax(0.4, PANDIS__GAP / gap)), PANDIS__HOVER / 64);
             pandis__learn(p, &look, p->x, 0);
             return 1;
@@ -239,7 +239,7 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
         pandis__learn(p, &look, target, height);
         if (!pandis__look_at(p, target, &near)) return 0;
         height = near.distance;
-        if (fabs(height) > p->blur) look = near; /* at the surface itself a normal may be of an edge, or a fold */
+        if (fabs(height) > p->blur) look = near; /* on the surface the normal may be an edge's or a fold's */
         if (height > (p->flat ? -p->blur : -PANDIS__SLIVER)) look.at[0] = (double)NAN; /* nothing new */
     }
     if (closely && height < PANDIS__HOVER) {
@@ -256,11 +256,11 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     pandis__nearest_in_front(p->plane, p->count, target, place);
     if (pandis__between(place, p->x) > PANDIS__SMALL && way->active &&
         pandis__between(place, probe) > pandis__between(p->x, probe) * (1 + 1e-9) + PANDIS__SMALL) {
-        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, with which it goes elsewhere */
+        if (look.at[0] == look.at[0] && way->refused < 2) { /* another wall, which changes where it goes */
             way->refused++;
             return 1;
         }
-        if (way->refused++ < 3) { /* what is known does not fit: begin with what the surface is where the proxy is */
+        if (way->refused++ < 3) { /* the known planes are inconsistent: start over from the surface at the proxy */
             if (!pandis__emerge(p)) return 0;
             c->close = 1;
             return 1;
@@ -278,14 +278,14 @@ static int pandis__hop(pandis__proxy *p, pandis__way *way, const double *probe, 
     return 1;
 }
 
-/* Look once more at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it was
- * another, -1 if there was no answer; `height` is that of the proxy, at least, where distances tell it. */
+/* Look again at a plane, from where it is nearer than the other planes that hold the proxy. Returns whether it changed,
+ * -1 if there was no answer. `height` is a lower bound of the proxy's, where distances give one. */
 static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, double lift, double *height) {
     const pandis__plane held = *plane;
     pandis__look look;
     double at[3], cross[3];
     pandis__lifted(p, p->x, held.normal, lift, at);
-    /* a little aside: on a ridge between faces every plane that touches it would be its own proof */
+    /* a little aside: on a ridge between faces every plane through it would confirm itself */
     if (p->field->kind != PANDIS_SHAPE && p->flat)
         for (int k = 0; k < 3; k++) at[k] += PANDIS__ASIDE * lift * (held.normal[(k + 1) % 3] - held.normal[(k + 2) % 3]);
     if (!pandis__look_at(p, at, &look)) return -1;
@@ -297,9 +297,9 @@ static int pandis__look_again(pandis__proxy *p, const pandis__plane *plane, doub
     return pandis__dot(cross, cross) > 1e-18 || *height > p->tolerance;
 }
 
-/* Look again at planes that hold the proxy: where it rests, at all of them, for on a curved surface an old one may be left
- * that is none here, and whether it has sunk in, where a wall is not known; on its way, at those seen from far. Returns how
- * many were others, -1 if there was no answer. */
+/* Look again at planes that hold the proxy. If it rests, look at all of them: on a curved surface an old one may no
+ * longer apply. Also check whether it has sunk into an unknown wall. On its way, look only at those seen from far.
+ * Returns how many changed, -1 if there was no answer. */
 static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) {
     pandis__plane held[PANDIS__PLANES];
     double height = -1, most = -1;
@@ -308,7 +308,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
         if (!((way->active | way->rubs) >> i & 1) || !(rests || distant)) continue;
-        /* on its way from so near that the foot is no distant one again */
+        /* on its way, from so near that the new foot is not distant */
         int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
         changed += rests ? other : 1, most = fmax(most, height);
@@ -334,10 +334,10 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
         return 1;
     }
     if (c->state == PANDIS__TOUCHES && p->ball[3] < c->lift / 16 && !pandis__widen(p)) return 0;
-    /* queries after which a small rest waits for the next step: more of them if the last steps came no further */
+    /* queries after which a short remainder is left to the next step: more if the last steps came no further */
     const int soon = p->queries + 2 + 4 * c->stalled;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
-    /* each turn asks the field, or ends the step; that none does neither is made sure of */
+    /* each turn queries the field or ends the step; the bound is a safeguard */
     for (int turn = 0; turn < 4 * c->options.budget; turn++) {
         pandis__come_out(p);
         double step = pandis__aim(p, way, probe, target);
@@ -349,7 +349,7 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
             c->settled = changed ? c->settled + 1 : 9;
             continue;
         }
-        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* what one hop does, in a groove, too */
+        double small = fmin(PANDIS__HOVER / 8, 1.9 * p->ball[3]); /* what one hop does, even in a groove */
         if (p->queries >= c->options.budget || (way->active && p->queries >= soon && step < small)) {
             way->held |= p->queries >= c->options.budget;
             c->stalled = pandis__between(p->x, before) > PANDIS__SMALL ? 0 : c->stalled < 5 ? c->stalled + 1 : 5;

@@ -4,8 +4,7 @@
 #if defined(__GNUC__) || defined(_MSC_VER)
 #define PANDIS__NEW 4
 
-/* Put a number where another thread may do so at the same time; returns what was there. What was written before is seen
- * by whoever reads the number. */
+/* Exchange a number atomically; returns the old one. Whoever reads the number sees what was written before it. */
 static int32_t pandis__exchange(volatile int32_t *where, int32_t number) {
 #if defined(__GNUC__)
     return __atomic_exchange_n(where, number, __ATOMIC_ACQ_REL);
@@ -46,7 +45,7 @@ PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const d
 
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving) {
     pandis__handover *h = pandis__handover_of(handover);
-    int is_new = (pandis__peek(&h->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
+    int is_new = (pandis__peek(&h->waiting) & PANDIS__NEW) != 0; /* only this thread clears the flag */
     if (is_new) h->asking = pandis__exchange(&h->waiting, h->asking) & 3;
     *moving = h->shapes[h->asking];
     return is_new;

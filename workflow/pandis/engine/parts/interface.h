@@ -1,10 +1,10 @@
-typedef struct { /* of the implementation, but for its size: ask the functions below */
+typedef struct { /* internal except for its size: use the functions below */
     const unsigned char *data;
     size_t size;
     int kind, mapped;
     double centre[3], scale;        /* of the unit frame: u = (p - centre) * scale */
     double low[3], high[3], margin[2], height; /* see pandis__measure; unit frame */
-    const uint8_t *regions;            /* of each face, in the field's own order; NULL: not said */
+    const uint8_t *regions;            /* one per face, in the field's own order; NULL: unknown */
     union {
         pandis__network network;
         pandis__grid grid;
@@ -17,14 +17,14 @@ typedef struct { /* of the implementation, but for its size: ask the functions b
 
 /* ---------------------------------------------------------------- versions and errors
  *
- * Functions marked [rt] may be called in a loop that must keep its time: they allocate nothing, lock nothing and make no
- * system call. Call all others before the loop. */
+ * Functions marked [rt] may be called in a real-time loop: they allocate nothing, lock nothing and make no system call.
+ * Call all others before the loop. */
 
-/* [rt] The version of the part that was compiled, as PANDIS_VERSION has that of this header. */
+/* [rt] The version of the compiled implementation; PANDIS_VERSION is that of this header. */
 PANDIS_API const char *pandis_version(void);
 
-/* Whether the compiled part has the version and the structures of the header that this line is compiled with: call it once
- * where both are built apart. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
+/* Check that the compiled implementation has the version and the structures of this header. Call it once if both are
+ * built separately. Returns PANDIS_SUCCESS or PANDIS_ERROR_HEADER. */
 #define PANDIS_CHECK() \
     pandis__check(PANDIS_VERSION, sizeof(pandis_field), sizeof(pandis_contact_options), sizeof(pandis_touch))
 PANDIS_API pandis_error pandis__check(const char *version, size_t field, size_t options, size_t touch);
@@ -34,7 +34,7 @@ PANDIS_API const char *pandis_error_text(pandis_error error);
 
 /* ---------------------------------------------------------------- fields */
 
-/* Open a field from bytes, all of which are checked, so that no query can leave them.
+/* Open a field from bytes. They are checked, so that no query reads outside them.
  *
  * field    filled in; closed on error
  * data     kept by the caller until the field is closed, at a multiple of 8 (in C11: _Alignas(8) on an array)
@@ -42,12 +42,12 @@ PANDIS_API const char *pandis_error_text(pandis_error error);
 PANDIS_API pandis_error pandis_open(pandis_field *field, const void *data, size_t size);
 
 #ifndef PANDIS_NO_FILE
-/* Open a file, read into memory of its own. With PANDIS_MMAP defined it is mapped instead (not on Windows), and must not be
- * overwritten while it is open. The path is in UTF-8, on Windows, too. */
+/* Open a file by reading it into memory. With PANDIS_MMAP defined it is mapped instead (not on Windows), and must not be
+ * overwritten while it is open. The path is UTF-8, also on Windows. */
 PANDIS_API pandis_error pandis_open_file(pandis_field *field, const char *path);
 #endif
 
-/* Close a field; a second time does nothing. No other thread may ask it any more. */
+/* Close a field; closing it again does nothing. No other thread may still use it. */
 PANDIS_API void pandis_close(pandis_field *field);
 
 /* [rt] What a field is: PANDIS_CLOSED after pandis_close. */
@@ -67,28 +67,28 @@ PANDIS_API double pandis_longest_side(const pandis_field *field);
  * there is no such region. */
 PANDIS_API const char *pandis_region(const pandis_field *field, int region);
 
-/* [rt] What the field was made from and how: JSON of `*size` bytes, which does not end with a zero and lives as long as the
- * field is open; NULL if there is none. */
+/* [rt] What the field was made from and how: JSON of `*size` bytes, not zero-terminated and valid as long as the field is
+ * open; NULL if there is none. */
 PANDIS_API const char *pandis_provenance(const pandis_field *field, size_t *size);
 
-/* [rt] Answer one point. Without an answer (PANDIS_INVALID: a coordinate is no finite number, or beyond 1e150)
+/* [rt] Answer one point. Without an answer (PANDIS_INVALID: a coordinate is not finite, or beyond 1e150)
  * distance, normal and slope are NaN.
  *
  * point    mesh units */
 PANDIS_API void pandis_query(const pandis_field *field, const double point[3], pandis_answer *answer);
 
-/* [rt] Answer one point if the surface is nearer than a reach, to the last bit as pandis_query does. Else the flag may be
- * PANDIS_BEYOND: then no surface is nearer than answer->clear, which is the reach (or less, if the search was cut short), nothing is
- * said of the side, and distance, normal and slope are NaN. Of meshes that takes a look at a few boxes, wherever the point is;
- * other fields, and a reach that is negative or NaN, are answered in full.
+/* [rt] Answer one point as pandis_query does, bit for bit, if the surface is nearer than a reach. Else the flag may be
+ * PANDIS_BEYOND: no surface is nearer than answer->clear, which is the reach (or less, if the search was cut short); the
+ * side is unknown, and distance, normal and slope are NaN. For meshes that takes a few box tests, wherever the point is.
+ * Other fields, and a negative or NaN reach, are answered in full.
  *
  * point    mesh units
  * reach    mesh units, from 0 on */
 PANDIS_API void pandis_query_within(const pandis_field *field, const double point[3], double reach,
                                     pandis_answer *answer);
 
-/* [rt] Answer one point, to the last bit as pandis_query does. Of `exact` meshes it saves time where the point before, with
- * the same hint, was near; in the middle of a ball it costs some. Other fields have no use for a hint.
+/* [rt] Answer one point as pandis_query does, bit for bit. For `exact` meshes it saves time if the previous point with
+ * the same hint was near; in the middle of a ball it costs some. Other fields do not use the hint.
  *
  * point    mesh units
  * hint     all zero before the first query */
@@ -99,11 +99,11 @@ PANDIS_API void pandis_query_from(const pandis_field *field, const double point[
  * Takes less than half the time for a network whose normal is its gradient; otherwise the same. */
 PANDIS_API pandis_flag pandis_distance(const pandis_field *field, const double point[3], double *distance);
 
-/* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. Of meshes and closed forms they
- * are those of what is nearest: 0 next to a face, round next to an edge or a corner; of splines and grids of distances those
- * of their formula; elsewhere (networks, and wherever the flag is PANDIS_BOUND) they are differences over a few thousandths
- * of the object or less. Where the distance has a crease they are those of one side. PANDIS_INVALID, and NaN, without an
- * answer and of grids of forces. */
+/* [rt] The gradient of the distance, and its second derivatives (per mesh unit), row by row. For meshes and closed forms
+ * they are those of the nearest feature: 0 next to a face, round next to an edge or a corner. For splines and grids of
+ * distances they follow from the formula. Elsewhere (networks, and where the flag is PANDIS_BOUND) they are differences
+ * over a few thousandths of the object or less. At a crease they are those of one side. PANDIS_INVALID, and NaN, without
+ * an answer and for grids of forces. */
 PANDIS_API pandis_flag pandis_derivatives(const pandis_field *field, const double point[3], double gradient[3],
                                           double hessian[9]);
 
@@ -124,23 +124,23 @@ PANDIS_API void pandis_query_many(const pandis_field *field, const double *point
 
 /* ---------------------------------------------------------------- meshes whose vertices move (`exact` fields alone) */
 
-/* [rt] How many vertices a mesh has, and how many bytes a shape of its own takes; 0 for any other field. */
+/* [rt] Vertices of a mesh, and bytes of room that pandis_refit_open needs; both 0 for any other field. */
 PANDIS_API size_t pandis_vertex_count(const pandis_field *field);
 PANDIS_API size_t pandis_refit_room(const pandis_field *field);
 
-/* Begin a field that answers all queries as another one does, but for a shape of its own. It needs no closing.
+/* Begin a mesh field that has the faces of another one, and vertices that can move. It needs no closing.
  *
  * moving   filled in
- * field    a mesh, which stays open as long
+ * field    a mesh, to be kept open as long
  * room     of at least pandis_refit_room bytes, at a multiple of 8, kept by the caller
  * size     of the room, bytes
  *
  * Returns PANDIS_SUCCESS, PANDIS_ERROR_CONTENT (no mesh), PANDIS_ERROR_ALIGNMENT or PANDIS_ERROR_COUNT (too little room). */
 PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_field *field, void *room, size_t size);
 
-/* [rt] Move the vertices. Distances are then those of a tree that was built anew, to the last bit. The frame stays: points
- * beyond its box are answered, and flagged PANDIS_BOUND. Tell scenes (pandis_scene_moved) and contacts
- * (pandis_contact_reshaped). No other thread may ask the field meanwhile.
+/* [rt] Move the vertices. Distances are then bit for bit those of a newly built tree. The unit frame stays: points beyond
+ * its box are answered and flagged PANDIS_BOUND. Tell scenes (pandis_scene_moved) and contacts (pandis_contact_reshaped).
+ * No other thread may use the field meanwhile.
  *
  * vertices  3 * count doubles, mesh units, in the order of mesh.zarr.zip
  * count     pandis_vertex_count
@@ -149,25 +149,25 @@ PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, const pandis_fie
 PANDIS_API pandis_error pandis_refit(pandis_field *moving, const double *vertices, size_t count);
 
 #if defined(__GNUC__) || defined(_MSC_VER)
-/* A shape that one thread moves while another asks, and neither waits: of three shapes one is written, one is asked, and
- * the newest whole one is handed over. One thread refits, one takes. Its content is the implementation's. */
+/* A mesh that one thread moves while another queries it; neither waits. Of three shapes one is written, one is queried,
+ * and the newest complete one is handed over. One thread refits, one takes. The contents are internal. */
 typedef union {
     double aligned;
     unsigned char bytes[3 * sizeof(pandis_field) + 16];
 } pandis_handover;
 
-/* [rt] Bytes of three shapes; 0: no such field. */
+/* [rt] Bytes for three shapes; 0: not a mesh. */
 PANDIS_API size_t pandis_handover_room(const pandis_field *field);
 
-/* Begin a handover; arguments and errors as of pandis_refit_open, with room of pandis_handover_room bytes. */
+/* Begin a handover. Arguments and errors as for pandis_refit_open; room has pandis_handover_room bytes. */
 PANDIS_API pandis_error pandis_handover_open(pandis_handover *handover, const pandis_field *field, void *room,
                                              size_t size);
 
 /* [rt] Move the vertices, as pandis_refit does, and hand the shape over. */
 PANDIS_API pandis_error pandis_handover_refit(pandis_handover *handover, const double *vertices, size_t count);
 
-/* [rt] Make `moving` the newest whole shape, at the beginning of a tick: it stays as it is until the next time. Returns 1
- * if it is another shape than before, or the first time, else 0: after 1 tell scenes (pandis_scene_moved) and contacts
+/* [rt] Set `moving` to the newest complete shape, at the beginning of a tick. It stays as it is until the next call.
+ * Returns 1 if the shape is new, or the first time; else 0. After 1 tell scenes (pandis_scene_moved) and contacts
  * (pandis_contact_reshaped). */
 PANDIS_API int pandis_handover_take(pandis_handover *handover, pandis_field *moving);
 #endif

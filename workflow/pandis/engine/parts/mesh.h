@@ -1,9 +1,8 @@
 /* ---------------------------------------------------------------- closest points of a mesh */
 
-/* What is known when a search begins (unit frame): how far one looks, and how far the nearest face seems to be, which
- * may be wrong. Afterwards there are the closest point, the face of mesh.zarr.zip that it is on (-1: not said), and the
- * place of its face in the field's own order (-1: it has none); whether it lies on a corner or an edge, and the direction
- * of that edge (else 0). */
+/* Input of a search (unit frame): how far to look, and a guess of the distance to the nearest face, which may be wrong.
+ * Output: the closest point, its face in mesh.zarr.zip (-1: unknown), the place of that face in the field's own order
+ * (-1: none), whether the point lies on a corner or an edge, and the direction of that edge (else 0). */
 typedef struct {
     double reach, guess, closest[3];
     int32_t face, place, round;
@@ -45,12 +44,12 @@ static void pandis__edge_foot(const double *p, const double *a, const double *b,
     double u[3], x[3];
     for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], x[k] = p[k] - a[k];
     double length = pandis__dot(u, u), t = length > 0 ? pandis__clamp01(pandis__dot(u, x) / length) : 0;
-    /* from the nearer end, where less is cancelled */
+    /* from the nearer end, for less cancellation */
     for (int k = 0; k < 3; k++) offset[k] = t <= 0.5 ? x[k] - t * u[k] : (p[k] - b[k]) + (1 - t) * u[k];
     *s = t, *squared = pandis__dot(offset, offset);
 }
 
-/* The closest point of a triangle, with what it lies on, if that is on its edges. Returns its squared distance. */
+/* The closest point on a triangle's edges, and the corner or edge that holds it. Returns its squared distance. */
 static double pandis__rim_foot(const double *const *c, const double *p, pandis__foot *foot) {
     double best = (double)INFINITY;
     memset(foot, 0, sizeof *foot);
@@ -68,7 +67,7 @@ static double pandis__rim_foot(const double *const *c, const double *p, pandis__
     return best;
 }
 
-/* The same inside of it, if it is there and no farther than `best` (squared); returns whether it is. */
+/* The same inside the triangle; returns whether it is there and no farther than `best` (squared). */
 static int pandis__inner_foot(const double *const *c, const double *p, double best, pandis__foot *foot) {
     double u[3], v[3], x[3], n[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];
@@ -83,7 +82,7 @@ static int pandis__inner_foot(const double *const *c, const double *p, double be
         for (int k = 0; k < 3; k++) rest[k] = x[k] - s * u[k] - r * v[k];
     }
     if (!(s > 0 && r > 0 && s + r < 1)) return 0;
-    /* a point of the plane: its offset is along the normal, and exact as such */
+    /* the offset is taken along the normal, which is exact */
     double height = pandis__dot(n, x) / det, offset[3];
     for (int k = 0; k < 3; k++) offset[k] = height * n[k];
     if (!(pandis__dot(offset, offset) <= best)) return 0;
@@ -98,7 +97,7 @@ static void pandis__find_foot(const double *const *c, const double *p, pandis__f
     foot->distance = sqrt(pandis__dot(foot->offset, foot->offset));
 }
 
-/* Keep what of its face the closest point is on. */
+/* Keep the feature that the closest point is on. */
 static void pandis__keep_feature(const double *const *c, const pandis__foot *foot, pandis__start *begin) {
     begin->round = foot->corner >= 0 || foot->edge >= 0;
     if (foot->edge < 0) return;
@@ -112,7 +111,7 @@ static void pandis__find_mesh_foot(const pandis__mesh *t, int32_t face, const do
     pandis__find_foot(c, p, foot);
 }
 
-/* What one face adds to the normal of its k-th corner: its own, weighted by its angle there. */
+/* Add a face's normal to that of its k-th corner, weighted by its angle there. */
 static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, const double *n, double *sum) {
     const double *p = pandis__corner(t, face, k), *q = pandis__corner(t, face, (k + 1) % 3);
     const double *s = pandis__corner(t, face, (k + 2) % 3);
@@ -123,7 +122,7 @@ static void pandis__corner_normal(const pandis__mesh *t, int32_t face, int k, co
     for (int i = 0; i < 3; i++) sum[i] += angle * n[i];
 }
 
-/* The normal of a vertex; where the mesh moves, from its faces as they are. */
+/* The normal of a vertex; if the mesh moves, from its current faces. */
 static void pandis__vertex_normal(const pandis__mesh *t, int32_t vertex, double *n) {
     if (!t->around) {
         memcpy(n, t->vertex_normals + 3 * (ptrdiff_t)vertex, 3 * sizeof *n);
@@ -154,7 +153,7 @@ static void pandis__pseudonormal(const pandis__mesh *t, int32_t face, const pand
     if (!known) n[0] = n[1] = 0, n[2] = 1;
 }
 
-/* On which side of the surface a point is: -1 inside. Beyond all vertices it is outside; very far
+/* The side that a point is on: -1 inside. Beyond all vertices it is outside: very far
  * away all triangles are equally near, and their normals tell nothing. */
 static int pandis__within(const pandis__mesh *t, const double *p) {
     return fabs(p[0]) <= t->reach && fabs(p[1]) <= t->reach && fabs(p[2]) <= t->reach;

@@ -1,9 +1,9 @@
 
 /* ---------------------------------------------------------------- the nearest face of a mesh
  *
- * Leaves say in single precision which faces may be the nearest, double precision says which of them is. */
+ * Leaves find candidates for the nearest face in single precision; double precision decides. */
 
-/* The keys of a node's boxes: of lower bounds of the squared distances to what is in them. */
+/* The keys of a node's boxes: lower bounds of the squared distances to their contents. */
 PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, const float *PANDIS__RESTRICT p,
                              int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];
@@ -21,7 +21,7 @@ PANDIS__INLINE void pandis__box_keys(const pandis__node *PANDIS__RESTRICT n, con
     for (int i = 0; i < PANDIS__WIDTH; i++) keys[i] = n->low[0][i] > n->high[0][i] ? INT32_MAX : (keys[i] & ~7) | i;
 }
 
-/* The key of how far one looks: boxes with larger ones are farther. */
+/* The key of a search limit: boxes with larger keys are farther. */
 static int32_t pandis__limit_key(double limit) {
     double squared = limit * limit * (1 + 1e-6);
     return squared < 3e38 ? pandis__key((float)squared) : INT32_MAX - 1;
@@ -29,8 +29,8 @@ static int32_t pandis__limit_key(double limit) {
 
 #define PANDIS__FOUR 4
 
-/* The squared distances to four faces, in double precision: among those about equally near the nearest is the one of
- * which this number is the least. */
+/* The squared distances to four faces, in double precision. Among faces about equally near, the least of these numbers
+ * decides. */
 PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *faces, const double *PANDIS__RESTRICT p,
                                  double *PANDIS__RESTRICT out) {
     double a[3][PANDIS__FOUR], b[3][PANDIS__FOUR], c[3][PANDIS__FOUR];
@@ -50,7 +50,7 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
         double wx = vx - ux, wy = vy - uy, wz = vz - uz, bx = x - ux, by = y - uy, bz = z - uz;
         double nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
         double det = nx * nx + ny * ny + nz * nz;
-        /* 0 / 0 of an edge without length is NaN, which counts as 0; of a face without an area as outside of it */
+        /* an edge without length gives 0 / 0, NaN, which counts as 0; a face without area, as outside of it */
         double s = pandis__clamp01(du * (1 / uu)), r = pandis__clamp01(dv * (1 / vv));
         double rx = x - s * ux, ry = y - s * uy, rz = z - s * uz;
         double best = rx * rx + ry * ry + rz * rz;
@@ -70,11 +70,11 @@ PANDIS__INLINE void pandis__four_squared(const pandis__mesh *t, const int32_t *f
     }
 }
 
-#define PANDIS__MAYBE 12 /* faces that are put off before one looks at them in double precision */
+#define PANDIS__MAYBE 12 /* faces that can wait to be computed in double precision */
 
-/* What is known while one looks for the nearest face: how far it is at most; which faces may be it, and how far they
- * seem to be, squared; of those that were looked at in double precision the nearest, and its squared distance; how many
- * nodes, leaves and faces may still be looked at; and the key of the nearest box that was not. */
+/* State of a search for the nearest face: an upper bound of its distance; the nearest face computed in double precision,
+ * and its squared distance; how many nodes, leaves and faces may still be visited; the key of the nearest box that was
+ * not; and the waiting faces, with their squared distances in single precision. */
 typedef struct {
     double limit, squared;
     int32_t face, left, unseen;
@@ -86,13 +86,13 @@ typedef struct {
     } maybe[PANDIS__MAYBE];
 } pandis__seeking;
 
-/* How far a face can seem to be that is no farther than a limit, squared. */
+/* How far a face within a limit can seem to be, squared. */
 static double pandis__may_seem(double limit, const float *slack) {
     double most = (limit + (double)slack[0]) * (1 + 2 * (double)slack[1]);
     return most * most * (1 + 1e-6);
 }
 
-/* Look at the faces that were put off. */
+/* Compute the waiting faces. */
 PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     double squared[PANDIS__FOUR];
     int32_t faces[PANDIS__FOUR];
@@ -113,7 +113,7 @@ PANDIS__INLINE void pandis__settle(const pandis__mesh *t, const double *p, pandi
     s->count = 0;
 }
 
-/* The vertices of the triangles of a leaf of a mesh that moves: 24 of them, behind the corners on each vertex. */
+/* The 24 triangle vertices of a leaf of a mesh that moves, stored after the corners on each vertex. */
 static const int32_t *pandis__leaf_vertices(const pandis__mesh *t, ptrdiff_t leaf) {
     return t->corners_at + 3 * (ptrdiff_t)t->face_count + 3 * PANDIS__WIDTH * leaf;
 }
@@ -129,8 +129,8 @@ PANDIS__APART static void pandis__moved_triangles(const pandis__mesh *t, ptrdiff
         }
 }
 
-/* How far the triangles of a leaf seem to be in single precision, squared, and the least of these; and what such distances
- * may lose. Zeros, and -1 as the least, where single precision cannot hold squares. */
+/* Squared distances to the triangles of a leaf in single precision, and their error bounds. Returns the least. Zeros, and
+ * -1 as the least, where single precision cannot hold squares. */
 PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, double *seems, float *slack) {
     float v[3][3][PANDIS__WIDTH], q[3] = {0, 0, 0}, d[PANDIS__WIDTH] = {0};
     double step = t->around ? 1 : (double)leaf->step, per_step = 1 / step;
@@ -154,7 +154,7 @@ PANDIS__INLINE double pandis__seem(const pandis__mesh *t, const pandis__leaf *le
     return small ? (double)least * (step * step) : -1;
 }
 
-/* Put off the triangles of a leaf that may be the nearest. */
+/* Collect those triangles of a leaf that may be nearest. */
 PANDIS__INLINE void pandis__look_into(const pandis__mesh *t, const pandis__leaf *leaf, const double *p, pandis__seeking *s) {
     double seems[PANDIS__WIDTH], farthest;
     float slack[2];
@@ -203,7 +203,7 @@ PANDIS__INLINE void pandis__seek_depth_body(const pandis__mesh *t, const double 
 
 PANDIS__COMPILE(pandis__seek_depth, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
-/* Look in whatever seems nearest of all that is left, so that little is missed when the time is up. */
+/* Search best-first, so that little is missed when the budget is spent. */
 PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *p, pandis__seeking *s) {
     pandis__waiting heap[PANDIS__HEAP];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
@@ -233,8 +233,8 @@ PANDIS__INLINE void pandis__seek_best_body(const pandis__mesh *t, const double *
 
 PANDIS__COMPILE(pandis__seek_best, (const pandis__mesh *t, const double *p, pandis__seeking *s), (t, p, s))
 
-/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If there were
- * too many to look at, `clear` is how far all others are at least; else infinite. */
+/* The nearest face no farther than `limit`, by its distance in double precision; INT32_MAX if there is none. If the
+ * search was cut short, all others are at least `clear` away; else it is infinite. */
 static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double limit, double *clear) {
     pandis__seeking s;
     int32_t soon = pandis__soon(t->most);
@@ -248,7 +248,7 @@ static int32_t pandis__nearest(const pandis__mesh *t, const double *p, double li
     for (int i = 0; i < s.count; i++)
         if (s.maybe[i].seems <= pandis__may_seem(s.limit, s.maybe[i].slack)) s.maybe[kept++] = s.maybe[i];
     s.count = kept;
-    /* a face is certainly nearer than the limit, and no other can be it */
+    /* the only candidate is certainly nearer than the limit */
     if (kept == 1 && s.face == INT32_MAX && s.limit < limit)
         s.face = s.maybe[0].face;
     else
@@ -278,8 +278,8 @@ static int pandis__nodes_between(const pandis__node *node, const double *p, cons
     return met;
 }
 
-/* The side of a point, by the first face that the way to another one meets, of which so much is clear; that one
- * itself tells if too many are to be looked at: -1 inside. */
+/* The side of a point, by the first face on the way to a target: -1 inside. It is clear up to the share `from`. If too
+ * many faces are met, the target's own decides. */
 PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const double *p, const double *target,
                                                const double *n, double from) {
     int32_t stack[PANDIS__STACK], left = t->most;
@@ -309,7 +309,7 @@ PANDIS__APART static double pandis__first_sign(const pandis__mesh *t, const doub
     return sign;
 }
 
-/* The sign of a point next to whose nearest face others may be nearer: of the way there, so much is clear. */
+/* The sign of a point after a search that was cut short: other faces may be nearer, but not than `clear`. */
 static double pandis__cut_sign(const pandis__mesh *t, const double *p, int32_t face, const pandis__foot *foot,
                                double clear) {
     double target[3], n[3]; /* next to the foot, within the face */
@@ -335,7 +335,7 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
         *clear = begin->reach;
         return PANDIS_BEYOND;
     }
-    /* with too much to look at, a search that knows more takes another way and ends elsewhere */
+    /* if cut short, a search with a limit may end elsewhere: repeat it without one */
     if ((face == INT32_MAX || cut) && limit < (double)INFINITY) face = pandis__nearest(t, u, (double)INFINITY, clear);
     if (face == INT32_MAX) return PANDIS_INVALID;
     double n[3], sign;
@@ -350,7 +350,7 @@ PANDIS__APART static pandis_flag pandis__answer_mesh(const pandis__mesh *t, cons
     if (cut && pandis__within(t, u)) sign = pandis__cut_sign(t, u, face, &foot, *clear);
     *distance = sign * foot.distance;
     *clear = *clear < foot.distance ? *clear : foot.distance;
-    /* closer than this the quotient has lost too many digits */
+    /* closer than this, the quotient loses too many digits */
     for (int k = 0; k < 3; k++) normal[k] = foot.distance > 1e-9 ? sign * (foot.offset[k] / foot.distance) : n[k];
     return !(fabs(u[0]) <= 1 && fabs(u[1]) <= 1 && fabs(u[2]) <= 1) ? PANDIS_BOUND : cut ? PANDIS_CUT : PANDIS_OK;
 }

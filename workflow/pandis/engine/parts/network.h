@@ -1,13 +1,13 @@
 /* ---------------------------------------------------------------- networks */
 
-/* A network is as fast as its weights come: ask for the next rows while these are worked on. */
+/* A network is as fast as its weights arrive: prefetch the next rows while these are used. */
 #if PANDIS__VECTOR > 1
 #define PANDIS__FETCH(p) __builtin_prefetch(p)
 #else
 #define PANDIS__FETCH(p) ((void)(p))
 #endif
 
-/* Each of the following for weights of 32 and of 16 bits. */
+/* Each of the following, for 32-bit and 16-bit weights. */
 #define PANDIS__KINDS(make)                                                                                      \
     PANDIS__TWICE(make(pandis__load, float, f_plain, static) make(pandis__load16, int16_t, h_plain, static),     \
                   make(pandis__load, float, f_wide, PANDIS__WIDE static)                                         \
@@ -134,8 +134,8 @@ PANDIS__KINDS(PANDIS__EITHER)
 
 #define PANDIS__ROOM (PANDIS__ROWS * (PANDIS_MOST_DEPTH + 2))
 
-/* Rows of numbers that a point needs while a network is asked: what goes into a layer, what comes out, and
- * slopes, of every layer where the gradient is asked for. */
+/* Rows of numbers that a network needs for a point: a layer's input, its output, and slopes (of every layer if the normal
+ * is the gradient). */
 static int pandis__rows(const pandis__network *n) { return n->outputs == 1 ? n->depth + 2 : 3; }
 
 /* Whether four points at a time fit into the room of one with the largest network. */
@@ -143,9 +143,9 @@ static int pandis__fits_four(const pandis__network *n) {
     return 4 * (ptrdiff_t)n->stride * pandis__rows(n) <= PANDIS__ROOM;
 }
 
-/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. Of one point or
- * of four, which read every weight together; what a point gets is the same. Without normals (NULL) there is no
- * gradient to compute. */
+/* x -> sin(W x + b) ... -> phi and psi, or phi and its gradient; w0 is folded into W and b. For one point, or
+ * for four with one reading of the weights: answers are the same. Without normals (NULL) no gradient is
+ * computed. */
 PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int count, double (*u)[3], double *distance,
                                                 double (*normal)[3], pandis_flag *flag) {
     float room[PANDIS__ROOM], result[4][4] = {{0}};
@@ -153,7 +153,7 @@ PANDIS__INLINE void pandis__answer_network_body(const pandis__network *n, int co
     int stride = n->stride, own = n->outputs == 1;
     ptrdiff_t all = (ptrdiff_t)count * stride;
     float *h = room, *z = room + all, *slopes = z + all;
-    room[0] = 0; /* what follows writes it too, which gcc for Windows does not see */
+    room[0] = 0; /* also written below, which gcc for Windows does not see */
     for (int p = 0; p < count; p++) {
         outside[p] = pandis__clamp(u[p], inside[p]);
         for (int k = 0; k < 3; k++) h[p * (ptrdiff_t)stride + k] = (float)inside[p][k];

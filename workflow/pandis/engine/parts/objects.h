@@ -1,6 +1,6 @@
 /* ---------------------------------------------------------------- objects and what they feel like */
 
-/* An object: a field, and where it lies. A point p of the mesh lies at scale * rotation * p + translation of the scene. */
+/* An object: a field, and where it lies. A point p of the mesh lies at scale * rotation * p + translation in the scene. */
 typedef struct {
     const pandis_field *field; /* open as long as the object is used */
     double rotation[9];        /* by rows; without reflection: columns of unit length, at right angles, within 1e-6 */
@@ -15,20 +15,20 @@ typedef struct {
  * force    in the directions of the scene */
 PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const double point[3], double force[3]);
 
-/* What a surface feels like, beside its stiffness, which is the object's. Everything is in units of the scene, from 0 to
- * 1e100; all zero is smooth. */
+/* How a surface feels, apart from the object's stiffness. All values are in units of the scene, from 0 to 1e100; all zero
+ * is smooth. */
 typedef struct {
-    double sticking; /* force along the surface per force against it, up to which the proxy stays where it is ... */
-    double sliding;  /* ... and what it drags once it slides: at most `sticking` */
-    double damping;  /* force per speed of the probe along the normal, never so that it pulls towards the surface */
+    double sticking; /* static friction: force along the surface per force against it up to which the proxy stays */
+    double sliding;  /* sliding friction, likewise, at most `sticking` */
+    double damping;  /* force per speed of the probe along the normal; it never pulls towards the surface */
     double drag;     /* force per speed along the surface */
 } pandis_material;
 
-/* A height over the surface, which a proxy feels. It only adds, so walls hold as they do without it. Slopes up to about 0.65
- * are followed; on steeper ones the proxy falls behind. */
+/* A height above the surface, which a proxy feels. It is never negative: walls hold as without it. The proxy follows
+ * slopes up to about 0.65; on steeper ones it falls behind. */
 typedef struct {
-    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the surface (mesh units) and of
-     * its region (pandis_answer). It is called in the loop, so it has to be [rt], too */
+    /* the height, from 0 to `most`, and its gradient, no longer than `steepest`, at a point of the surface (mesh units) in a
+     * region (pandis_answer). It is called in the loop, so it must be [rt], too */
     double (*height)(const void *data, const double point[3], int region, double gradient[3]);
     const void *data; /* passed on to `height` */
     double most;      /* mesh units, from 0 on */
@@ -47,9 +47,9 @@ typedef struct {
 } pandis_bumps;
 PANDIS_API double pandis_noise(const void *bumps, const double point[3], int region, double gradient[3]);
 
-/* [rt] A texture for each region: `count` of them in the order of the regions, of which one whose height is NULL is
- * smooth. What has no region, or one beyond them, has the first, as with materials. The texture that is made of them has
- * pandis_by_region for its height, and the largest `most` and `steepest` of them all. */
+/* [rt] A texture for each region: `count` of them, in the order of the regions; a NULL height is smooth. Places without a
+ * region, or with one beyond these, have the first, as with materials. The combined texture has pandis_by_region as its
+ * height, and the largest `most` and `steepest` of them all. */
 typedef struct {
     const pandis_texture *textures;
     int32_t count;
@@ -58,30 +58,30 @@ PANDIS_API double pandis_by_region(const void *patches, const double point[3], i
 
 /* ---------------------------------------------------------------- contacts
  *
- * What a probe that is kept out of an object feels of it. The proxy is a ball that nothing lets through; the probe, which is
- * where the device is, hangs on it by a spring. One contact belongs to one probe, one object and one thread. */
+ * The force on a probe that is kept out of an object. The proxy is a ball that never goes through the surface. A spring
+ * ties it to the probe, which is where the device is. A contact belongs to one probe, one object and one thread. */
 
 /* Options of a contact. Start from pandis_contact_defaults, and change only what should differ. */
 typedef struct {
-    double radius;  /* of the proxy, scene lengths, 0: a point. Up to 1e100 on meshes, compact meshes, closed forms and networks;
-                     * on splines and grids up to 0.95 of the height over the surface up to which they are made (1 mm of 100
-                     * by default), else PANDIS_ERROR_RADIUS. Default 0 */
-    double slide;   /* scene lengths per second, from 0 on, by which the proxy moves beside the probe's own way: it bounds steps
-                     * of the force at ridges. Default: half of the object's longest side */
+    double radius;  /* of the proxy, scene lengths; 0: a point. Up to 1e100 for meshes, compact meshes, closed forms and
+                     * networks; for splines and grids up to 0.95 of the height above the surface that they cover (by default
+                     * 1 mm of 100), else PANDIS_ERROR_RADIUS. Default 0 */
+    double slide;   /* speed of the proxy in excess of the probe's: scene lengths per second, at least 0. It bounds steps of
+                     * the force at ridges. Default: half the object's longest side */
     int32_t budget; /* A step ends after this many queries (a look under way may add two, and `regions` one), and the next step
                      * continues it. At least 8: with fewer, every step would start over. Default 24 */
-    const pandis_material *materials; /* of each region, kept by the caller, who may change their values between steps; what
-                                       * has no region, or one beyond them, has the first. Default NULL: smooth */
+    const pandis_material *materials; /* one per region, kept by the caller, who may change their values between steps. Places
+                                       * with no region, or one beyond these, have the first. NULL: smooth */
     size_t material_count;            /* 0: smooth */
     const pandis_texture *texture;    /* of the surface, kept by the caller; NULL, the default: none */
-    const pandis_field *regions;      /* whose regions count, if the object's field has none: a mesh of the same object, open as
+    const pandis_field *regions;      /* source of regions if the object's field has none: a mesh of the same object, open as
                                        * long; NULL, the default: none */
 } pandis_contact_options;
 
 /* [rt] The defaults for an object. */
 PANDIS_API pandis_contact_options pandis_contact_defaults(const pandis_object *object);
 
-/* The state of a contact, which may be copied. Its content is the implementation's. */
+/* The state of a contact, which may be copied. Its contents are internal. */
 #define PANDIS_CONTACT_BYTES 1024
 typedef union {
     double aligned;
@@ -92,24 +92,24 @@ typedef union {
 typedef enum {
     PANDIS_TOUCHING = 1, /* the surface holds the proxy back */
     PANDIS_STICKING = 2, /* friction holds it, too */
-    PANDIS_BEHIND = 4,   /* the budget, or `slide`, did not let the proxy go as far as it would */
-    PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. From which side it came is not known, so nothing
-                          * pushes it out; but it is held at the depth where it began, or the least that it has reached since.
-                          * Where the field knows no distance so deep inside, there is no force until the probe is out */
+    PANDIS_BEHIND = 4,   /* the budget or `slide` stopped the proxy short of its goal */
+    PANDIS_WAITING = 8   /* the probe began inside and has not come out yet. The side it came from is unknown, so nothing
+                          * pushes it out. It is held at the depth where it began, or at the least depth since. Where the
+                          * field knows no distance that deep inside, there is no force until the probe is out */
 } pandis_touch_bits;
 
-/* What a step answers, in units and directions of the scene. */
+/* Result of a step, in units and directions of the scene. */
 typedef struct {
     double force[3], proxy[3];
-    double normal[3]; /* of the surface (of several, of all together) against which the proxy is pressed; 0 if it is not */
-    double depth;     /* by which the probe is pressed beyond the proxy, along the normal */
-    double slip;      /* by which the proxy slid along the surface */
+    double normal[3]; /* of the surface, or of several combined, that the proxy is pressed against; 0 if there is none */
+    double depth;     /* how far the probe is pressed past the proxy, along the normal */
+    double slip;      /* how far the proxy slid along the surface */
     int state;        /* pandis_touch_bits */
     pandis_flag flag; /* the worst of the queries; PANDIS_INVALID: no force, and the proxy stays */
     int planes;       /* that hold the proxy back: 1 on a face, 2 in an edge, 3 in a corner */
     int queries;      /* that this step took */
     int32_t object;   /* of a scene: its index */
-    int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, where the field says it: see pandis_answer */
+    int32_t face;     /* of mesh.zarr.zip, nearest to the proxy, if the field knows it: see pandis_answer */
     int32_t region;   /* in which the proxy lies, likewise */
 } pandis_touch;
 
@@ -123,22 +123,22 @@ typedef struct {
 PANDIS_API pandis_error pandis_contact_open(pandis_contact *contact, const pandis_object *object,
                                             const pandis_contact_options *options);
 
-/* [rt] The options of a contact that is open, and others for it, which count from the next step on. After an error the old
- * ones stay. Another radius moves the walls: of a scene's contact, call pandis_scene_moved, too. */
+/* [rt] Get or set the options of an open contact. New ones apply from the next step on; after an error the old ones stay.
+ * A new radius moves the walls: for a scene's contact, call pandis_scene_moved, too. */
 PANDIS_API pandis_contact_options pandis_contact_get(const pandis_contact *contact);
 PANDIS_API pandis_error pandis_contact_set(pandis_contact *contact, const pandis_contact_options *options);
 
-/* [rt] Move the probe. On its way to the probe the proxy never goes through the surface: free motion is followed, however
- * thin what lies between; along the surface it takes short steps, on up to three planes at once, of the eight that it knows.
+/* [rt] Move the probe. The proxy follows it through free space and never goes through the surface, however thin a wall
+ * is. Along the surface it takes short steps, on up to three planes at once, of the eight that it knows.
  *
- * object    it may have another pose than last time: the proxy goes with it. With another field or scale the contact begins
- *           anew; if the probe is inside then, the state is PANDIS_WAITING
+ * object    its pose may differ from last time: the proxy moves with it. With another field or scale the contact begins
+ *           anew; if the probe is then inside, the state is PANDIS_WAITING
  * position  of the probe, scene lengths
  * dt        seconds since the last step, more than 0. Steps of 0.2 to 5 ms are tried
  *
- * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is beyond its range, means no force in
- * this tick: it drops to zero at once. The force changes by at most the object's stiffness times (twice the way of the probe + slide * dt),
- * beside what damping adds. An object that jumps counts as a way of the probe. */
+ * Returns touch->flag. PANDIS_INVALID, where position, dt, the stiffness or a material is out of range, means no force in
+ * this tick: it drops to zero at once. Apart from damping, the force changes by at most the object's stiffness times
+ * (twice the way of the probe + slide * dt). A jump of the object counts as a way of the probe. */
 PANDIS_API pandis_flag pandis_contact_step(pandis_contact *contact, const pandis_object *object, const double position[3],
                                            double dt, pandis_touch *touch);
 

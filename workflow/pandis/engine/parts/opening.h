@@ -14,7 +14,7 @@
  *     ...
  *     pandis_close(&bunny);
  *
- * Several objects, of which only those are asked that the probe may touch:
+ * Several objects; only those that the probe may touch are queried:
  *
  *     pandis_object objects[2] = {...};        fields and where they lie
  *     static double room[PANDIS_SCENE_ROOM(2)];
@@ -24,26 +24,26 @@
  *
  * Positions and distances are in the units of the mesh that the field was made from; distances are
  * negative inside, normals point outward and have unit length. A field is only read: any number of
- * threads may ask it. The format of the file: docs/format.md of pandis.
+ * threads may query it. The file format: docs/format.md of pandis.
  *
  * C99 or later, or C++11 or later. It needs no flags: with -O2 alone it is about as fast as with -O3
- * -march=native, since GCC and clang compile what takes most time for AVX2, too, which is taken on x86-64
+ * -march=native, since GCC and clang also compile the hot functions for AVX2, which is used on x86-64
  * machines that have it (not on Windows; PANDIS_NO_DISPATCH leaves it out). Every compiler, every machine
  * and every vector width gives the same bits (clang not with -ffp-contract=fast). With -ffast-math or x87
- * arithmetic it does not compile, for it would answer wrongly; parts of -ffast-math that no macro shows are
- * found by a test of the arithmetic in pandis_open. A query needs 8 KB of stack at most, and one of a network
- * 80 KB: define a smaller PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16), and it needs four bytes times
- * (depth + 2) times width. Define PANDIS_API as `static inline` to keep the names to one source file,
+ * arithmetic it does not compile: answers would be wrong. pandis_open tests for parts of -ffast-math that
+ * no macro shows. A query needs at most 8 KB of stack, one of a network 80 KB. With a smaller
+ * PANDIS_MOST_WIDTH and PANDIS_MOST_DEPTH (by default 1024 and 16) that is four bytes times (depth + 2)
+ * times width. Define PANDIS_API as `static inline` to keep the names to one source file,
  * PANDIS_NO_FILE to leave out what opens files.
  *
- * In a loop that must keep its time: open fields before the loop (a file is read and checked, which
+ * For a real-time loop: open fields before the loop (a file is read and checked, which
  * takes 4 ms per megabyte), lock the process's memory (mlockall(MCL_CURRENT | MCL_FUTURE); on Windows raise
  * the working set with SetProcessWorkingSetSize and VirtualLock the bytes given to pandis_open), ask every
  * field a few points once so that its pages and the caches are filled, and give the thread a real-time
  * priority (SCHED_FIFO). A query allocates nothing, locks nothing, makes no system call. Its time hardly
  * depends on the place, except for meshes: where very many faces are about equally near (the middle of a finely
- * tessellated ball) a query can take some hundreds of times as long as usual; it is cut after
- * as many steps as its file says: see PANDIS_CUT.
+ * tessellated ball) a query can take some hundreds of times as long as usual. It is cut after the steps
+ * that its file allows: see PANDIS_CUT.
  *
  * This header comes from pandis, a workflow that makes, measures and exports distance fields of
  * triangle meshes for haptic rendering. It needs nothing else of it.
@@ -71,9 +71,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Of this header; a file says which version of the format it has (PANDIS_FORMAT_VERSION). */
+/* Version of this header; a file states its format version (PANDIS_FORMAT_VERSION). */
 #define PANDIS_VERSION_MAJOR 0
-#define PANDIS_VERSION_MINOR 1
+#define PANDIS_VERSION_MINOR 2
 #define PANDIS_VERSION_PATCH 0
 #define PANDIS_VERSION "0.2.0"
 #define PANDIS_FORMAT_VERSION 4

@@ -5,10 +5,10 @@
  * leads to the blocks. The nearest face is found in single precision, relative to the block; its closest
  * point and the answer are then computed in double.
  *
- * Which side a point is on whose closest point lies on an edge or a corner: all points with that closest
- * point are on the same side, because they form a convex cone that the surface does not enter. So two bits say it,
- * and no neighbour is needed. Where faces around are nearly in one plane, and inside of faces, the face
- * itself tells. Where the lattice has folded the surface over itself no face does: there a ray counts. */
+ * The side of a point whose closest point lies on an edge or a corner: all points with that closest point
+ * form a convex cone that the surface does not enter, so they are on the same side. Two bits store it, and no
+ * neighbour is needed. Where faces around are nearly coplanar, and inside faces, the face itself tells. Where
+ * the lattice has folded the surface over itself no face does: there crossings of a ray are counted. */
 
 enum { PANDIS__BY_FACE, PANDIS__OUTSIDE, PANDIS__INSIDE, PANDIS__BY_RAY };
 
@@ -21,7 +21,7 @@ typedef struct {
 
 #define PANDIS__GROUP_BYTES 18 /* three times eight corners of six bits */
 
-/* How far the low byte of a box's place is shifted, where extents need this many bits. */
+/* Shift of a box's byte coordinates, if extents need this many bits. */
 static int pandis__coarse(int bits) { return bits > 8 ? bits - 8 : 0; }
 
 PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pandis__packed *b) {
@@ -40,7 +40,7 @@ PANDIS__INLINE void pandis__unpack(const pandis__compact *t, int32_t block, pand
     b->sides = record->counts >> 27 & 1 ? b->words + b->stride * b->corner_count : NULL;
 }
 
-/* The corners of eight faces, as numbers of the block's: six bits each, for one of the three corners. */
+/* One of the three corners of eight faces: six bits each, an index into the block's corners. */
 PANDIS__INLINE uint64_t pandis__six_bits(const unsigned char *bytes) {
     uint32_t low;
     uint16_t high;
@@ -78,7 +78,7 @@ PANDIS__INLINE void pandis__group_corners(const pandis__packed *b, int group, fl
     }
 }
 
-/* The keys of eight boxes: of lower bounds of the squared distances at which faces can be found in them. */
+/* The keys of eight boxes: lower bounds of the squared distances to the faces in them. */
 PANDIS__INLINE void pandis__byte_bounds(const unsigned char *PANDIS__RESTRICT boxes, int count, const int *shift,
                                 const float *PANDIS__RESTRICT q, int32_t *PANDIS__RESTRICT keys) {
     float out[PANDIS__WIDTH];

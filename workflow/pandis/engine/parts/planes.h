@@ -1,24 +1,24 @@
 /* ---------------------------------------------------------------- planes that a proxy touches */
 
-#define PANDIS__KEPT 8   /* planes from step to step: all walls of a corner, for which three hold the proxy changes with the probe */
+#define PANDIS__KEPT 8   /* planes kept between steps: all walls of a corner, as the probe decides which three hold the proxy */
 #define PANDIS__PLANES 9 /* and the one of the last look */
 
-/* A piece of the surface near a proxy, taken as flat: what is free lies where normal . x >= offset (unit frame). */
+/* A piece of the surface near a proxy, taken as flat: free space is where normal . x >= offset (unit frame). */
 typedef struct {
     double normal[3], offset, foot[3];
 } pandis__plane;
 
 static double pandis__height(const pandis__plane *p, const double *x) { return pandis__dot(p->normal, x) - p->offset; }
 
-/* The point on two or three planes that is nearest to a goal, if the goal is behind all of them together: each has to
- * push, or the point is not the nearest one in front of them. 0 if not so, or if they are nearly parallel. */
+/* The point on two or three planes that is nearest to a goal, if it is also the nearest one in front of them: each plane
+ * has to push. 0 if one does not, or if they are nearly parallel. */
 static int pandis__onto(const pandis__plane *planes, const int *which, int count, const double *under, const double *goal,
                         double *y) {
     const double *a = planes[which[0]].normal, *b = planes[which[1]].normal;
     double push[3], across[3][3], sum[3];
     pandis__cross(a, b, across[2]);
     if (count == 2) {
-        double c = pandis__dot(a, b), det = pandis__dot(across[2], across[2]); /* 1 - c^2, without what that loses */
+        double c = pandis__dot(a, b), det = pandis__dot(across[2], across[2]); /* 1 - c^2 without cancellation */
         if (!(det > 1e-14)) return 0;
         push[0] = (c * under[which[1]] - under[which[0]]) / det, push[1] = (c * under[which[0]] - under[which[1]]) / det;
     } else {
@@ -38,8 +38,8 @@ static int pandis__onto(const pandis__plane *planes, const int *which, int count
     return 1;
 }
 
-/* Whether a set of planes gives the point: the goal is behind one of them, and all others lie behind the point. Returns a
- * bit for each of the set, or 0. */
+/* Whether a set of planes gives the point: the goal is behind one of them, and the point is in front of all others.
+ * Returns a bit for each, or 0. */
 static int pandis__gives(const pandis__plane *planes, int count, const int *which, int size, const double *under, int behind,
                          const double *goal, double *y) {
     int set = 0;
@@ -54,8 +54,8 @@ static int pandis__gives(const pandis__plane *planes, int count, const int *whic
     return set;
 }
 
-/* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. With planes
- * that nothing satisfies together, the last one, which was looked at last, decides. */
+/* The point nearest to a goal in front of all planes; returns which of them hold it back, a bit for each. If no point is
+ * in front of all planes, the last one, which is the newest, decides. */
 static int pandis__nearest_in_front(const pandis__plane *planes, int count, const double *goal, double *y) {
     double under[PANDIS__PLANES];
     int set, behind = 0;

@@ -32,8 +32,8 @@ static void pandis__turn_by(const double *p, const double *q, double *both) {
     both[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* The turn of a spin in some seconds, at most half of a whole one. The series is that of a sixteenth of it: libraries
- * differ in the last bits of their sines. */
+/* The rotation by a spin in `dt` seconds, at most half a turn, from a series for a sixteenth of it: sines of libraries
+ * differ in their last bits. */
 static void pandis__spun(const double *spin, double dt, double *q) {
     double half[3], whole[4];
     for (int k = 0; k < 3; k++) half[k] = spin[k] * dt / 32;
@@ -56,7 +56,7 @@ static void pandis__turned(const double *q, double *r) {
     memcpy(r, made, sizeof made);
 }
 
-/* The way that an object is on: two ends, of each the quaternion and the translation. */
+/* The way that an object is on: quaternion and translation of both its ends. */
 static double *pandis__way_of(const pandis__poses *poses, size_t object) { return poses->ways + 14 * object; }
 
 PANDIS__ONCE PANDIS_API pandis_error pandis_poses_open(pandis_poses *handle, pandis_object *objects, size_t count, double *room,
@@ -119,7 +119,7 @@ static void pandis__set_out(const pandis__poses *poses, size_t object) {
 }
 
 static int pandis__poses_go(pandis__poses *poses, pandis_scene *scene, double dt) {
-    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread makes it an old one */
+    int is_new = (pandis__peek(&poses->waiting) & PANDIS__NEW) != 0; /* only this thread clears the flag */
     if (is_new) {
         poses->asking = pandis__exchange(&poses->waiting, poses->asking) & 3;
         for (size_t i = 0; i < poses->count; i++) pandis__set_out(poses, i);

@@ -1,18 +1,18 @@
 /* ---------------------------------------------------------------- a proxy: what it knows of the surface near it
  *
- * All in the object's unit frame. The proxy is a point; a probe of radius r makes the surface that far thicker. What is
- * known to be free is a ball, around a point a little above the proxy, as large as the distance there. The proxy goes from
- * ball to ball, each of which overlaps with the one before: so nothing that has a surface lies on its way. What is known of
- * the surface are planes, each through the foot of a point that was looked at. */
+ * Everything is in the object's unit frame. The proxy is a point; a probe of radius r offsets the surface by r. The known
+ * free space is a ball around a point a little above the proxy, as large as the distance there. The proxy goes from ball
+ * to ball. Each overlaps the one before, so no surface lies on its way. The surface is known as planes, each through the
+ * foot of a point that was looked at. */
 
-#define PANDIS__HOVER 0.004       /* height over the surface from which it is looked at */
-#define PANDIS__FARTHEST 2       /* lifts: no point is looked from that is farther away from the place */
-#define PANDIS__STALE 4          /* lifts: a plane seen that far away says nothing of here */
+#define PANDIS__HOVER 0.004       /* height above the surface to look at it from */
+#define PANDIS__FARTHEST 2       /* lifts: a look at a place is taken from no farther away */
+#define PANDIS__STALE 4          /* lifts: planes whose foot is farther away are forgotten */
 #define PANDIS__ALIKE 0.99       /* cosine of the angle below which two planes are nearly one */
-#define PANDIS__BEHIND 1e-8      /* so far behind a plane no surface in front of it can lie */
-#define PANDIS__TRUSTED 0.8      /* share of an approximate distance to what is felt that is free */
+#define PANDIS__BEHIND 1e-8      /* a surface in front of a plane is no farther behind it */
+#define PANDIS__TRUSTED 0.8      /* free share of an approximate distance to the felt surface */
 #define PANDIS__LEAST_SHARE 0.25 /* likewise, of one that is flagged as a bound */
-#define PANDIS__GUESSED 0.05     /* by which a distance may be too large where the file does not say it */
+#define PANDIS__GUESSED 0.05     /* how much too large a distance may be if the file does not say */
 
 enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 
@@ -20,9 +20,9 @@ enum { PANDIS__BEGINS, PANDIS__CLEAR, PANDIS__TOUCHES };
 typedef struct {
     pandis__contact *state;
     const pandis_field *field;
-    double radius;            /* how far outside of the surface the walls are, less where the probe has begun nearer */
+    double radius;            /* offset of the walls from the surface; less where the probe began nearer */
     double tolerance;         /* by which planes are compared */
-    double blur;              /* a surface so far away, or so far behind a plane, tells nothing */
+    double blur;              /* a surface this near, or this little behind a plane, is ignored */
     int exact;                /* its distances are those of a surface, not of an approximation */
     int flat;                 /* and that surface is the one that is felt */
     int queries, count;
@@ -31,8 +31,8 @@ typedef struct {
     double *x, *ball;
 } pandis__proxy;
 
-/* What a look at a point says: distance, the ball around it that is free, and the one that needs no other look to be
- * entered, and the surface's foot and normal. */
+/* Result of a look at a point: distance, radius of the free ball around it and of the one that can be entered without a
+ * look, foot and normal of the surface. */
 typedef struct {
     double at[3], distance, free, sure, normal[3], foot[3];
     int32_t face, region;
@@ -42,8 +42,8 @@ static int pandis__knows_distance(const pandis_field *f) {
     return f->kind && !(f->kind == PANDIS_GRID && f->as.grid.rule <= PANDIS__TRILINEAR);
 }
 
-/* Put a texture onto what a look at a point has found: the distance becomes that to the plane that touches the raised
- * surface below the point, the normal that of this plane, and less is free. */
+/* Apply a texture to the result of a look. The distance becomes that to the tangent plane of the raised surface below the
+ * point, the normal becomes that of this plane, and less is free. */
 static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_answer *answer, double *distance,
                             double *free, double *sure) {
     const pandis_texture *t = p->state->options.texture;
@@ -57,12 +57,12 @@ static void pandis__roughen(const pandis__proxy *p, const double *at, pandis_ans
     if (!(steep <= 1e6)) slope[0] = slope[1] = slope[2] = steep = 0;
     for (int k = 0; k < 3; k++) n[k] = (n[k] - slope[k]) / sqrt(1 + steep);
     *distance = (*distance - raised) / sqrt(1 + steep);
-    /* the raised surface lies below a cone over the foot, of twice the slope, for feet move up to twice as far as points */
+    /* the raised surface lies below a cone over the foot with twice the slope: feet move up to twice as far as points */
     *free = fmin(*free, (*free - raised) / sqrt(1 + 4 * t->steepest * t->steepest)), *sure -= t->most * f->scale;
 }
 
-/* How far a network's surface is at least from a place beyond its box: it lies in the box, and from the box's nearest place
- * at least a share of the distance away that the network answers there. */
+/* Lower bound of the distance to a network's surface from a place beyond its box. The surface lies in the box, and it is
+ * at least a share of the network's distance from the box's nearest place. */
 PANDIS__ONCE static double pandis__free_beyond(const pandis__proxy *p, const double *at, double distance) {
     double way = 0;
     for (int k = 0; k < 3; k++) {
@@ -90,11 +90,11 @@ static int pandis__look_at(pandis__proxy *p, const double *at, pandis__look *loo
     } else if (answer.flag == PANDIS_OK) {
         sure = distance - f->margin[0], free = fmax(PANDIS__TRUSTED * (distance - p->radius) + p->radius, sure);
     } else {
-        /* the margin holds in the box; beyond it only where the surface cannot be is known */
+        /* the margin holds in the box; beyond it only the surface's bounds are known */
         int inside = fabs(at[0]) <= 1 && fabs(at[1]) <= 1 && fabs(at[2]) <= 1;
         double guessed = f->margin[1] < 1e300 ? f->margin[1] : PANDIS__GUESSED;
         double away = f->margin[0] < 1e300 ? pandis__clearance(f, at) : -1;
-        /* and how far the surface is at least: what a spline covers goes so far beyond it */
+        /* a lower bound, too: what a spline covers goes this far beyond the surface */
         double least = f->kind == PANDIS_SPLINE && distance > 0 ? f->as.spline.outside : PANDIS__LEAST_SHARE * distance;
         sure = inside ? fmax(away, distance - guessed) : away, free = fmin(distance, fmax(least, sure));
         if (inside && distance > 0) free = fmax(free, f->height);
@@ -135,13 +135,13 @@ static void pandis__forget(pandis__proxy *p, const pandis__plane *seen, int insi
     }
 }
 
-/* Add the plane of a look, as the last one; `place` is where the proxy would be, at least so high over the surface. */
+/* Add the plane of a look as the last one. The proxy would be at `place`, at least `height` above the surface. */
 static void pandis__learn(pandis__proxy *p, const pandis__look *look, const double *place, double height) {
     pandis__plane seen;
     memcpy(seen.normal, look->normal, sizeof seen.normal);
     memcpy(seen.foot, look->foot, sizeof seen.foot);
     seen.offset = pandis__dot(seen.normal, seen.foot);
-    for (int i = p->count - 1; i >= 0; i--) { /* of two that face each other without a gap one is of a fold: the nearer */
+    for (int i = p->count - 1; i >= 0; i--) { /* of two that face each other without a gap, the nearer is a fold */
         double gap = pandis__height(p->plane + i, seen.foot);
         if (pandis__dot(p->plane[i].normal, seen.normal) > -PANDIS__ALIKE || fabs(gap) > p->blur) continue;
         if (fabs(look->distance) < p->blur) return;
@@ -159,9 +159,9 @@ static double pandis__between(const double *a, const double *b) {
     return sqrt(pandis__dot(off, off));
 }
 
-/* Where to look from, to see whether the proxy can be at a place: the nearest point to it that is `lift` above all planes,
- * twice as high above those unlike `nearest`, if that is not NULL. Where planes meet at a sharp angle, or face each other,
- * that would be far away, or nowhere: there it is less high. */
+/* Where to look from, to see whether the proxy can be at a place: the nearest point that is `lift` above all planes, and
+ * twice that above planes unlike `nearest`, if it is not NULL. Where planes meet at a sharp angle or face each other, no
+ * such point is near: there the lift is reduced. */
 static void pandis__lifted(const pandis__proxy *p, const double *place, const double *nearest, double lift, double *at) {
     pandis__plane raised[PANDIS__PLANES];
     double height = lift;

@@ -18,7 +18,7 @@ PANDIS_API size_t pandis_refit_room(const pandis_field *field) {
     return (size_t)(3 * v * sizeof(double) + n * sizeof(pandis__node) + lists);
 }
 
-/* The box around a leaf, and what distances to its triangles may lose. */
+/* The box around a leaf, and the error bounds of its distances. */
 static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, float *low, float *high, float *slack) {
     float v[3][3][PANDIS__WIDTH];
     const double *base = m->vertices + 3 * (ptrdiff_t)*pandis__leaf_vertices(m, leaf);
@@ -38,7 +38,7 @@ static void pandis__refit_leaf(const pandis__mesh *m, int32_t leaf, float pad, f
     }
 }
 
-/* The boxes of all nodes, those below first. */
+/* The boxes of all nodes, bottom up. */
 static void pandis__refit_boxes(const pandis__mesh *m, pandis__node *nodes, float (*slacks)[2]) {
     /* the float box of a point may be off by half a unit in the last place of the coordinates */
     float pad = (float)(m->reach * 4e-7);
@@ -70,7 +70,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     int32_t *around = (int32_t *)(void *)(nodes + n), *corners_at = around + v + 1;
     memcpy(vertices, m->vertices, 3 * v * sizeof *vertices);
     memcpy(nodes, m->nodes, n * sizeof *nodes);
-    /* the corners on each vertex, in the order of the faces, as where normals are summed up at first */
+    /* the corners on each vertex, in the order of faces in which normals were summed at first */
     memset(around, 0, (v + 1) * sizeof *around);
     for (size_t i = 0; i < 3 * f; i++) around[m->faces[i]]++;
     int32_t before = 0;
@@ -91,12 +91,12 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_refit_open(pandis_field *moving, con
     for (int32_t leaf = 0; leaf < m->leaf_count; leaf++)
         slacks[leaf][0] = m->leaves[leaf].slack, slacks[leaf][1] = m->leaves[leaf].share;
     *moving = *field;
-    moving->mapped = 0; /* the bytes are the field's, which lets go of them */
+    moving->mapped = 0; /* the bytes belong to the field, which frees them */
     pandis__mesh *own = &moving->as.mesh;
     own->vertices = vertices, own->nodes = nodes, own->around = around, own->corners_at = corners_at;
     own->slacks = (const float(*)[2])slacks;
     own->vertex_normals = NULL;
-    own->most = INT32_MAX; /* nothing is known of what its shapes would cut */
+    own->most = INT32_MAX; /* no budget is known to suit all its shapes */
     return PANDIS_SUCCESS;
 }
 

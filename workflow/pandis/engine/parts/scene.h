@@ -28,7 +28,7 @@ PANDIS_API pandis_flag pandis_object_force(const pandis_object *object, const do
     return answer.flag;
 }
 
-/* Whether a rotation is one, within 1e-6, and a translation finite. */
+/* Whether a matrix is a rotation to 1e-6, and a translation finite. */
 static int pandis__places(const double *rotation, const double *translation) {
     double most = 0, across[3];
     for (int i = 0; i < 3; i++) {
@@ -49,8 +49,8 @@ static int pandis__lies(const pandis_object *o) {
     return o->scale >= 1e-100 && o->scale <= 1e100 && o->stiffness >= 0 && o->stiffness <= PANDIS__STIFFEST;
 }
 
-/* A scene keeps of each object two balls in which it cannot be touched, one for penalty forces and one for
- * contacts, whose proxies may be elsewhere: centre and squared radius, in blocks, coordinate by coordinate. */
+/* A scene keeps two balls per object in which it cannot be touched: one for penalty forces, one for contacts, whose
+ * proxies may be elsewhere. Centres and squared radii lie in blocks, coordinate by coordinate. */
 enum { PANDIS__OF_FORCES, PANDIS__OF_CONTACTS };
 
 static double *pandis__ball(const pandis__scene *scene, int use, size_t object) {
@@ -63,7 +63,7 @@ static void pandis__keep_ball(double *ball, const double *centre, double radius)
     ball[3 * PANDIS_SCENE_BLOCK] = radius > 0 ? radius * radius : -1;
 }
 
-/* How far from a point (unit frame) nothing can be touched, going by where the surface lies. */
+/* How far from a point (unit frame) nothing can be touched, by the bounds of the surface. */
 static double pandis__clearance(const pandis_field *f, const double *u) {
     double off[3];
     for (int k = 0; k < 3; k++) {
@@ -80,7 +80,7 @@ static pandis_flag pandis__worse(pandis_flag one, pandis_flag other) {
     return rank[one] > rank[other] ? one : other;
 }
 
-/* Ask an object unless it cannot be touched at a point, and keep how far that is so. */
+/* Query an object if it may be touched at a point; keep the ball where it cannot be. */
 static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const double *point, double *force) {
     const pandis_object *o = scene->objects + index;
     const pandis_field *f = o->field;
@@ -102,12 +102,12 @@ static pandis_flag pandis__visit(pandis__scene *scene, size_t index, const doubl
         double away = flag == PANDIS_CUT && answer.distance > 0 ? answer.clear : answer.distance;
         if (inside && flag != PANDIS_INVALID) clear = away * f->scale - f->margin[flag == PANDIS_BOUND];
     }
-    /* less what the arithmetic may have lost, and a rotation stretches that is one within 1e-6 */
+    /* less rounding errors, and the stretch of a rotation that is exact only within 1e-6 */
     pandis__keep_ball(pandis__ball(scene, PANDIS__OF_FORCES, index), point, clear * (o->scale / f->scale) * (1 - 4e-6) - 1e-12 * size);
     return flag;
 }
 
-/* Let an object be asked at the next point; leave it out if it lies nowhere. */
+/* Have an object queried at the next point; leave it out if it is invalid. */
 static pandis_error pandis__wake_object(const pandis__scene *scene, size_t object) {
     const double origin[3] = {0};
     int lies = pandis__lies(scene->objects + object);
@@ -140,7 +140,7 @@ PANDIS__ONCE PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, cons
 
 PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene) { return pandis__scene_in(scene)->queries; }
 
-/* The next object, from one on, that may be touched at a point; the count, if there is none. */
+/* The next object from `from` on that may be touched at a point; the count if there is none. */
 static size_t pandis__next_awake(const pandis__scene *scene, int use, size_t from, const double *point) {
     size_t start = from - from % PANDIS_SCENE_BLOCK;
     for (; start < scene->count; start += PANDIS_SCENE_BLOCK, from = start) {

@@ -1,15 +1,15 @@
 /* ---------------------------------------------------------------- scenes
  *
- * Objects under one probe. Each is asked again only when the probe may touch it: a field that is nowhere nearer than d cannot
- * be touched before the probe has gone that far. One probe, and one thread, has a scene of its own. */
+ * Objects that one probe can touch. Each is queried again only when the probe may touch it: a field at distance d cannot
+ * be touched before the probe has moved that far. Each probe needs its own scene, in one thread. */
 
-/* The state of a scene. Its content is the implementation's. */
+/* The state of a scene. Its contents are internal. */
 typedef union {
     double aligned;
     unsigned char bytes[256];
 } pandis_scene;
 
-/* Doubles that a scene of this many objects needs; objects that are looked at together. */
+/* Objects that are tested together, and doubles that a scene of `count` objects needs. */
 #define PANDIS_SCENE_BLOCK 32
 #define PANDIS_SCENE_ROOM(count) \
     (8 * PANDIS_SCENE_BLOCK * (((count) + sizeof(char) * (PANDIS_SCENE_BLOCK - 1)) / PANDIS_SCENE_BLOCK))
@@ -20,23 +20,22 @@ typedef union {
  * room         of at least PANDIS_SCENE_ROOM(count) doubles, kept by the caller
  * room_length  doubles in the room
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE, and objects that lie nowhere are left out; or PANDIS_ERROR_COUNT, and the scene is
- * empty. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: invalid objects are left out; or PANDIS_ERROR_COUNT: the scene is empty. */
 PANDIS_API pandis_error pandis_scene_open(pandis_scene *scene, const pandis_object *objects, size_t count, double *room,
                                           size_t room_length);
 
-/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped (then call pandis_contact_reshaped of its contact, too),
+/* [rt] Tell a scene that an object was moved, turned, scaled, reshaped (call pandis_contact_reshaped for its contact, too),
  * or given another field.
  *
  * object   its index
  *
- * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE, and the object is left out until it lies somewhere; or PANDIS_ERROR_COUNT: there is
- * no such object. */
+ * Returns PANDIS_SUCCESS; PANDIS_ERROR_POSE: the object is left out until it is valid; or PANDIS_ERROR_COUNT: there is no
+ * such object. */
 PANDIS_API pandis_error pandis_scene_moved(pandis_scene *scene, size_t object);
 
-/* [rt] The sum of the penalty forces of all objects, in their order, to the last bit that of pandis_object_force as long as no
- * field's distance is further off than its file says. It changes nothing of what pandis_scene_touch answers, in whatever
- * order they are called. Returns the worst flag of those that were asked.
+/* [rt] The sum of the penalty forces of all objects, in their order: bit for bit that of pandis_object_force as long as
+ * no field's distance is farther off than its file says. It does not affect pandis_scene_touch, in whatever order they
+ * are called. Returns the worst flag of the objects queried.
  *
  * point    scene lengths, at most 1e100 */
 PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double point[3], double force[3]);
@@ -51,12 +50,12 @@ PANDIS_API pandis_flag pandis_scene_force(pandis_scene *scene, const double poin
 PANDIS_API pandis_error pandis_scene_touch_open(pandis_scene *scene, pandis_contact *contacts,
                                                 const pandis_contact_options *options, size_t count);
 
-/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum of theirs, in the order of
- * the objects, to the last bit that of stepping all of them. An object that is moved carries its proxy along.
+/* [rt] Move the probe, and step the contacts of all objects that it may touch. The force is the sum of theirs, in the order
+ * of the objects, bit for bit as if all had been stepped. A moved object carries its proxy along.
  *
  * position  scene lengths, at most 1e100
  * dt        seconds since the last step, more than 0
- * touches   filled in, of those objects that are touched or whose proxy is behind; NULL: none
+ * touches   filled in for objects that are touched or whose proxy is behind; NULL: none
  * most      touches that there is room for
  * touched   how many such objects there are, which may be more than `most`; NULL: not wanted
  *
@@ -70,18 +69,18 @@ PANDIS_API size_t pandis_scene_queries(const pandis_scene *scene);
 #if defined(__GNUC__) || defined(_MSC_VER)
 /* ---------------------------------------------------------------- objects that a simulation moves
  *
- * A simulation hands frames of poses over to the haptic loop, and neither waits: of three frames one is written, one is
- * followed, and the newest whole one is handed over. In each tick every object goes on, without a step, towards where it
- * will lie when the next frame is due; there it waits, if that is late. One thread gives, one steps. */
+ * A simulation hands frames of poses over to the haptic loop; neither waits. Of three frames one is written, one is
+ * followed, and the newest complete one is handed over. In each tick every object moves on without a jump to where it
+ * will lie when the next frame is due. If that is late, it waits there. One thread gives, one steps. */
 
 /* Where an object lies in a frame, and how it moves. */
 typedef struct {
-    double rotation[9], translation[3]; /* as of pandis_object */
+    double rotation[9], translation[3]; /* as in pandis_object */
     double velocity[3];                 /* of the point at `translation`, scene lengths per second, at most 1e50 */
     double spin[3];                     /* axis times radians per second, in the directions of the scene */
 } pandis_pose;
 
-/* The state of the handover. Its content is the implementation's. */
+/* The state of the handover. Its contents are internal. */
 typedef union {
     double aligned;
     unsigned char bytes[128];
@@ -100,19 +99,19 @@ typedef union {
 PANDIS_API pandis_error pandis_poses_open(pandis_poses *poses, pandis_object *objects, size_t count, double *room,
                                           size_t room_length);
 
-/* [rt] Hand over a frame, by the simulation's thread.
+/* [rt] Hand over a frame, in the simulation's thread.
  *
  * frame    a pose for each object, copied
  * count    that of the objects, else PANDIS_ERROR_COUNT
  * period   seconds until the next frame is due, more than 0 and at most 1e6
  *
- * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE (a rotation matrix is not a rotation, something is not finite, or an object turns more than halfway
- * round in the period), and nothing is handed over. */
+ * Returns PANDIS_SUCCESS; or PANDIS_ERROR_POSE, and nothing is handed over: a rotation matrix is not a rotation,
+ * something is not finite, or an object turns more than halfway round in the period. */
 PANDIS_API pandis_error pandis_poses_give(pandis_poses *poses, const pandis_pose *frame, size_t count, double period);
 
-/* [rt] Move the objects on, at the beginning of a tick. Returns 1 if there was another frame than before, else 0.
+/* [rt] Move the objects, at the beginning of a tick. Returns 1 if there was a new frame, else 0.
  *
- * scene    that holds them, and is told; or NULL
+ * scene    that holds and follows them; or NULL
  * dt       seconds since the last tick, more than 0 */
 PANDIS_API int pandis_poses_step(pandis_poses *poses, pandis_scene *scene, double dt);
 #endif

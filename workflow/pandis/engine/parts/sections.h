@@ -30,7 +30,7 @@ static uint32_t pandis__crc(const unsigned char *p, size_t size) {
     return ~crc;
 }
 
-/* A number of the header: the k-th of its 14 whole and 16 real ones. */
+/* The k-th of the 14 integers, or of the 16 reals, of the header. */
 static int32_t pandis__whole(const pandis_field *f, int k) {
     uint32_t value = pandis__u32(f->data + 72 + 4 * k);
     return value <= INT32_MAX ? (int32_t)value : -1;
@@ -57,7 +57,7 @@ static const void *pandis__section(const pandis_field *f, const char *name, uint
     return bytes == count * each ? section : NULL;
 }
 
-/* Whether there is a section of a name. */
+/* Whether a section has this name. */
 static int pandis__has_section(const pandis_field *f, const char *name) {
     uint64_t bytes;
     return pandis__find(f, name, &bytes) != NULL;

@@ -5,8 +5,8 @@
 #define PANDIS__PART2 4.837512969970703125e-4f
 #define PANDIS__PART3 7.549789954891e-8f
 
-/* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, as of
- * 0; NaN of what is no finite number. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
+/* Sine and cosine, within 1.2e-7 for |x| up to 1e4; beyond, where no trained network goes, those of 0; NaN if x is not
+ * finite. Minimax polynomials on [-pi/4, pi/4] (Cephes, Moshier). No branch, so that it vectorises. */
 PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     const float whole = 12582912.0f; /* adding 1.5 * 2^23 rounds to the nearest whole number */
     float none = x - x;              /* 0, or NaN if x is not finite */
@@ -22,13 +22,13 @@ PANDIS__INLINE void pandis__sine_cosine(float x, float *sine, float *cosine) {
     *cosine = ((quarter + 1) & 2 ? -b : b) + none;
 }
 
-/* Tell whether the arithmetic is what all of this relies on: sums rounded in the order in which they are
- * written, NaN that stays NaN. Some parts of -ffast-math break that, and no macro tells. */
+/* Check the arithmetic that all of this relies on: sums are rounded in the order in which they are written, NaN stays
+ * NaN. Some parts of -ffast-math break that, and set no macro. */
 PANDIS__ONCE static int pandis__arithmetic(void) {
-    /* sines and cosines of 3 and of -100, from a loop as a network's layers have it */
+    /* sines and cosines of 3 and of -100, from a loop like that of network layers */
     static const float wanted[4] = {0.141120008f, -0.989992497f, 0.506365641f, 0.862318872f};
     volatile float read[2] = {3.0f, -100.0f};
-    volatile uint32_t none = 0x7fc00000u; /* NaN, which no division makes: nothing is trapped */
+    volatile uint32_t none = 0x7fc00000u; /* NaN, made without a division, which might trap */
     uint32_t bits = none;
     volatile double large = 9007199254740992.0, one = 1;
     float x[16], sine[16], cosine[16];

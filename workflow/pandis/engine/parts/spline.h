@@ -1,6 +1,6 @@
 /* ---------------------------------------------------------------- banded splines */
 
-/* Coefficients, four at a time, from what is stored of them: coarse or far ones, and fine ones. */
+/* Restore stored coefficients, four at a time: coarse or far ones, and fine ones. */
 #ifdef PANDIS__FOUR_AT_ONCE
 typedef int16_t pandis__four_shorts __attribute__((vector_size(8), aligned(2), may_alias));
 typedef int8_t pandis__four_bytes __attribute__((vector_size(4), aligned(1), may_alias));
@@ -20,13 +20,13 @@ typedef int32_t pandis__four_ints __attribute__((vector_size(16)));
 PANDIS__RESTORE(int16_t, pandis__four_shorts, coarse)
 PANDIS__RESTORE(int8_t, pandis__four_bytes, fine)
 
-/* Collect the 64 coefficients around a point, block by block; blocks that are not kept give zeros. Tells whether any
- * block is kept or, for the coarse lattice, which is useless in parts, whether all are. */
+/* Collect the 64 coefficients around a point, block by block; blocks that are not kept give zeros. Returns whether any
+ * block is kept; for the coarse lattice, useless if incomplete, whether all are. */
 PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int *first, float *c) {
     const pandis__layout *l = s->layout + level;
     int found = 0, low[3], blocks[3];
     double offset = s->offset[level], scale = s->scale[level];
-    float room[6][6][6], own[8]; /* two or three blocks of an axis */
+    float room[6][6][6], own[8]; /* two or three blocks per axis */
     memset(room, 0, sizeof room);
     for (int k = 0; k < 3; k++) low[k] = first[k] >> 1, blocks[k] = ((first[k] + 3) >> 1) - low[k] + 1;
     for (int i = 0; i < blocks[0]; i++)
@@ -56,7 +56,7 @@ PANDIS__INLINE int pandis__collect(const pandis__spline *s, int level, const int
     return found;
 }
 
-/* Add one level's value and gradient; tells what pandis__collect does. With `cells`, of this very spline, nothing is
+/* Add one level's value and gradient; returns as pandis__collect does. With `cells` of this very spline, nothing is
  * collected twice for points near each other. */
 PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const double *p, pandis__cells *cells,
                                      double *value, double *gradient) {
@@ -78,9 +78,9 @@ PANDIS__INLINE int pandis__add_level(const pandis__spline *s, int level, const d
     return known - 1;
 }
 
-/* Where two walls are about equally near a spline rounds the crease between them, which shows in a
- * gradient shorter than 1. The field is linear along the way to the nearest wall, so the answer
- * is taken some way up, where less is rounded, and carried back down. */
+/* Where two walls are about equally near, a spline rounds the crease between them: its gradient is
+ * shorter than 1. The distance is linear towards the nearest wall. So the answer is taken nearer to it,
+ * where less is rounded, and extrapolated back. */
 #define PANDIS__LIFT 0.7    /* in steps of the coarse lattice, at most */
 #define PANDIS__SHORT 0.02  /* how much of the squared gradient must be missing */
 

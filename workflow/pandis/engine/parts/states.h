@@ -24,18 +24,17 @@ typedef struct {
     pandis_pose *frames;
     double periods[3], *ways, period, gone;
     int32_t writing, asking;
-    volatile int32_t waiting; /* a frame, and 4 if nobody has taken it yet */
+    volatile int32_t waiting; /* a frame's index, plus 4 until it is taken */
 } pandis__poses;
 
 typedef struct {
     pandis_field shapes[3];
     int32_t writing, asking;
-    volatile int32_t waiting; /* a shape, and 4 if nobody has taken it yet */
+    volatile int32_t waiting; /* a shape's index, plus 4 until it is taken */
 } pandis__handover;
 #endif
 
-/* The state behind each handle. Handles are aligned for doubles; as unions with characters in them, compilers take them to
- * share their place with anything. */
+/* The state behind each handle. Handles are aligned for doubles. As unions with characters, they may alias anything. */
 #define PANDIS__STATE(handle)                                                                                     \
     typedef char handle##_fits[sizeof(pandis__##handle) <= sizeof(pandis_##handle) ? 1 : -1];                     \
     PANDIS__INLINE pandis__##handle *pandis__##handle##_of(pandis_##handle *h) { return (pandis__##handle *)(void *)h; } \

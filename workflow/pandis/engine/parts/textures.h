@@ -10,7 +10,7 @@ PANDIS_API double pandis_waves(const void *ridges, const double point[3], int re
     return w->height / 2 * (1 + sin(along));
 }
 
-/* A number from 0 to 1 for a node of the lattice, as if drawn at random. */
+/* A pseudo-random number from 0 to 1 for a node of the lattice. */
 static double pandis__drawn(const int32_t *node) {
     uint32_t h = (uint32_t)node[0] * 0x8da6b343u ^ (uint32_t)node[1] * 0xd8163841u ^ (uint32_t)node[2] * 0xcb1ab31fu;
     h = (h ^ h >> 15) * 0x2c1b3c6du, h = (h ^ h >> 12) * 0x297a2d39u;
@@ -26,7 +26,7 @@ PANDIS_API double pandis_noise(const void *bumps, const double point[3], int reg
         double x = point[k] / b->length, t;
         if (!(fabs(x) < 1e9)) return gradient[0] = gradient[1] = gradient[2] = 0;
         low[k] = (int32_t)floor(x), t = x - floor(x);
-        blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1]; /* two derivatives are steady */
+        blend[k][1] = t * t * t * (10 + t * (6 * t - 15)), blend[k][0] = 1 - blend[k][1]; /* two continuous derivatives */
         change[k] = 30 * t * t * (1 - t) * (1 - t) / b->length;
         gradient[k] = 0;
     }

@@ -3,8 +3,8 @@
 /* The child of a node at one of its eight places; 0 if there is none. */
 typedef int (*pandis__child)(const void *nodes, int32_t node, int place, int32_t *child);
 
-/* Walk a tree: nodes and leaves must come in the order in which they are met, each of them once, so
- * that no query can go round, or take longer than there are leaves; and not deeper than the stack. */
+/* Check a tree: nodes and leaves must come in the order in which a walk meets them, each once, and no deeper than the
+ * stack. So no query can loop, or visit more leaves than there are. */
 static int pandis__walk(const void *tree, pandis__child child_of, int32_t node_count, int32_t leaf_count) {
     int32_t path[PANDIS__DEEPEST], nodes = 1, leaves = 0;
     int next[PANDIS__DEEPEST], depth = 0;
@@ -41,7 +41,7 @@ static int pandis__branch_child(const void *nodes, int32_t node, int place, int3
     return place < b->count;
 }
 
-/* Every index must lead somewhere. */
+/* Every index must be valid. */
 PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     pandis__mesh *m = &f->as.mesh;
     m->vertex_count = pandis__whole(f, 0), m->face_count = pandis__whole(f, 1);
@@ -74,7 +74,7 @@ PANDIS__ONCE static int pandis__open_mesh(pandis_field *f) {
     return pandis__walk(m->nodes, pandis__node_child, m->node_count, m->leaf_count);
 }
 
-/* What a block says must lie in the section, and its corners among its own. */
+/* A block must lie in its section, and its faces' corners among its own. */
 static int pandis__good_block(const pandis__compact *t, int32_t block, uint64_t size) {
     pandis__packed b;
     const pandis__block_record *record = t->blocks + block;

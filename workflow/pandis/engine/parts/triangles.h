@@ -1,8 +1,8 @@
 
 /* ---------------------------------------------------------------- eight boxes or triangles at once, in single precision
  *
- * Squared distances are sorted as whole numbers, their keys: a float that is not negative sorts as the number that
- * has its bits. The last three bits say of which box it is. */
+ * Squared distances are sorted as integers, their keys: non-negative floats sort like integers with the same bits. The
+ * last three bits are the index of the box. */
 
 PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     int32_t least = keys[0];
@@ -10,14 +10,14 @@ PANDIS__INLINE int32_t pandis__least(const int32_t *keys) {
     return least;
 }
 
-/* A squared distance as such a number: boxes with larger ones are farther. */
+/* A squared distance as a key: boxes with larger keys are farther. */
 static int32_t pandis__key(float squared) {
     int32_t key;
     memcpy(&key, &squared, sizeof key);
     return key | 7;
 }
 
-/* Of how much may be looked at, what is looked at in the order of the tree, for which most queries have no more to do. */
+/* The part of a budget that is spent in tree order: most queries need no more. */
 static int32_t pandis__soon(int32_t most) {
     int32_t soon = most / 4 > PANDIS__SOON ? most / 4 : PANDIS__SOON;
     return most < INT32_MAX && most > soon ? soon : most;
@@ -44,7 +44,7 @@ static pandis__waiting pandis__next(pandis__waiting *heap, int count) {
     return first;
 }
 
-/* Let a box wait; where there is no room, the farther one of it and the last is left out: 1, and its key. */
+/* Queue a box. If there is no room, the farther of it and the last one is dropped: 1, and its key. */
 static int pandis__wait_or_drop(pandis__waiting *heap, int *count, int32_t key, int32_t child, int32_t *out) {
     pandis__waiting one = {key, child};
     if (*count < PANDIS__HEAP) {
@@ -63,7 +63,7 @@ PANDIS__INLINE float pandis__clamp01f(float t) {
 }
 
 /* Squared distances from a point to eight triangles, given as (3 corners, 3 axes, 8): each is that of some point
- * of the triangle, and so never too small but for rounding. By how much it can be too large: pandis__slacks. */
+ * of the triangle, and so too small only by rounding. pandis__slacks bounds how much too large it can be. */
 PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const float *PANDIS__RESTRICT q,
                                     float *PANDIS__RESTRICT out) {
     for (int i = 0; i < PANDIS__WIDTH; i++) {
@@ -94,10 +94,10 @@ PANDIS__INLINE void pandis__eight_distances(float (*v)[3][PANDIS__WIDTH], const 
     }
 }
 
-/* By how much the distance d to any of eight triangles can be too large in single precision, above what rounds the
- * point itself: at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
- * roundoff e, the foot inside of a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). Or the triangle
- * is so narrow that any of its points is nearer to an edge than that: by half its least height. */
+/* How much too large the distance d to any of eight triangles can be in single precision, besides rounding of the point:
+ * at most slack[0] + slack[1] * d. With B = 1 / the sine of the angle at the first corner and the unit
+ * roundoff e, the foot inside a triangle is off by less than e (32 B (d + longest side) + 8 B^2 d). If a triangle is so
+ * narrow that half its least height is less, that bounds it: an edge is as near. */
 static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     const float e = 6e-8f;
     float off[PANDIS__WIDTH], share[PANDIS__WIDTH];
@@ -111,8 +111,8 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
         float longest = sqrtf(ww > most ? ww : most), half = longest > 0 ? twice / (2 * longest) : 0;
         float sine = sqrtf(uu) * sqrtf(vv) / (twice > 0 ? twice : 1e-30f), more = e * (32 * sine + 8 * sine * sine);
         float less = e * 32 * sine * longest;
-        int wide = less + more * longest < half; /* not so for what has overflowed */
-        /* and what is lost on the edges, and of a height that has lost its digits */
+        int wide = less + more * longest < half; /* false after an overflow */
+        /* plus the error on edges, and of a height that has lost its digits */
         off[i] = (wide ? less : half) + 64 * e * longest, share[i] = (wide ? more : 0) + 64 * e;
     }
     slack[0] = off[0], slack[1] = share[0];
@@ -122,7 +122,7 @@ static void pandis__slacks(float (*v)[3][PANDIS__WIDTH], float *slack) {
     }
 }
 
-/* Whether a segment from a point meets a triangle, and at which share of the way: -1 from within, 1 from without. */
+/* Whether a segment from a point meets a triangle (-1: from inside, 1: from outside), and at which share of it. */
 static int pandis__meets(const double *const *c, const double *p, const double *way, double *at) {
     double u[3], v[3], x[3], across[3], turned[3];
     for (int k = 0; k < 3; k++) u[k] = c[1][k] - c[0][k], v[k] = c[2][k] - c[0][k], x[k] = p[k] - c[0][k];

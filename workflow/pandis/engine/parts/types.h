@@ -2,34 +2,33 @@
 typedef enum {
     PANDIS_OK = 0,      /* within the accuracy of the field */
     PANDIS_BOUND = 1,   /* outside of what the field covers: the side is right, the distance an estimate that may be too large */
-    PANDIS_INVALID = 2, /* no answer: an argument is beyond its range, no finite number, or the field overflowed */
-    PANDIS_CUT = 3,     /* so many faces are about equally near (around the middle of a finely tessellated ball) that not all
-                         * were looked at: the distance may be too large, by some hundredths of the object, see
-                         * pandis_answer.clear. Next to the surface nothing was cut of all that was tried when the file was
-                         * made */
-    PANDIS_BEYOND = 4   /* of pandis_query_within alone: no surface is within its reach */
+    PANDIS_INVALID = 2, /* no answer: an argument is out of range or not finite, or the field overflowed */
+    PANDIS_CUT = 3,     /* the search was cut short: too many faces are about equally near (around the middle of a finely
+                         * tessellated ball). The distance may be too large, by some hundredths of the object: see
+                         * pandis_answer.clear. No point tried next to the surface when the file was made was cut */
+    PANDIS_BEYOND = 4   /* pandis_query_within only: no surface is within its reach */
 } pandis_flag;
 
 /* Why something cannot be opened or changed. Errors are negative and flags are not, so neither is taken for the other. */
 typedef enum {
     PANDIS_SUCCESS = 0,
     PANDIS_ERROR_FILE = -1,        /* the file cannot be read */
-    PANDIS_ERROR_FORMAT = -2,      /* it is no such file */
-    PANDIS_ERROR_ENDIAN = -3,      /* its bytes are in the other order, or this machine's are */
+    PANDIS_ERROR_FORMAT = -2,      /* not a .pandis file */
+    PANDIS_ERROR_ENDIAN = -3,      /* wrong byte order, of the file or of this machine */
     PANDIS_ERROR_VERSION = -4,     /* it is of a later version, or a mesh of an earlier one */
     PANDIS_ERROR_SIZE = -5,        /* it is shorter or longer than it says */
     PANDIS_ERROR_CHECKSUM = -6,    /* its bytes have changed */
-    PANDIS_ERROR_CONTENT = -7,     /* what it says does not fit together, or this kind of field cannot do that */
-    PANDIS_ERROR_POSE = -8,        /* an object of a scene lies nowhere: see pandis_object */
+    PANDIS_ERROR_CONTENT = -7,     /* its content is inconsistent, or this kind of field cannot do that */
+    PANDIS_ERROR_POSE = -8,        /* an object or a pose is invalid: see pandis_object */
     PANDIS_ERROR_ALIGNMENT = -9,   /* the bytes do not begin at a multiple of 8 */
     PANDIS_ERROR_ARITHMETIC = -10, /* compiled with flags under which it would answer wrongly */
     PANDIS_ERROR_LARGE = -11,      /* a network beyond PANDIS_MOST_WIDTH or PANDIS_MOST_DEPTH */
-    PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is no finite number, or beyond 1e30 of the unit frame */
-    PANDIS_ERROR_KIND = -13,       /* a grid of forces, which knows no distance outside, cannot have a contact */
-    PANDIS_ERROR_RADIUS = -14,     /* of a probe: larger than what the field knows of free space around its surface */
-    PANDIS_ERROR_OPTIONS = -15,    /* an option of a contact is beyond its range: see pandis_contact_options */
-    PANDIS_ERROR_COUNT = -16,      /* an array has fewer or more elements than this takes */
-    PANDIS_ERROR_HEADER = -17      /* the compiled part is of another version of this header, or was packed otherwise */
+    PANDIS_ERROR_VERTEX = -12,     /* a vertex of a new shape is not finite, or beyond 1e30 in the unit frame */
+    PANDIS_ERROR_KIND = -13,       /* a grid of forces cannot have a contact: it has no distances outside */
+    PANDIS_ERROR_RADIUS = -14,     /* the probe is larger than the free space known around the field's surface */
+    PANDIS_ERROR_OPTIONS = -15,    /* a contact option is out of range: see pandis_contact_options */
+    PANDIS_ERROR_COUNT = -16,      /* an array is shorter or longer than required */
+    PANDIS_ERROR_HEADER = -17      /* the implementation is of another version of this header, or packed differently */
 } pandis_error;
 
 /* What a field is. */
@@ -43,27 +42,27 @@ typedef enum {
     PANDIS_COMPACT = 6
 } pandis_kind;
 
-/* An answer to one point. */
+/* The answer at a point. */
 typedef struct {
     double distance;  /* mesh units, negative inside */
     double normal[3]; /* outward, of unit length */
-    double slope;     /* length of the vector that was scaled to the normal: 1 of meshes and closed forms; elsewhere about 1, and
+    double slope;     /* length of the vector that was normalised: 1 for meshes and closed forms; elsewhere about 1, but
                        * clearly less near the medial axis, where two walls are about equally near and the normal is about to
-                       * turn; 0 of grids of forces, which have none */
-    double clear;     /* of a mesh: no surface is nearer than this, but for rounding; else |distance| */
+                       * turn; 0 for grids of forces, which have none */
+    double clear;     /* meshes: no surface is nearer than this, up to rounding; else |distance| */
     pandis_flag flag;
     int32_t face;     /* index, in mesh.zarr.zip, of a face that holds the closest point. A simplified mesh names a face
                        * beside it. -1 if unknown: only `exact` meshes, and compact ones with a section ORIG, know it */
     int32_t region;   /* material of the surface there (pandis_region); -1 if the file has none */
 } pandis_answer;
 
-/* What pandis_query_from keeps from one query to the next: all zero before the first. It may be copied, and used with
- * another field: it changes the time of a query, and no answer. */
+/* State that pandis_query_from keeps between queries: all zero before the first. It may be copied, or used with another
+ * field: it affects the time of a query, never the answer. */
 typedef struct {
     uint64_t room[16];
 } pandis_hint;
 
-/* Everything below is the implementation's: read it, but do not rely on it. */
+/* The structures below are internal: read them, but do not rely on them. */
 typedef struct {
     int32_t size; /* nodes per axis */
     double low, per_step;
@@ -88,9 +87,9 @@ typedef struct {
 typedef struct {
     int32_t size, bricks;  /* nodes and bricks per axis */
     double low, per_step;  /* place of node 0, nodes per length */
-    const uint16_t *brick; /* of each place: which kept brick it is, or 65535 */
+    const uint16_t *brick; /* for each place: its kept brick, or 65535 */
     const uint64_t *mask;  /* for each kept brick: a bit for each block it holds */
-    const uint32_t *base;  /* of each kept brick: how many blocks come before it */
+    const uint32_t *base;  /* for each kept brick: number of blocks before it */
 } pandis__layout;
 
 typedef struct {
@@ -99,12 +98,11 @@ typedef struct {
     double far_low, far_per_step, offset[3], scale[3], inside, outside;
     const int16_t *coarse, *far; /* coefficients: offset + scale * stored; of the band ... */
     const int8_t *fine;          /* ... and what is added to it there */
-    const uint8_t *side;         /* of each block of the coarse lattice's cells: whether it is outside */
+    const uint8_t *side;         /* for each block of coarse lattice cells: whether it is outside */
 } pandis__spline;
 
-/* What was collected around points of a spline, for those that come after: the coefficients from a node on, and what
- * pandis__collect has told, plus one (0: nothing is known). Of the coarse and the fine lattice, each as many cells as lie
- * in a cube of eight. */
+/* Cache of a spline's coefficients around recent points. An entry has its first node, 64 coefficients, and the result of
+ * pandis__collect plus one (0: empty). The coarse and the fine lattice have a cube of 8 x 8 x 8 entries each. */
 typedef struct {
     struct {
         int first[3], known;
@@ -119,17 +117,17 @@ typedef struct {
     int32_t child[PANDIS__WIDTH]; /* a node if >= 0, else the complement of a leaf */
 } pandis__node;
 
-/* Up to eight triangles, rounded: a coordinate lies at origin + corner * step. Single precision finds with them which
- * triangles may be nearest; a distance is too large by at most slack + share * itself. */
+/* Up to eight triangles, rounded: a coordinate is origin + corner * step. They serve to find, in single precision, which
+ * triangles may be nearest. A distance d is too large by at most slack + share * d. */
 typedef struct {
-    uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; places that are not used repeat the first */
-    int32_t face[PANDIS__WIDTH];          /* -1: this place is not used */
+    uint16_t corner[3][3][PANDIS__WIDTH]; /* corner, axis, triangle; unused places repeat the first */
+    int32_t face[PANDIS__WIDTH];          /* -1: unused */
     float origin[3], step, slack, share;  /* of the unit frame; the step is a power of two */
 } pandis__leaf;
 
 typedef struct {
     int32_t vertex_count, face_count, node_count, leaf_count;
-    int32_t most; /* nodes, leaves and faces that a query looks at */
+    int32_t most; /* budget of a query: nodes, leaves and faces */
     double reach; /* largest coordinate */
     const double *vertices;
     const int32_t *faces;
@@ -137,8 +135,8 @@ typedef struct {
     const double *vertex_normals; /* (V, 3), angle-weighted, unit */
     const pandis__node *nodes;
     const pandis__leaf *leaves;
-    const int32_t *around, *corners_at; /* of a mesh that moves: of each vertex, the corners of faces that lie on it */
-    const float (*slacks)[2];           /* likewise: of each leaf, slack and share */
+    const int32_t *around, *corners_at; /* for a mesh that moves: for each vertex, the face corners at it */
+    const float (*slacks)[2];           /* likewise: slack and share of each leaf */
 } pandis__mesh;
 
 /* Eight boxes around parts of a mesh, in steps of its lattice: from origin + (low << shift) to
@@ -150,8 +148,8 @@ typedef struct {
     int32_t child[PANDIS__WIDTH];    /* a branch if >= 0, else the complement of a block */
 } pandis__branch;
 
-/* Where a block of faces lies, in the section of blocks and in space: 21 bits of each coordinate of its
- * origin; faces less one and corners less one (6 bits each), bits that its extents need (5 each). */
+/* Where a block of faces lies, in the section of blocks and in space. origin: 21 bits an axis. counts: faces less one,
+ * corners less one (6 bits each), and the bits that its extents need (5 each). */
 typedef struct {
     uint32_t start, counts;
     uint64_t origin;
@@ -159,12 +157,12 @@ typedef struct {
 
 typedef struct {
     int32_t bits, branch_count, block_count;
-    int32_t most; /* groups of faces and blocks that a query looks at */
-    double step, reach; /* of the lattice, and the largest coordinate: unit frame */
+    int32_t most; /* budget of a query: groups of faces, and blocks */
+    double step, reach; /* step of the lattice and largest coordinate, unit frame */
     const pandis__branch *branches;
     const pandis__block_record *blocks;
     const unsigned char *packed;
-    const int32_t *original; /* of each place of each block: a face of mesh.zarr.zip; NULL: not said */
+    const int32_t *original; /* for each place of each block: a face of mesh.zarr.zip; NULL: unknown */
 } pandis__compact;
 
 typedef struct {

@@ -1,8 +1,8 @@
 
 /* ---------------------------------------------------------------- vectors
  *
- * Sums run in lanes, in vectors where the compiler has them: it would not see by itself that these can stay in registers.
- * Elsewhere a vector is one number. What is added to what, and in which order, is the same for every width. */
+ * Sums run in lanes, in vector types where the compiler has them: it would not keep lanes in registers by itself.
+ * Elsewhere a vector is one number. The order of additions is the same for every width. */
 #if (defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 9)) && !defined(PANDIS_NO_VECTORS)
 #if defined(__AVX512F__)
 #define PANDIS__VECTOR 16
@@ -15,7 +15,7 @@ typedef float pandis__vector __attribute__((vector_size(4 * PANDIS__VECTOR)));
 typedef float pandis__floats __attribute__((vector_size(4 * PANDIS__VECTOR), aligned(4), may_alias));
 typedef int16_t pandis__shorts __attribute__((vector_size(2 * PANDIS__VECTOR), aligned(2), may_alias));
 typedef int32_t pandis__ints __attribute__((vector_size(4 * PANDIS__VECTOR)));
-/* no functions, for a vector that one returns is a matter of the ABI */
+/* macros, as returning a vector from a function depends on the ABI */
 #define pandis__load(p) (*(const pandis__floats *)(p))
 #define pandis__load16(p) __builtin_convertvector(*(const pandis__shorts *)(p), pandis__vector)
 #else
@@ -43,8 +43,8 @@ typedef float pandis__vector;
 #endif
 #define PANDIS__PARTS (PANDIS__LANES / PANDIS__VECTOR)
 
-/* What takes most time is compiled twice where the program is for any x86-64 machine: as `name_plain`, and as `name_wide`
- * for AVX2, which is taken where the machine has it. Windows keeps no stack aligned for such vectors. */
+/* Hot functions are compiled twice if the program is for any x86-64 machine: as `name_plain`, and as `name_wide` for
+ * AVX2, which is used where the machine has it. Windows does not align the stack for such vectors. */
 #if PANDIS__VECTOR == 8 && defined(__x86_64__) && !defined(__AVX2__) && !defined(_WIN32) && !defined(PANDIS_NO_DISPATCH)
 #define PANDIS__WIDE __attribute__((target("avx2")))
 #define PANDIS__TWICE(plain, wide) plain wide
@@ -55,7 +55,7 @@ typedef float pandis__vector;
 #define PANDIS__CHOOSE(name) name##_plain
 #endif
 
-/* A function that keeps its stack to itself, of the body of its name. */
+/* Define a function with its own stack frame from `name_body`. */
 #define PANDIS__COMPILE(name, parameters, arguments)                                            \
     PANDIS__TWICE(PANDIS__APART static void name##_plain parameters { name##_body arguments; }, \
                   PANDIS__WIDE PANDIS__APART static void name##_wide parameters { name##_body arguments; }) \

@@ -6,8 +6,8 @@
 
 #define PANDIS__PACE 4.8e-3        /* its longest step; it begins with an eighth of that, */
 #define PANDIS__CHORD 1.6e-3       /* the longest of which the proxy goes a part, straight on, */
-#define PANDIS__TIRED (1 / 1024.0) /* and ends at so small a share, for each step that fails halves the next */
-#define PANDIS__IDLE 16            /* it begins at this count: a step of the contact that leads nowhere is 2, another -1 */
+#define PANDIS__TIRED (1 / 1024.0) /* and ends below this share of it: each step that fails halves the next */
+#define PANDIS__IDLE 16            /* it begins at this count: contact steps that lead nowhere add 2, others subtract 1 */
 #define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
 #define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */
 #define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
@@ -16,10 +16,9 @@
 #define PANDIS__SUNK 1e-6          /* a place counts as free if it is no deeper, */
 #define PANDIS__SUNK_SHARE 0.1     /* and no deeper than this share of a step */
 
-/* Look for the place nearest to a goal that walls leave free, at most `reach` away. Returns 1 if it is in `look`, 0 if none
- * was seen, -1 if there was no answer. `slope` is by how much the distance grows along the normal: in a rounded corner by
- * less than 1, and in one of a trilinear field's cells it may even fall. A place that is farther outside than it has to be
- * is improved once. */
+/* Find the free place nearest to a goal, at most `reach` away. Returns 1 if it is in `look`, 0 if none was found, -1 if
+ * there was no answer. `slope` is the rate at which the distance grows along the normal: less than 1 in a rounded corner,
+ * and perhaps negative in a cell of a trilinear field. A place farther outside than necessary is improved once. */
 PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal, double reach, double *slope, pandis__look *look) {
     double at[3] = {goal[0], goal[1], goal[2]}, last[3] = {0}, before = 0;
     pandis__look high;
@@ -29,7 +28,7 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     for (p->count = 0; p->count < 5 && p->queries < p->state->options.budget && pandis__between(at, goal) <= reach;) {
         if (!pandis__look_at(p, at, look)) return -1;
         if (look->distance >= -sunk && (over || !p->count || look->distance <= *slope * 0.02 * reach)) return 1;
-        if (over) { /* that was too near: so the place before */
+        if (over) { /* too near: take the place before */
             *look = high;
             return 1;
         }
@@ -56,8 +55,8 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
 }
 
 /* Take a free ball above a place, offset by the planes that hold the proxy there, if any. Returns 1 if the ball joins
- * the last one or holds the proxy (if `joins`), and reaches the place (if `reaches`); else 0; -1: no answer. It has to join
- * because an exact surface may be thinner than a step: that a place is free does not mean that the way to it is. */
+ * the last one or holds the proxy (if `joins`), and reaches the place (if `reaches`); else 0; -1: no answer. It has to
+ * join because an exact object may be thinner than a step: the way to a free place need not be free. */
 static int pandis__covers(pandis__proxy *p, const double *place, int joins, int reaches) {
     pandis__look look;
     double at[3];
@@ -77,8 +76,13 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
     const int all = p->exact || c->stalled > 4; /* the hops that follow lead nowhere */
     const int most = all ? c->options.budget - 1 : p->queries + (c->options.budget - p->queries) * 5 / 8;
-    int first = !p->exact, good = 1; /* out of the surface at first, where the proxy has sunk in */
-    if (p->exact && pandis__between(p->ball, p->x) > p->ball[3] + PANDIS__GAP) good = pandis__covers(p, p->x, 0, 1);
+    int first = !p->exact, good = 1; /* out of the surface first, if the proxy has sunk in */
+    if (p->exact) { /* balls of the last one's height join it; those of a gap's height reach the proxy */
+        double far = pandis__between(p->ball, p->x);
+        c->lift = fmin(c->lift, fmax(far, PANDIS__GAP));
+        if (far > p->ball[3] + PANDIS__GAP) good = pandis__covers(p, p->x, 0, 1);
+        if (!good) c->lift = PANDIS__GAP, good = pandis__covers(p, p->x, 0, 1);
+    }
     if (good < 1) return good + 1;
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
         double goal[3], left = pandis__between(probe, p->x), along = 0, share = 1;
@@ -98,7 +102,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         if (!p->count) friction = 0;
         if (good == 1 && first) good = p->count > 0;
         else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
-        /* a place behind the surface, which faces the other way there, is a thin wall's other side */
+        /* a place behind the surface with the opposite normal is a thin wall's other side */
         if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
         if (good == 1 && p->exact) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 1, step > PANDIS__SLIVER) : 0;
         if (good < 0) return 0;
@@ -117,7 +121,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         if (p->count && !first) slip = slips - share * step, way->travel -= share * step, way->slid += share * step;
         for (int k = 0; k < 3; k++) p->x[k] += share * (look.at[k] - p->x[k]);
         c->settled = c->close = c->sticks = 0, clear = p->count ? 0 : look.free;
-        if (!p->exact) { /* an empty ball on the surface makes the next step look at it from above */
+        if (!p->exact) { /* after an empty ball on the surface, the next step looks from above */
             pandis__take_ball(p, &look);
             memcpy(p->ball, p->x, 3 * sizeof *p->ball);
             if (p->count || !(look.free > 0)) p->ball[3] = PANDIS__SMALL, p->ball[4] = -1;
@@ -148,16 +152,17 @@ PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, c
     memcpy(p->ball, ball, 5 * sizeof *ball);
     p->count = 0;
     pandis__learn(p, &look, p->x, 0);
+    p->state->lift = fmax(p->state->lift / 4, PANDIS__HOVER / 64); /* from nearer, planes of a round surface fit better */
     return 1;
 }
 
-/* Bring the proxy as near to the probe, which moved so far, as it can come: by hops, and by a walk where these lead
- * nowhere. 0: no answer. */
+/* Bring the proxy as near to the probe as it can: by hops, or a walk where hops lead nowhere. `moved` is the probe's way.
+ * 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
     const double least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
-    /* a probe that goes faster than the proxy may is not followed by short steps: it has to slow down before */
+    /* a probe faster than the proxy may go is not followed by short steps: it has to slow down first */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
     const double before[3] = {p->x[0], p->x[1], p->x[2]};
     double ball[5];

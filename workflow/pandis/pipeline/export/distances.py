@@ -1,10 +1,10 @@
-"""Which fields know distances, for programs that need them."""
+"""Selects fields that know distances, for programs that need them."""
 
 from pandis.base.errors import PandisError
 
 
 def with_distances(fields, log):
-    """Return those of some fields that know distances, and say which do not.
+    """Return the fields that know distances, and log those that do not.
 
     Parameters
     ----------
@@ -14,7 +14,7 @@ def with_distances(fields, log):
     Raises
     ------
     PandisError
-        None does.
+        No field does.
     """
     for field in fields:
         if not field.has_distance:

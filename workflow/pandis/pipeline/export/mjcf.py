@@ -1,4 +1,4 @@
-"""A model for MuJoCo: every field of a mesh is a geom, and MuJoCo is asked what it has of it."""
+"""A model for MuJoCo: every field of a mesh is a geom, and its distances there are compared."""
 
 import os
 import tempfile
@@ -14,12 +14,12 @@ from pandis.pipeline.export.distances import with_distances
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 
-#: Objects lie in a row, a half of their size apart.
+#: Objects lie in a row, half of their size apart.
 _PITCH = 1.5
-#: Points of the comparison, for each field, and how far outside of the box they go.
+#: Points compared for each field, and their largest coordinate (unit frame).
 _POINTS, _REACH = 2000, 1.3
-#: By how much answers may differ, as shares of the size: MuJoCo keeps the place of a mesh in
-#: rounded numbers of its own.
+#: Largest difference of answers, as a share of the size: MuJoCo stores the place of a mesh in its
+#: own rounded numbers.
 _CLOSE = 1e-9
 
 
@@ -29,11 +29,11 @@ def export_mjcf(model, paths, drawn, size, log):
     Parameters
     ----------
     model : str
-        What it is called.
+        Its name.
     paths : list of path-like
         Files for ``pandis.h``.
     drawn : path-like
-        The mesh of them all, as ``.obj``.
+        Their common mesh, as ``.obj``.
     size : float
         Longest side of an object, m.
     log : callable
@@ -41,7 +41,7 @@ def export_mjcf(model, paths, drawn, size, log):
     Raises
     ------
     PandisError
-        None of the fields has distances, or MuJoCo has others than the library.
+        No field has distances, or MuJoCo's differ from the library's.
     """
     fields = with_distances([NativeField(path) for path in paths], log)
     placed = {
@@ -60,10 +60,10 @@ def export_mjcf(model, paths, drawn, size, log):
 
 
 def _differences(text, placed, size):
-    """Return the largest difference of what MuJoCo has of a model, and refuse a large one."""
+    """Return the largest error of a model's distances in MuJoCo, and refuse a large one."""
     here = os.getcwd()
     with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)  # where MuJoCo writes what it warns of
+        os.chdir(folder)  # MuJoCo writes its warnings here
         try:
             return max(_off(name, *query, size) for name, *query in _queries(text, placed))
         finally:
@@ -71,7 +71,7 @@ def _differences(text, placed, size):
 
 
 def _queries(text, placed):
-    """Yield the name of each field, where it is placed, its geom, and what asks MuJoCo for it."""
+    """Yield each field's name, its placement, its geom, and a function that queries MuJoCo."""
     import mujoco
 
     try:
@@ -88,12 +88,12 @@ def _off(name, each, geom, ask, size):
     points = each.field.frame.to_mesh(rng.uniform(-_REACH, _REACH, (_POINTS, 3)))
     expected = each.field.query(points)
     distance, gradient = ask((each.scale * points - geom.origin) @ geom.turn)
-    # a last bit of a point may change which of two faces is nearest: not of nearly all
+    # a point's last bit may change which of two faces is nearest, but only at few points
     turned = np.abs(gradient @ geom.turn.T - expected.normal).max(axis=1)
     off = float(np.abs(distance - each.scale * expected.distance).max() / size)
     if not (off <= _CLOSE and np.percentile(turned, 99) <= 1e-4):  # NaN fails too
         raise PandisError(
-            f"{name}: MuJoCo has other distances than the library, by {off:.3g} of the size: "
+            f"{name}: MuJoCo's distances differ from the library's by {off:.3g} of the size: "
             "this is a defect of the export: please report it"
         )
     return off

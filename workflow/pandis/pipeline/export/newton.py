@@ -14,9 +14,9 @@ from pandis.runtime.field import NativeField
 
 #: Voxels along the longest side, and Newton's margin and band, as shares of the size.
 _RESOLUTION, _MARGIN, _BAND = 128, 0.05, 0.1
-#: Points of the comparison, and how far from the surface the mean is taken, as a share of the size.
+#: Points compared, and how near the surface errors are reported, as a share of the size.
 _POINTS, _NEAR = 100_000, 0.01
-#: The most that distances may be off in the mean, in the band, in diagonals of a cell.
+#: Largest mean error of distances in the band, in cell diagonals.
 _MEAN = 0.05
 
 
@@ -36,8 +36,8 @@ def export_newton(body, size, provenance, log, progress):
     Raises
     ------
     PandisError
-        What Newton would interpolate is farther from the exact distance than a grid of its
-        resolution can be.
+        What Newton would interpolate is farther from the exact distance than its resolution
+        explains.
     """
     field = NativeField(native_bytes(ExactField("exact", body), {}))
     options = {
@@ -64,11 +64,11 @@ def _compare(content, field, length, size, log):
     points = rng.uniform(content["min_extents"], content["max_extents"], (_POINTS, 3))
     exact = field.query(points / length).distance * length
     off, exact = np.abs(sample(content, points)[0] - exact), np.abs(exact)
-    # between nodes a distance changes no more than the way does; in the band nodes are fine
+    # a distance changes no more than the point moves; only in the band are nodes fine
     cell = float(np.linalg.norm(content["cell_size"]))
     band = exact < _BAND * size
     bound = np.where(band, cell, CELLS * cell)
-    # edges and creases are off by a part of a cell, and they are few
+    # only edges and creases are off by a part of a cell: they are few
     if not ((off <= bound).all() and off[band].mean() <= _MEAN * cell):
         raise PandisError(
             f"what Newton interpolates is {float(off.max()):.3g} m from the exact distance: this "
@@ -77,6 +77,6 @@ def _compare(content, field, length, size, log):
     near = exact < _NEAR * size
     log(
         f"voxels of {1e3 * float(content['cell_size'].max()):.3g} mm: distances are off by "
-        f"{1e6 * float(off[near].mean()):.3g} µm in the mean, within {1e3 * _NEAR * size:.3g} mm "
+        f"{1e6 * float(off[near].mean()):.3g} µm on average within {1e3 * _NEAR * size:.3g} mm "
         f"of the surface, and by {1e6 * float(off[near].max()):.3g} µm at most"
     )

@@ -9,9 +9,9 @@ from pandis.bridges.vdb.vdb import vdb_bytes
 from pandis.pipeline.export.distances import with_distances
 from pandis.runtime.field import NativeField
 
-#: How far from the surface distances go, in voxels, on each side.
+#: Width of the band of distances on each side of the surface, in voxels.
 _BAND = 3.0
-#: Points of a call.
+#: Points per query.
 _CHUNK = 1 << 18
 
 
@@ -27,7 +27,7 @@ def export_volumes(paths, log):
     Raises
     ------
     PandisError
-        None of the fields has distances, or the file holds others than they have.
+        No field has distances, or those in the file differ.
     """
     fields = with_distances([NativeField(path) for path in paths], log)
     low, high = fields[0].bounds
@@ -48,12 +48,12 @@ def export_volumes(paths, log):
         if grid := read.get(field.path.stem):
             _compare(field, grid)
             count = int(grid.active.sum())
-            log(f"{field.path.stem}: {count:,} voxels of {voxel:.3g}, as it answers")
+            log(f"{field.path.stem}: {count:,} voxels of {voxel:.3g}, equal to its answers")
     return data
 
 
 def _compare(field, grid):
-    """Refuse voxels that are not what the field says there, or are not where it is near."""
+    """Refuse voxels whose values or signs differ from the field's, or that miss its surface."""
     side = grid.active.shape[1]
     local = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1)
     points = (grid.origins[:, None] + local.reshape(-1, 3)).reshape(-1, 3) * grid.voxel
@@ -77,7 +77,7 @@ def _compare(field, grid):
 
 
 def _check_leaves(field, grid):
-    """Refuse a surface that no leaf holds."""
+    """Refuse leaves that miss part of the surface."""
     rng = np.random.default_rng(0)
     low, high = field.bounds
     voxels = np.rint(rng.uniform(low, high, (_CHUNK, 3)) / grid.voxel).astype(int)

@@ -1,6 +1,6 @@
-"""Grids as VTK image data (``.vti``), for ParaView and 3D Slicer; and back.
+"""Grids to VTK image data (``.vti``), for ParaView and 3D Slicer, and back.
 
-VTK's XML format: https://docs.vtk.org, ImageData, points in the order x fastest,
+VTK's XML format: https://docs.vtk.org, ImageData, points ordered x fastest,
 appended raw data with 64-bit lengths. Lengths are in mesh units, distances
 negative inside.
 """
@@ -27,12 +27,12 @@ def write_vti(origin, spacing, arrays, note=None):
     Parameters
     ----------
     origin : sequence of 3 float
-        Place of the first node.
+        Position of the first node.
     spacing : sequence of 3 float
     arrays : dict of str to ndarray, shape (x, y, z) or (x, y, z, 3)
         float32 or uint8.
     note : object
-        JSON, put into a comment. The last comment is the SHA-256 of all that stands before it.
+        JSON, put into a comment. The last comment is the SHA-256 of everything before it.
     """
     shape = next(iter(arrays.values())).shape[:3]
     extent = " ".join(f"0 {n - 1}" for n in shape)
@@ -80,7 +80,7 @@ def read_note(path):
 
 
 def read_vti(path):
-    """Read what `write_vti` has written.
+    """Read a file that `write_vti` wrote.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def read_vti(path):
     Raises
     ------
     PandisError
-        It is no such file, or cut off.
+        It is no such file, or truncated.
     """
     with open(path, "rb") as stream:
         data = stream.read()
@@ -101,7 +101,7 @@ def read_vti(path):
             raise ValueError("it has no appended raw data")
         root = ElementTree.fromstring(head + b"</VTKFile>")
         if root.get("byte_order") != "LittleEndian" or root.get("header_type") != "UInt64":
-            raise ValueError("its byte order or header type is another")
+            raise ValueError("its byte order or header type differs")
         image = root.find("ImageData")
         low = [int(n) for n in image.get("WholeExtent").split()]
         shape = [high - first + 1 for first, high in zip(low[::2], low[1::2], strict=True)]
@@ -115,7 +115,7 @@ def read_vti(path):
             arrays[entry.get("Name")] = np.moveaxis(block, (0, 1, 2), (2, 1, 0))
         origin, spacing = (np.array(image.get(k).split(), float) for k in ("Origin", "Spacing"))
     except (ElementTree.ParseError, ValueError, KeyError, AttributeError, IndexError) as error:
-        raise PandisError(f"{path}: no .vti file of pandis: {error}") from error
+        raise PandisError(f"{path}: not a .vti file of pandis: {error}") from error
     return origin, spacing, arrays
 
 
@@ -133,7 +133,7 @@ def export_vti(name, artifact, provenance):
     spec = known_field(name)
     field = kind_module(spec.kind, "reference").open_field(spec, artifact)
     grid = GridRecord.of(artifact)
-    # a spline has lattices of its own: it is shown on the cube
+    # a spline has several lattices: it is sampled on the cube
     axes = getattr(field, "axes", Axes.of_cube(grid.size))
     origin = field.frame.to_mesh(np.array(axes.low))
     note = {"field": name, "provenance": provenance}
@@ -141,7 +141,7 @@ def export_vti(name, artifact, provenance):
 
 
 def grid_arrays(field, axes):
-    """Return what a field says at the nodes of a grid, for `write_vti`, in mesh units.
+    """Return a field's answers at the nodes of a grid, for `write_vti`, in mesh units.
 
     Parameters
     ----------

@@ -1,10 +1,9 @@
-"""`fields: auto`: the field that meets a budget and is the cheapest to build.
+"""`fields: auto`: the cheapest field to build that meets a budget.
 
-The exact mesh needs no building, a compact one seconds and hardly errs, a grid takes a second, a
-spline a quarter of a minute, a network minutes: they are tried in this order, each kind from small
-to large, and what comes after the first that will do is skipped. What is chosen meets the budget on
-points that it was not chosen by, and passes the stress suite, as ``pandis.h`` answers it from its
-file.
+The exact mesh needs no building. A compact mesh takes seconds and hardly errs, a grid takes a
+second, a spline a quarter of a minute, a network minutes. Kinds are tried in this order, each from
+small to large, and the search stops at the first field that will do. The chosen field meets the
+budget on held-out points, and its file, read by ``pandis.h``, passes the stress suite.
 """
 
 from pandis.base.errors import PandisError
@@ -52,15 +51,15 @@ class Chooser:
         Returns
         -------
         arrays, attributes : dict
-            Those of the field that was chosen; ``choice`` names it, with its error, bytes and
-            query time, and ``considered`` tells the same of what was not taken, and why.
+            Those of the chosen field. ``choice`` has its name, error, bytes and query time;
+            ``considered`` lists the fields that were not taken, and why.
         finish : callable
             To be called once the artifact is written.
 
         Raises
         ------
         PandisError
-            Nothing meets the budget, or a control does.
+            No field meets the budget, or a control does.
         """
         self.log(f"asked for: {self.points.describe_limits(self.limits)}")
         self._refuse_the_too_thin()
@@ -106,7 +105,7 @@ class Chooser:
         )
 
     def first(self, makers, name):
-        """Return the `Outcome` of the first field that will do, from few bytes to many; or None.
+        """Return the `Outcome` of the smallest field that will do, or None.
 
         Parameters
         ----------
@@ -140,7 +139,7 @@ class Chooser:
         return None
 
     def measured(self, maker, size):
-        """Make a grid, and hold it against the budget, the stress suite and its own export.
+        """Make a field, and check it against the budget, the stress suite and its own export.
 
         Returns
         -------
@@ -157,10 +156,10 @@ class Chooser:
             measured = self.proved(candidate.field, measured)
         return measured, candidate
 
-    # --- what they share ---------------------------------------------------------------------
+    # --- what all kinds use ------------------------------------------------------------------
 
     def proved(self, field, measured):
-        """Export a field that meets the budget, and ask its file all that it must pass."""
+        """Export a field that meets the budget; measure and stress-test the exported file."""
         try:
             native = NativeOptions(weight_bits=self.options.weight_bits)
             data = export_native(field, self.body, native, {}, _silent)
@@ -200,12 +199,12 @@ class Chooser:
         demand_failure("the choice by budget", met)
 
     def say_least(self):
-        """Say what grids and splines can reach, before anything is trained."""
+        """Log how far grids and splines get, before anything is trained."""
         reasons = "; ".join(f"{one.field}: {one.why}" for one in self.considered)
         self.log(f"before a network is trained, what the other kinds can reach: {reasons}")
 
     def choice(self, name, bytes_, measured, seconds):
-        """Return what is said of a field that meets the budget."""
+        """Return the record of a field that meets the budget."""
         return Chosen(
             field=name,
             bytes=bytes_,
@@ -216,13 +215,13 @@ class Chooser:
         )
 
     def time(self, form, size, **shape):
-        """Return the seconds of a query, where the budget names any."""
+        """Return the seconds of a query, or None if the budget sets no query time."""
         if self.budget.query_time is None:
             return None
         return self.times.seconds(form, size, **shape)
 
     def too_dear(self, form, size, bytes_, **shape):
-        """Say by what a field is beyond the budget; an empty text if it is not."""
+        """Say what puts a field over the budget; empty if nothing does."""
         limits = []
         if self.budget.bytes is not None and bytes_ > self.budget.bytes:
             limits.append(f"{bytes_:,} bytes")
@@ -232,7 +231,7 @@ class Chooser:
         return " and ".join(limits)
 
     def fitting(self, form, sizes, name=None, **shape):
-        """Return those of the sizes (bytes by size) that keep to the budget; note if none does."""
+        """Return the sizes (of bytes by size) that meet the budget; note if none does."""
         dear = {size: self.too_dear(form, size, bytes_, **shape) for size, bytes_ in sizes.items()}
         if all(dear.values()):
             self.skip(name or form, f"{next(iter(dear.values()))} at the least")
@@ -244,10 +243,10 @@ class Chooser:
         self.considered.append(Passed(field=name, why=why))
 
     def note(self, name, measured):
-        """Note how near to the limits a field comes."""
+        """Remember the field that comes nearest to the limits."""
         if self._nearest is None or measured.excess < self._nearest[1].excess:
             self._nearest = name, measured
 
 
 def _silent(text):
-    """Take a line of a log, and say nothing."""
+    """Discard a line of a log."""

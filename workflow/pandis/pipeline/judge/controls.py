@@ -1,6 +1,6 @@
-"""Fields that every judgement must fail: what a verdict is tried on before it is believed.
+"""Control fields: every judgement must fail them before its verdicts count.
 
-Neither is ever exported, chosen or configured. A judgement that passes one of them is blind, and
+They are never exported, chosen or configured. A judgement that passes one of them is blind, and
 ends its stage.
 """
 
@@ -15,13 +15,12 @@ from pandis.pipeline.geometry.shares import JUDGED
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 from pandis.pipeline.kinds.field import Field
 
-#: Share of the area on which a control has no force: four times what may be missing. Of the area
-#: judged for `control-gap`, of all area for `control-thin`; walls of less than the least share are
-#: too few for one.
+#: Share of the area on which a control has no force, four times what may be missing: of the area
+#: judged for `control-gap`, of all area for `control-thin`. Least share of walls for the latter.
 GAP, LEAST_WALLS = 0.02, 0.01
-#: Surface points that the radius is taken from below which the gap lies.
+#: Surface points sampled to find the radius below which the gap lies.
 _POOL = 20_000
-#: Radii that differ by less are the same: then the number of the face decides, then the place.
+#: Radii that differ by less are equal: they are ordered by face index, then by place in it.
 _SAME_RADIUS = 1e-5
 
 
@@ -32,7 +31,7 @@ class ControlZero(Field):
         super().__init__("control-zero", exact.frame, 0)
 
     def answer(self, points):
-        """Answer a distance of 1 and an upward normal at points (n, 3); NaN where they are."""
+        """Answer a distance of 1 and an upward normal at points (n, 3); NaN if not finite."""
         distance = np.where(np.isfinite(points).all(axis=1), 1.0, np.nan)
         normal = np.tile([0.0, 0.0, 1.0], (len(points), 1))
         return distance, np.where(np.isnan(distance)[:, None], np.nan, normal)
@@ -41,9 +40,9 @@ class ControlZero(Field):
 class ControlGap(Field):
     """The exact field, without force where the matter is thinnest.
 
-    Of the places that a filter lets through, those with the smallest inscribed radius at the
-    closest point of the surface; among equal radii the first by face and place in it, so that a
-    ball or a plate has a gap, too.
+    Of the places that a filter lets through, the gap has those with the smallest inscribed radius
+    at the closest surface point. Equal radii are ordered by face and place in it, so that a ball
+    or a plate has a gap, too.
 
     Parameters
     ----------
@@ -51,7 +50,7 @@ class ControlGap(Field):
     exact : pandis.pipeline.kinds.field.ExactField
     surface : pandis.pipeline.geometry.sampling.Surface
     passes : callable
-        Tells from radii (n,), and from which of the places are walls (n,), which ones (n,) count.
+        The filter: takes radii (n,) and which places are walls (n,); returns which count (n,).
     of_all : bool
         The gap is a share of all area, not of the places that count.
 
@@ -64,7 +63,7 @@ class ControlGap(Field):
     def __init__(self, name, exact, surface, passes, of_all=False):
         super().__init__(name, exact.frame, exact.bytes)
         self.engine, self.exact, self._passes = exact.engine, exact, passes
-        # a closed form has no faces: its tessellation's are asked
+        # a closed form has no faces: use those of its tessellation
         mesh = isinstance(self.engine, MeshDistance)
         self._faces = None if mesh else Bvh(surface.corners.reshape(-1, 3), _every(surface))
         feet, outward, _, _ = surface.draw(_POOL, np.random.default_rng(0))
@@ -99,7 +98,7 @@ class ControlGap(Field):
         return self._passes(radius, are_walls(self.engine, feet, outward, radius))
 
     def _keys(self, radius, points, feet):
-        """Return what orders surface points (n, 4): radius, face, second and third weight."""
+        """Return sort keys (n, 4) of surface points: radius, face, second and third weight."""
         if self._faces is None:
             labels = self.engine.label(points, ties=False, check=False)
         else:
@@ -111,10 +110,10 @@ class ControlGap(Field):
 def controls(exact, surface, scale):
     """Return the fields that every judgement of a mesh must fail.
 
-    ``control-zero`` has no force. ``control-gap`` has none on the thinnest two hundredths of the
-    area judged. ``control-thin`` has none on the thinnest walls, up to two hundredths of all area:
-    it tests the judgements that leave thin places out. An object whose walls cover less than a
-    hundredth of its area has no ``control-thin``.
+    ``control-zero`` has no force. ``control-gap`` has none on the thinnest 2 % of the area
+    judged. ``control-thin`` has none on the thinnest walls, up to 2 % of all area: it tests
+    judgements that leave thin places out. An object whose walls cover less than 1 % of its area
+    has no ``control-thin``.
 
     Parameters
     ----------
@@ -140,7 +139,7 @@ def demand_failure(judgement, passed):
     Parameters
     ----------
     judgement : str
-        What judged, as the subject of a sentence.
+        Name of the judgement, as the subject of a sentence.
     passed : iterable of str
         Names of the controls that passed.
 
@@ -152,19 +151,19 @@ def demand_failure(judgement, passed):
     passed = list(passed)
     if passed:
         raise PandisError(
-            f"{judgement} is blind on this mesh: it passes {' and '.join(passed)}, a field that "
-            "lacks the force on a part of the surface, so that it says nothing about other "
-            "fields either; this is a defect of pandis: please report it with the mesh"
+            f"{judgement} is blind on this mesh: it passes {' and '.join(passed)}, though force "
+            "is missing on a part of the surface, and so says nothing about other fields either. "
+            "This is a defect of pandis: please report it with the mesh"
         )
 
 
 def _every(surface):
-    """Return faces (F, 3) over the corners of a surface, one after the other."""
+    """Return faces (F, 3) that take the corners of a surface in order."""
     return np.arange(3 * len(surface.faces), dtype=np.int32).reshape(-1, 3)
 
 
 def _before(keys, last):
-    """Tell which keys (n, 4) come before another, by their first column, then the next."""
+    """Tell which keys (n, 4) come before ``last``, by the first column, then the next."""
     before, equal = np.zeros(len(keys), bool), np.ones(len(keys), bool)
     for column, value in zip(keys.T, last, strict=True):
         before |= equal & (column < value)

@@ -34,12 +34,12 @@ def scene_header(name, objects, radius):
         f"static const char *const {prefix}_files[] = {{\n{listed}\n}};\n"
         f"static pandis_field {prefix}_fields[{len(files)}];\n"
         f"static pandis_object {prefix}_objects[] = {{\n{placed}\n}};\n\n"
-        "/* friction at rest, sliding, damping, drag: of each region */\n"
+        "/* per region: static friction, sliding friction, damping, drag */\n"
         f"{materials}"
         + _table("pandis_material *const", f"{prefix}_materials",
                  [f"{prefix}_material_{i}" for i in count])
         + _table("size_t", f"{prefix}_material_counts", [len(o.materials) for o in objects])
-        + "/* heights over the surfaces, and what says which material a place is made of */\n"
+        + "/* textures of the surfaces, and the fields that name a place's material */\n"
         + textures
         + _table("pandis_texture *const", f"{prefix}_textures", grain)
         + _table("pandis_field *const", f"{prefix}_regions", beside)
@@ -82,7 +82,7 @@ def _materials(name, placed):
 
 
 def _textures(name, placed):
-    """Return the constants of an object's texture, the last of which has this name."""
+    """Return the C constants of an object's texture; the last one is called ``name``."""
     options = list(placed.textures.values())
     if not options:
         return ""

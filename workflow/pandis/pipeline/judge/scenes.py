@@ -1,8 +1,8 @@
 """Scenes: several objects under one probe, tried before anybody holds the device.
 
-A probe goes through the scene, from a place in one object to a place in another. Every force is
-compared with that of asking every object, and the ticks are timed. For C there is a header with the
-objects and where they lie.
+A probe moves through the scene, from a place in one object to a place in another. Every force is
+compared with that of asking every object, and the ticks are timed. A C header has the objects and
+where they lie.
 """
 
 import json
@@ -26,14 +26,14 @@ from pandis.runtime.contact.surfaces import (
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import NativeScene, Placed
 
-#: Ticks that are compared with asking every object, at most so many questions at a time.
+#: Most queries at a time when ticks are compared with asking every object.
 _PIECE = 200_000
-#: Seconds of a tick.
+#: Period of a tick, s.
 _PERIOD = 1e-3
 
 
 def try_scene(name, files, options, progress, log):
-    """Go through a scene.
+    """Move a probe through a scene, and check every force.
 
     Parameters
     ----------
@@ -47,15 +47,15 @@ def try_scene(name, files, options, progress, log):
     Returns
     -------
     arrays, attributes : dict
-        As stored in the scene's artifact: the walk, forces, flags, how many fields were asked and
-        the seconds of each tick.
+        As stored in the scene's artifact: the path, and the force, flag, number of
+        fields asked and seconds of each tick.
     text : str
         ``{scene}.json``: the attributes, except the header, which is ``{scene}.h``.
 
     Raises
     ------
     PandisError
-        A force is not that of asking every object.
+        A force differs from that of asking every object.
     """
     opened = {(path.parent.parent.name, path.stem): NativeField(path) for path in files}
     objects = [_place(option, opened[option.mesh, option.field]) for option in options.objects]
@@ -119,7 +119,7 @@ def _describe(option, placed, beside):
 
 
 def _check_names(objects, described, log):
-    """Tell of materials in the configuration that nothing in the scene is made of."""
+    """Log configured materials that nothing in the scene is made of."""
     known = {name for placed in described for name in placed.materials} - {WHOLE}
     unknown = {name for option in objects for name in unknown_materials(option.contact, known)}
     there = f"they name {', '.join(sorted(known))}" if known else "their files name no materials"
@@ -128,7 +128,7 @@ def _check_names(objects, described, log):
 
 
 def _touch(objects, described, beside, points, radius):
-    """Go the same way through proxies; return arrays, a `TouchedRecord`, and why there is none."""
+    """Follow the path through proxies; return arrays, a `TouchedRecord`, and why there is none."""
     for option, placed in zip(described, objects, strict=True):
         if option.contact.kind == "penalty":
             return {}, None, f"{option.name}: contact.kind asks for penalty forces"
@@ -161,7 +161,7 @@ def _touch(objects, described, beside, points, radius):
 
 
 def walk(objects, options, period=_PERIOD):
-    """Return the way (ticks, 3) of a probe from object to object, at a constant speed.
+    """Return the path (ticks, 3) of a probe from object to object, at a constant speed.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def walk(objects, options, period=_PERIOD):
 
 
 def _compare(scene, points, force, progress):
-    """Return at how many points the scene's force is not that of asking every object."""
+    """Count the points where the scene's force differs from that of asking every object."""
     piece = max(1, _PIECE // len(scene.objects))
     report, different = progress("compared", len(points), "ticks"), 0
     for start in range(0, len(points), piece):
@@ -198,10 +198,10 @@ def _sentence(record):
     count = len(record.objects)
     different = record.different + (record.proxies.different if record.proxies else 0)
     same = (
-        f"{different:,} forces are not those of asking every object: a field's clearance "
+        f"{different:,} forces differ from those of asking every object: a field's clearance "
         "was measured too small; export it again, or take another field"
         if different
-        else "every force is that of asking every object"
+        else "every force equals that of asking every object"
     )
     return (
         f"{record.ticks:,} ticks at {record.speed:g} m/s, {100 * record.touched_share:.0f} % "

@@ -1,24 +1,23 @@
-"""The kinds of fields: one folder each, with the modules below; what they share lies beside them.
+"""The kinds of fields: one folder each, with the modules below; shared modules lie beside them.
 
 ``spec``
     `KIND`, a `pandis.pipeline.run.ask.kind.Kind`: names, options, colours. Planning reads it, so it
-    imports neither NumPy nor more.
+    imports nothing as large as NumPy.
 ``build``, ``search``
-    ``build(job)`` makes the artifact, of a given size or of one that is searched, and writes it.
+    ``build(job)`` makes and writes the artifact: of a given size, or of one that it searches for.
 ``reference``
     ``open_field(spec, artifact)`` returns the `pandis.pipeline.kinds.field.Field` that a file is
     compared with.
 ``file``
-    ``File``, a `pandis.pipeline.kinds.native.FieldFile`: what a ``.pandis`` file holds of it.
+    ``File``, a `pandis.pipeline.kinds.native.FieldFile`: the contents of its ``.pandis`` file.
 ``exports``
-    ``EXPORTS``, by ending: functions that write files for other runtimes.
+    ``EXPORTS``: functions, by extension, that write files for other runtimes.
 ``choice``
     ``choose(chooser)`` returns the `pandis.pipeline.kinds.sizing.Outcome` of the first field that
     meets the budget of `pandis.pipeline.judge.choice.Chooser`, or None; ``timed(torus)`` yields
     form, size and maker of fields whose queries `snakemake -j1 -f calibrate` times.
 
-Only ``spec`` has to be there: a kind without ``file`` is kept only for comparison (its
-`pandis.pipeline.run.ask.kind.FieldSpec` then says ``native=False``), one without ``search`` has no
-`…-auto`, and `fields: auto` tries those whose `Kind.chosen` says so. Folders do not import each
-other.
+Only ``spec`` is required. A kind without ``file`` is kept only for comparison (its
+`pandis.pipeline.run.ask.kind.FieldSpec` then says ``native=False``). One without ``search`` has no
+`…-auto`. `fields: auto` tries the kinds with `Kind.chosen`. Folders do not import each other.
 """

@@ -1,4 +1,4 @@
-"""Where the nodes of a grid lie: on the cube [-1, 1]³, or on the box around the surface."""
+"""Positions of a grid's nodes: on the cube [-1, 1]³, or on the box around the surface."""
 
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ class Axes(NamedTuple):
 
     @classmethod
     def of_bounds(cls, size, engine):
-        """Return the axes of the box around the surface of an engine: cells need not be cubes.
+        """Return the axes of the box around an engine's surface; its cells need not be cubes.
 
         Parameters
         ----------
@@ -44,7 +44,7 @@ class Axes(NamedTuple):
         return cls(record.size, record.origin, record.corner)
 
     def attributes(self):
-        """Return them as a `pandis.pipeline.kinds.record.DenseRecord` stores them."""
+        """Return the axes as stored by a `pandis.pipeline.kinds.record.DenseRecord`."""
         return {
             "size": self.size,
             "origin": list(self.low),
@@ -54,21 +54,21 @@ class Axes(NamedTuple):
 
     @property
     def step(self):
-        """From node to node, (3,)."""
+        """Node spacing, (3,)."""
         return (np.array(self.high) - np.array(self.low)) / (self.size - 1)
 
     def nodes(self, index):
-        """Return the places (n, 3) of nodes (n, 3)."""
+        """Return the points (n, 3) at nodes (n, 3)."""
         return np.array(self.low) + self.step * index
 
     def position(self, points):
-        """Return where points (n, 3) lie, counted in nodes."""
+        """Return points (n, 3) in node coordinates."""
         per_step = (self.size - 1) / (np.array(self.high) - np.array(self.low))
         return (points - np.array(self.low)) * per_step
 
 
 def trilinear(values, position):
-    """Interpolate values (n, n, n) or (n, n, n, c) at places (m, 3) counted in nodes; (m, c)."""
+    """Interpolate values (n, n, n) or (n, n, n, c) at node coordinates (m, 3); (m, c)."""
     corners, t = corners_of(values, position)
     x, y, z = t.T[..., None]
     line = [[corners[0, b, c] * (1 - x) + corners[1, b, c] * x for b in (0, 1)] for c in (0, 1)]
@@ -77,7 +77,7 @@ def trilinear(values, position):
 
 
 def corners_of(values, position):
-    """Return the values at the corners of the cells, by offset, and where in them (m, 3)."""
+    """Return the cells' corner values, by offset, and the positions in the cells (m, 3)."""
     base = np.minimum(np.floor(position), len(values) - 2).astype(np.int64)
     i, j, k = base.T
     values = values if values.ndim == 4 else values[..., None]

@@ -1,18 +1,18 @@
-"""Which cells of a grid lie in a band around the surface, without asking all of them.
+"""Finds the cells of a grid in a band around the surface, without testing all of them.
 
-A distance changes by no more than one moves. So a block whose centre is
-farther from the band than its half diagonal does not meet it, and has one
-sign: blocks are split until they are cells, and what is dropped on the way
-is known to lie inside or outside.
+A distance changes by no more than the point moves. So a block whose centre
+is farther from the band than half its diagonal does not meet the band, and
+has one sign. Blocks are split until they are cells. Those dropped on the way
+are known to lie inside or outside.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-#: Sides of the blocks, in cells, before they are split to the next.
+#: Sides of the blocks at each level of splitting, in cells.
 _SIDES = (32, 8, 2, 1)
-#: Points asked at once.
+#: Points per query.
 _CHUNK = 1 << 18
 
 
@@ -34,14 +34,14 @@ def find_cells(engine, size, band, low, step):
         Nodes per axis.
     band : Band
     low, step : float or sequence of 3 float
-        Where the first node lies, and how far it is to the next.
+        Position of the first node, and the node spacing.
 
     Returns
     -------
     cells : ndarray, shape (m, 3), int64
-        Every cell of which any point is in the band, and few others.
+        Every cell with a point in the band, and few others.
     signs : ndarray, shape (size - 1,) * 3, int8
-        -1 and 1 for the other cells, all inside and all outside; 0 for these.
+        0 for these cells; of the others -1 if wholly inside, 1 if outside.
     """
     count = size - 1
     low, step = np.broadcast_to(low, 3), np.broadcast_to(step, 3)
@@ -49,7 +49,7 @@ def find_cells(engine, size, band, low, step):
     start = np.arange(0, count, _SIDES[0])
     blocks = np.stack(np.meshgrid(start, start, start, indexing="ij"), axis=-1).reshape(-1, 3)
     for level, side in enumerate(_SIDES):
-        # blocks at the border reach beyond the grid: their true extent would do no better
+        # blocks at the border may extend beyond the grid: clipping them would gain nothing
         radius = side * np.linalg.norm(step) / 2
         keep = np.empty(len(blocks), bool)
         for part in range(0, len(blocks), _CHUNK):
@@ -77,7 +77,7 @@ def _fill(signs, blocks, side, values):
 
 
 def needed_nodes(cells, size, reach):
-    """Return the mask (size, size, size) of the nodes that interpolating in the cells needs.
+    """Return the mask (size, size, size) of the nodes needed to interpolate in the cells.
 
     Parameters
     ----------

@@ -7,9 +7,9 @@ from pandis.base.forces import penalty_force
 from pandis.base.frame import Frame
 
 POINTS = 100_000
-#: Bounds in the unit frame: force errors where the direction had at least a tenth of unit
-#: length, those of the normal where it had half of it; below, rounding turns it. The normal's is
-#: that of the direction before it was scaled, over whose length rounding turns a unit normal.
+#: Bounds in the unit frame. Forces are compared where the direction, before normalisation, has a
+#: length of at least 0.1, normals where it has 0.5: rounding turns shorter ones. Errors of the
+#: normal are multiplied by that length, since rounding turns a unit normal by its inverse.
 DISTANCE, FORCE, NORMAL = 5e-6, 5e-6, 2e-5
 FORCE_LENGTH, NORMAL_LENGTH = 0.1, 0.5
 _UNIT = Frame((0.0, 0.0, 0.0), 1.0)
@@ -31,17 +31,16 @@ def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
     answer : callable
         The exported model: distance and normal, float32, mesh units, at points in mesh units.
     reference : callable
-        Answers (distance, normal, length) in the unit frame at points in the unit frame;
-        ``length`` (n,) is that of the direction before it was made a unit vector: ‖Ψ‖ of a
-        network.
+        Answers (distance, normal, length) at points, all in the unit frame. ``length`` (n,) is
+        the direction's before normalisation: ‖Ψ‖ of a network.
     frame : Frame
     rounding : float
-        By how much more the force may differ: what a direction made from differences loses.
+        Factor on the force bound: a direction computed from differences loses digits.
     left_out : callable, optional
-        Tells at which points (n, 3) in mesh units nothing is compared.
+        Tells which points (n, 3), in mesh units, are not compared.
     double : callable, optional
-        Like the reference, in double precision: where rounding alone takes the reference farther
-        from it than half of a bound, the export may differ from the reference by twice as much.
+        Like the reference, in double precision. The two differ by rounding alone: a bound that is
+        less than twice their difference is raised to that.
 
     Returns
     -------
@@ -52,7 +51,7 @@ def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
     Raises
     ------
     PandisError
-        They differ by more than the bounds, or something is not finite.
+        A difference exceeds its bound, or is not finite.
     """
     points = check_points(frame)
     if left_out is not None:
@@ -68,7 +67,7 @@ def check(answer, reference, frame, rounding=1.0, left_out=None, double=None):
 
 
 def _differences(distance, normal, wanted_distance, wanted_normal, length):
-    """Return the largest differences between answers, unit frame, by what they are of."""
+    """Return the largest differences between answers, unit frame, by quantity."""
     force, expected = penalty_force(distance, normal), penalty_force(wanted_distance, wanted_normal)
     force_off = np.linalg.norm(force - expected, axis=1)
     normal_off = np.linalg.norm(normal - wanted_normal, axis=1)
@@ -81,7 +80,7 @@ def _differences(distance, normal, wanted_distance, wanted_normal, length):
 
 
 def check_nearest(field, engine, rounding):
-    """Check that answers lead to points of a surface than which none is nearer.
+    """Check that answers lead to closest points of a surface.
 
     Directions are not compared: where faces are equally near, any of them may answer.
 
@@ -96,27 +95,27 @@ def check_nearest(field, engine, rounding):
     Returns
     -------
     dict
-        Largest differences of the distance, and of the bounds of what is cut; of how many points
-        farther from the surface than rounding the side is not that of the winding number; how far
-        the points that answers lead to are from the surface; difference of the normal's length
-        from 1.
+        Largest error of the distance; number of points farther from the surface than rounding
+        whose side contradicts the winding number; largest error of the bounds of cut queries;
+        largest distance from the surface of the points that answers lead to; largest difference
+        of the normal's length from 1.
 
     Raises
     ------
     PandisError
-        They are larger than rounding allows, or something is not finite.
+        One is larger than rounding allows, or is not finite.
     """
     points = check_points(_UNIT)
     distance, normal, _ = field.query(points)
     exact, _ = engine.distance_and_normal(points, check=False)
     clear = field.clear(points)
-    cut = clear < np.abs(distance)  # outside of the box no flag tells
+    cut = clear < np.abs(distance)  # flags do not tell outside the box
     foot, _ = engine.distance_and_normal(points - distance[:, None] * normal, check=False)
     far = np.abs(exact) > rounding
     differences = {
         "distance": float(np.abs(np.abs(distance) - np.abs(exact))[~cut].max()),
         "side": float((engine.inside(points) != (distance < 0))[far].sum()),
-        # of what is cut the answer is not below the distance, and what is clear not above
+        # the exact distance lies between what is clear and the answer
         "cut": float(np.maximum(clear - np.abs(exact), np.abs(exact) - np.abs(distance)).max()),
         "foot": float(np.abs(foot).max()),
         "length": float(np.abs(np.linalg.norm(normal, axis=1) - 1).max()),
@@ -130,6 +129,6 @@ def _within(differences, bounds):
         if not differences[key] <= bound:  # NaN fails too
             raise PandisError(
                 f"the exported model differs from its field: {key} by {differences[key]:.3g}, "
-                f"allowed is {bound:.3g}; this is a defect of the export: please report it"
+                f"more than {bound:.3g}; this is a defect of the export: please report it"
             )
     return differences

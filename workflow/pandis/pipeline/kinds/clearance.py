@@ -1,29 +1,28 @@
-"""How far a field's distances can be trusted to keep a probe out of contact.
+"""Measures how far a field's distances can be trusted to keep a probe out of contact.
 
-A scene asks an object again only when the probe may touch it: a field at distance d cannot be
-touched before the probe has gone d, less the error of that distance. Measured against the exact
-distance.
+A scene queries an object again only when the probe may touch it. A field at distance d cannot be
+touched before the probe has moved by d, less the error of d against the exact distance.
 """
 
 import numpy as np
 
 from pandis.pipeline.kinds.field import BOUND, OK
 
-#: Points in the box, and as many next to the surface outside.
+#: Points drawn in the box, and again just outside the surface.
 POINTS = 60_000
-#: Heights above the surface of the latter (unit frame), spread by logarithm.
+#: Heights of the latter above the surface (unit frame), log-uniform.
 HEIGHTS = 1e-4, 0.5
 #: Sampling can miss the worst case: its result is multiplied by MORE, and ROUNDING is added.
 MORE, ROUNDING = 1.5, 1e-9
-#: Likewise for heights, by this factor; no point of the box is farther from a surface in it.
+#: LESS does the same for heights. _FARTHEST exceeds every distance to a surface in the box.
 LESS, _FARTHEST = 0.98, 4.0
-#: The worst points are starts of a search for worse ones nearby: how many, rounds, tries in each,
-#: and how far away they lie at first and how much nearer from round to round.
+#: Search for worse points near the worst: starts, rounds, tries per start and round, the first
+#: spread of the tries, and its factor from round to round.
 _STARTS, _ROUNDS, _TRIES, _FAR, _NEARER = 64, 10, 12, 0.03, 0.6
 
 
 def clearance(answer, engine, seed=0):
-    """Measure where contacts of a field can be, and the error of its distance in free space.
+    """Measure where a field can have contacts, and the error of its distance in free space.
 
     Parameters
     ----------
@@ -35,11 +34,11 @@ def clearance(answer, engine, seed=0):
     -------
     ndarray, shape (9,)
         Lowest and highest corner of the surface's box, two margins, and a height (unit frame). No
-        contact lies further outside of the surface than the first margin, or nearer to a point than
-        its distance less a margin: the first, or the second where the distance is flagged as a
-        bound. No surface is nearer than the height to a point of the box whose distance is flagged
-        as a bound and positive. All three are measured, not proved: at the points that were looked
-        at, and those that a search from the worst of them has found, with something to spare.
+        contact lies farther outside the surface than the first margin. None is nearer to a point
+        than its distance less the first margin, or less the second where the distance is flagged
+        as a bound. No surface is nearer than the height to a point of the box whose distance is
+        positive and flagged as a bound. All three are measured with a reserve, not proved: at
+        sampled points, and at those that a search from the worst of them found.
     """
     rng = np.random.default_rng(seed)
     box = rng.uniform(-1, 1, (POINTS, 3))
@@ -52,7 +51,7 @@ def clearance(answer, engine, seed=0):
     every = np.concatenate([box, near])
 
     def measure(points, known=None):
-        """Return by what each margin is passed at points, and how near bounds are: (n, 4)."""
+        """Return the excess of each margin at points, and how near bounds are: (n, 4)."""
         exact, distance, flag = known or (
             engine.distance_and_normal(points, check=False)[0],
             *answer(points),
@@ -71,7 +70,7 @@ def clearance(answer, engine, seed=0):
 
 
 def _worst(measure, points, excess, index, rng):
-    """Return the largest excess of one margin: the worst of the points, and of those near them."""
+    """Return the largest excess of one margin, at the points or at others near the worst."""
     first = np.argsort(-excess, kind="stable")[:_STARTS]
     if not excess[first[0]] > 0:
         return 0.0

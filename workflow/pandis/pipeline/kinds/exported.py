@@ -15,7 +15,7 @@ class ExportedField(Field):
     name : str
         As in the configuration.
     source : path-like, bytes or pandis.runtime.field.NativeField
-        The ``.pandis`` file, what it holds, or that opened.
+        The ``.pandis`` file, its contents, or the opened file.
 
     Raises
     ------
@@ -26,8 +26,8 @@ class ExportedField(Field):
     def __init__(self, name, source):
         self.file = source if isinstance(source, NativeField) else NativeField(source)
         self.keeps_length = self.file.kind == NETWORK
-        #: A closed form is a formula in mesh units; all else has numbers of the unit frame, and is
-        #: asked there, so that no digit is lost on the way to mesh units and back.
+        #: A closed form is a formula in mesh units. All others store unit-frame numbers and are
+        #: queried there, so that no digit is lost on the way to mesh units and back.
         self._is_formula = self.file.kind == SHAPE
         self._unit = None if self._is_formula else self.file.placed(_UNIT)
         super().__init__(name, self.file.frame, self.file.bytes)
@@ -45,21 +45,21 @@ class ExportedField(Field):
         return Answer(distance * home.scale, normal, flag)
 
     def clear(self, points):
-        """Return how far (n,) from points (n, 3) no surface is: see `NativeField.clear`."""
+        """Return the radii (n,) around points (n, 3) without surface: see `NativeField.clear`."""
         return self._unit.clear(points)
 
     def direction(self, points):
-        """Answer distance (n,) and the direction (n, 3) before it is made a unit vector."""
+        """Answer distance (n,) and direction (n, 3), not normalised."""
         (distance, normal, _), length = self._unit.query_slopes(points)
         return distance, normal * length[:, None]
 
     def distance_and_normal(self, points):
-        """Answer in mesh units: as a program would, but a closed form through its frame."""
+        """Answer in mesh units as a program would, but a closed form through its frame."""
         answering = super() if self._is_formula else self.file
         return answering.distance_and_normal(points)
 
     def placed(self, factor, offset):
-        """Return the field as it would be, had its mesh come in other units and elsewhere."""
+        """Return the field as if its mesh had come in other units and elsewhere."""
         moved = super().placed(factor, offset)
         if not self._is_formula:
             moved.file = self.file.placed(moved.frame)

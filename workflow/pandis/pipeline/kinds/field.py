@@ -1,4 +1,4 @@
-"""What every field promises."""
+"""The interface of every field."""
 
 import copy
 from typing import NamedTuple
@@ -8,14 +8,14 @@ import numpy as np
 from pandis.base.arrays import Points, Values
 from pandis.base.frame import Frame
 
-#: Flags of an answer. OK: within the accuracy of the field. BOUND: outside of what the field
-#: covers; the distance is an estimate, and its side is right. INVALID: no answer, because the point
-#: is not finite. CUT: not all faces were looked at; the distance may be a little too large.
+#: Flags of an answer. OK: within the field's accuracy. BOUND: outside what the field covers; the
+#: distance is an estimate with the right sign. INVALID: no answer, because the point is not
+#: finite. CUT: not all faces were visited; the distance may be a little too large.
 OK, BOUND, INVALID, CUT = 0, 1, 2, 3
 
 
 class Answer(NamedTuple):
-    """What a field answers at points (n, 3).
+    """A field's answer at points (n, 3).
 
     Attributes
     ----------
@@ -43,13 +43,13 @@ class Field:
         A key of `pandis.pipeline.run.ask.kinds.KINDS`.
     frame : pandis.base.frame.Frame
     bytes : int
-        What a program must hold in memory to answer.
+        Memory that a program needs to answer.
     ordered : bool
-        Answers depend on the way: the points of a call are a path, from out of contact.
+        Answers depend on the path: the points of a call are one that begins out of contact.
     keeps_length : bool
-        The direction before it is made a unit vector has a meaning, because its length was trained
-        to be 1: such a field has ``direction(points)``, which answers the distance (n,) and it
-        (n, 3). The paper's force keeps that length.
+        The length of the direction has a meaning, because it was trained to be 1. Such a field
+        has ``direction(points)``, which answers distance (n,) and direction (n, 3), not
+        normalised. The paper's force keeps that length.
     """
 
     kind = ""
@@ -74,7 +74,7 @@ class Field:
         return distance / self.frame.scale, normal
 
     def query(self, points):
-        """Answer with flags (unit frame); a field that covers its box flags what is outside.
+        """Answer with flags (unit frame); by default the field covers its box, and nothing outside.
 
         Returns
         -------
@@ -87,12 +87,12 @@ class Field:
         return Answer(distance, normal, flag)
 
     def placed(self, factor, offset):
-        """Return the field as it would be, had its mesh come in other units and elsewhere.
+        """Return the field as if its mesh had come in other units and elsewhere.
 
         Parameters
         ----------
         factor : float
-            On lengths, after the mesh was moved by ``offset`` (3,), mesh units.
+            Scales lengths, after the mesh was moved by ``offset`` (3,), mesh units.
         """
         moved, old = copy.copy(self), self.frame
         moved.frame = Frame(tuple(factor * (np.array(old.centre) + offset)), old.scale / factor)
@@ -101,13 +101,13 @@ class Field:
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
 
-        NaN where a point is no finite number.
+        NaN where a point is not finite.
         """
         raise TypeError(f"{type(self).__name__} must implement answer()")
 
 
 class ExactField(Field):
-    """Exact distance and direction of a body: what all other fields are compared with."""
+    """Exact distance and direction of a body: the reference for all other fields."""
 
     kind = "exact"
 
@@ -117,7 +117,7 @@ class ExactField(Field):
 
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame."""
-        # as in a loop: signs are compared with the winding number where labels are made
+        # unchecked, as in a loop: signs are checked by the winding number when labels are made
         return self.engine.distance_and_normal(points, check=False)
 
 
@@ -128,9 +128,9 @@ def clamp_to_box(points: Points, low=-1.0, high=1.0) -> tuple[Points, Values]:
     -------
     clamped : ndarray, shape (n, 3)
     outside : ndarray, shape (n,)
-        How far each point was moved: added to the distance at the clamped
-        point it is an upper bound that stays positive, so that no field makes
-        a ghost contact far from its box.
+        How far each point was moved. Added to the distance at the clamped
+        point, it gives an upper bound that stays positive, so that no field
+        has a ghost contact far from its box.
     """
     clamped = np.clip(points, low, high)
     with np.errstate(over="ignore"):  # beyond 1e154 the way is as good as infinite

@@ -2,8 +2,8 @@
 
 Every graph takes ``points`` float64 (n, 3) in mesh units and answers
 ``distance`` float32 (n,) in mesh units and ``normal`` float32 (n, 3) of unit
-length. Centre and scale are taken off in float64 inside the graph, before the
-cast: a mesh far from its origin loses no digits.
+length. The graph subtracts the centre and scales in float64, before the cast,
+so that a mesh far from its origin loses no digits.
 """
 
 import hashlib
@@ -72,7 +72,7 @@ def unsealed_digest(model):
 
 
 def enter(graph, frame, low=(-1.0,) * 3, high=(1.0,) * 3):
-    """Add the way into the unit frame and a box there; return the clamped point, the way moved."""
+    """Map points to the unit frame, clamp them to a box; return them and how far they moved."""
     centre = graph.constant("centre", np.array(frame.centre, np.float64))
     scale = graph.scalar(frame.scale, np.float64)
     unit = graph.apply("Mul", graph.apply("Sub", "points", centre), scale)

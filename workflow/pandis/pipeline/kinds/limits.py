@@ -1,10 +1,10 @@
-"""How much of a mesh one query may look at, so that none next to its surface is cut.
+"""Finds how much of a mesh one query may visit, so that none next to its surface is cut.
 
-Where very many faces are about equally near, as in the middle of a ball, a query is cut: it says
-how far all faces are at least, and answers one that is not much farther. But where the boxes of
-very many faces overlap, as around a corner of thousands of narrow ones, what is cut can be wrong
-by the size of the object. Contact happens next to the surface: so nothing may be cut there. One
-such corner is enough, however small it is and however large the mesh: so every vertex and every
+Where very many faces are about equally near, as in the middle of a ball, a query is cut: it gives
+a lower bound of the distance, and answers a face that is not much farther. But where the boxes of
+very many faces overlap, as around a corner of thousands of narrow ones, a cut query can be off by
+the size of the object. Contact happens next to the surface, so no query may be cut there. One
+such corner is enough, however small it is and however large the mesh. So every vertex and every
 face is tried, at heights that fit the lengths of the edges there.
 """
 
@@ -14,11 +14,11 @@ from pandis.pipeline.geometry.sampling import Surface
 
 #: Points next to the surface at which queries are tried, besides those at vertices and faces.
 _POINTS = 50_000
-#: Heights above and below the surface (unit frame), spread by logarithm.
+#: Heights above and below the surface (unit frame), log-uniform.
 _HEIGHTS = 1e-5, 0.1
 #: Distances from a vertex or a face's middle, as shares of the longest edge there.
 _SHARES = 1e-5, 0.1
-#: A corner of more faces than this is tried at this many points.
+#: A corner of more than _CROWD faces is tried at _TRIES points.
 _CROWD, _TRIES = 32, 64
 
 
@@ -39,9 +39,9 @@ def near_surface(vertices, faces, count, rng):
 def at_corners(vertices, faces, rng):
     """Draw points (n, 3) next to every vertex and every face's middle.
 
-    Where very many faces meet there are many. The vertices themselves are among the points, but
-    they are the easiest places: the first face that is looked at is at distance 0, so that no
-    other box can be nearer.
+    Corners of very many faces get more of them. The vertices themselves are among the points, but
+    they are the easiest places: the first face visited is at distance 0, so that no other box can
+    be nearer.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def _moved(points, length, rng):
 
 
 def least_limit(first, vertices, faces, query):
-    """Return twice the limit with which no query is cut that is tried on a surface and next to it.
+    """Return twice the limit at which no query tried on or next to a surface is cut.
 
     Twice, because points that are not tried can need more than those that are.
 

@@ -1,6 +1,6 @@
 """Export for ``pandis.h``: every field as one file, compared with the library before it is written.
 
-The format: docs/format.md. What a file holds, each kind's ``file`` module says.
+docs/format.md has the format. Each kind's ``file`` module says what its file holds.
 """
 
 from abc import ABC, abstractmethod
@@ -28,7 +28,7 @@ class FieldFile(ABC):
     Attributes
     ----------
     version : int
-        The first format version that can hold this file as it is now written.
+        The first format version that can hold this file.
     answering : pandis.pipeline.kinds.field.Field
         The field whose answers the file must give.
     """
@@ -41,14 +41,14 @@ class FieldFile(ABC):
 
     @abstractmethod
     def parts(self):
-        """Return the number of the kind in C, whole and real numbers, and sections by name."""
+        """Return the kind's number in C, integers, real numbers, and sections by name."""
 
     def faces(self, body, original_faces):
-        """Return sections that say of a mesh's faces which they are and what they are made of."""
+        """Return sections with each face's original face and its material."""
         return {}
 
     def notes(self, native):
-        """Return what else a log should tell of the file, opened, as lines."""
+        """Return further lines for the log about the opened file."""
         return []
 
     def data(self, provenance, **sections):
@@ -58,13 +58,13 @@ class FieldFile(ABC):
         return pack(number, self.field.frame, wholes, reals, contents, provenance, self.version)
 
     def differences(self, exported, left_out=None):
-        """Compare the file with its field; return the largest differences by what they are of.
+        """Compare the file with its field; return the largest differences, by quantity.
 
         Parameters
         ----------
         exported : ExportedField
         left_out : callable, optional
-            Tells at which points (n, 3) the opened file, in mesh units, is not compared.
+            Tells at which points (n, 3), in mesh units, the opened file is not compared.
         """
         native, double = exported.file, self.double()
         return check(
@@ -74,16 +74,16 @@ class FieldFile(ABC):
         )  # fmt: skip
 
     def double(self):
-        """Return the field in double precision, where rounding alone may turn its answers."""
+        """Return the field in double precision if rounding may turn its answers, else None."""
         return None
 
     def _reference(self, field):
         return lambda points: (*field.answer(points), self.direction_length(field, points))
 
     def direction_length(self, field, points):
-        """Return how long a field's directions (n,) are before they are made unit vectors.
+        """Return the lengths (n,) of a field's directions before normalisation.
 
-        Between two walls a direction is a matter of rounding: there the force alone is compared.
+        Between two walls rounding decides the direction, so only the force is compared there.
         """
         return np.full(len(points), FORCE_LENGTH)
 
@@ -104,8 +104,8 @@ def field_file(field, weight_bits=32):
         module = kind_module(field.kind, "file")
     except ModuleNotFoundError as error:
         if error.name != f"pandis.pipeline.kinds.{field.kind}.file":
-            raise  # a module of the kind lacks something else
-        raise PandisError(f"{field.name}: pandis.h knows no fields of its kind") from None
+            raise  # an import of that module is missing
+        raise PandisError(f"{field.name}: pandis.h cannot read fields of its kind") from None
     return module.File(field, weight_bits)
 
 
@@ -138,7 +138,7 @@ def export_native(field, body, options, provenance, log):
     ----------
     field : pandis.pipeline.kinds.field.Field
     body : pandis.pipeline.geometry.body.Body
-        What the field is of: how far its distances are off there goes with it.
+        The field's body, against which the error of its distances is measured.
     options : pandis.pipeline.run.ask.options.NativeOptions
     provenance : dict
     log : callable
@@ -152,7 +152,7 @@ def export_native(field, body, options, provenance, log):
     number, wholes, reals, sections = file.parts()
     sections = sections | file.faces(body, options.original_faces)
     write = partial(pack, number, field.frame, wholes, reals)
-    # the file that is checked is let go of before the next one is made: each can be a gigabyte
+    # the checked file is freed before the next one is made: each can be a gigabyte
     safe = _checked(file, write(sections, provenance, file.version), body, log)
     sections |= {"SAFE": np.asarray(safe, np.float64)}
     return write(sections, provenance, file.version)
@@ -175,6 +175,6 @@ def _checked(file, data, body, log):
 
 
 def regions_of(of_face, names):
-    """Return the sections that say what each face (F,) is made of, by number and by name."""
+    """Return the sections with the material of each face (F,), by number and by name."""
     text = b"".join(name.encode() + b"\0" for name in names)
     return {"REGN": of_face.astype(np.uint8), "RNAM": text}

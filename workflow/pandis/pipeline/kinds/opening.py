@@ -1,6 +1,6 @@
-"""Opens any field by its name, for evaluation, stress, timing, report and export alone.
+"""Opens any field by its name: only for evaluation, stress, timing, report and export.
 
-What has a file for ``pandis.h`` is answered by it: what a program loads is what is measured. The
+A field with a file for ``pandis.h`` answers from it: what a program loads is what is measured. The
 library's own answers are what the file is compared with when it is written.
 """
 
@@ -32,7 +32,7 @@ def open_fields(names, mesh, files):
         As in the configuration.
     mesh : pandis.pipeline.run.job.artifact.Artifact
     files : iterable of pandis.pipeline.run.job.artifact.Artifact or Path
-        What holds the fields: ``{field}.pandis``, or the artifact of a field that has none.
+        ``{field}.pandis`` of each field, or the artifact of a field that has none.
 
     Returns
     -------

@@ -1,10 +1,10 @@
-"""What is said of the nodes of a grid: ``grid`` among its attributes."""
+"""Describes the nodes of a grid: the attribute ``grid`` of its artifact."""
 
 from pandis.pipeline.run.records.record import Record
 
 
 class BandRecord(Record):
-    """How far a grid is right: into the surface and out of it (unit frame)."""
+    """How far a grid is valid: below the surface and above it (unit frame)."""
 
     inside: float
     outside: float
@@ -28,7 +28,7 @@ class GridRecord(Record):
 
 
 class DenseRecord(GridRecord):
-    """A dense grid: its first node, its last and what lies between two (unit frame)."""
+    """A dense grid: its first node, its last, and the node spacing (unit frame)."""
 
     axes: tuple[str, str, str] = ("x", "y", "z")
     centering: str = "node"
@@ -41,8 +41,8 @@ class DenseRecord(GridRecord):
 
 
 class SplineRecord(GridRecord):
-    """The three lattices of a spline: nodes per axis, where the far one begins, and for each the
-    offset and the factor of its whole numbers.
+    """The three lattices of a spline: nodes per axis, the low end of the far one, and the offset
+    and scale of each one's integers.
     """
 
     base_size: int

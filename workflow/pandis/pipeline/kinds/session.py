@@ -14,7 +14,7 @@ from pandis.pipeline.run.job.artifact import check_seal
 
 
 class Export(NamedTuple):
-    """An exported file that was read and found whole."""
+    """An exported file, read and found intact."""
 
     data: bytes
     metadata: dict
@@ -26,7 +26,7 @@ def read_export(path):
     Raises
     ------
     ArtifactError
-        It does not parse, or its checksum is another.
+        It does not parse, or its checksum is wrong.
     """
     remedy = f"rebuild it with: snakemake -j2 -R {path}"
     try:
@@ -48,7 +48,7 @@ class Session:
     Parameters
     ----------
     model : path-like or bytes
-        A file is checked against its seal first.
+        The seal of a file is checked first.
 
     Raises
     ------
@@ -77,12 +77,12 @@ class Session:
 
 
 def read_program_metadata(path):
-    """Read what a ``.pt2`` file says of itself, and check its seal.
+    """Read the metadata of a ``.pt2`` file, and check its seal.
 
     Raises
     ------
     ArtifactError
-        It is not whole.
+        It is damaged.
     """
     check_seal(Path(path))
     with zipfile.ZipFile(path) as archive:

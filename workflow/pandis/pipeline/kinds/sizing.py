@@ -1,4 +1,4 @@
-"""Size fields by what they should achieve: the user gives limits, not dimensions."""
+"""Sizes fields by what they should achieve: the user gives limits, not sizes."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from pandis.pipeline.geometry.points import Points
 from pandis.pipeline.kinds.field import Field
 from pandis.pipeline.run.records.choice import Chosen
 
-#: No error falls faster than with this power of the spacing: what would need that is not built.
+#: No error falls faster than this power of the spacing; sizes that would need it are not built.
 _FASTEST = 4
 
 
@@ -58,7 +58,7 @@ class Maker(ABC):
     ----------
     form : str
     sizes : tuple of int
-        Those that are tried, from small to large.
+        Sizes tried, from small to large.
     """
 
     form, sizes = "", ()
@@ -77,10 +77,10 @@ class Maker(ABC):
 
     @abstractmethod
     def finer(self, size, other):
-        """Return by how many times the other size's spacing is finer."""
+        """Return the factor by which the other size's spacing is finer."""
 
     def hopeless(self, size, figures, limits, other):
-        """Tell whether another size cannot meet limits either, by the figures of a smaller."""
+        """Tell by a smaller size's figures whether another size cannot meet limits either."""
         return figures["mean"] > limits.mean * self.finer(size, other) ** _FASTEST
 
     def never_meets(self, tried, limits, size):
@@ -89,12 +89,12 @@ class Maker(ABC):
 
 
 def points_of(body, task):
-    """Return the `Points` that a size is searched by, of a `SearchTask`."""
+    """Return the `Points` on which a `SearchTask` compares sizes."""
     return Points(body.surface, body.distance, Scale.of(task.device), task.seed)
 
 
 def search(maker, points, task, log):
-    """Search the size of one field, for `…-auto`.
+    """Find the size of one field, for `…-auto`.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def search(maker, points, task, log):
 
 
 def sizing_of(target, tried):
-    """Return what an artifact says of a search, of (size, `Measured`) of all that was tried."""
+    """Return the record of a search in an artifact, from (size, `Measured`) of all tries."""
     figures = tried[-1][1].figures
     return {
         "asked": target.model_dump(include={"force_error", "tail", "missed", "bytes"}),
@@ -138,7 +138,7 @@ def sizing_of(target, tried):
 
 
 def _smallest(maker, points, target, what, log):
-    """Return the first candidate that meets the limits, and each size tried with its measures."""
+    """Return the first candidate that meets the limits, and each size tried, as measured."""
     limits, tried = points.limits(target), []
     for size in maker.sizes:
         if maker.never_meets(tried, limits, size):
@@ -153,7 +153,7 @@ def _smallest(maker, points, target, what, log):
         if not measured.why:
             return candidate, tried
     if not tried:
-        raise PandisError(f"{what}: no size that is tried could come near what is asked")
+        raise PandisError(f"{what}: no size that was tried comes near what is asked for")
     size, best = min(tried, key=lambda one: one[1].excess)
     raise PandisError(
         f"{what}: no size meets {points.describe_limits(limits)}; the nearest, {size:,}, "

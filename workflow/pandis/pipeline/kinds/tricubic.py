@@ -6,10 +6,10 @@ from onnx import TensorProto
 from pandis.engine.spline import EDGE
 from pandis.pipeline.kinds.graphs import split
 
-#: The 64 nodes around a cell, from its own.
+#: Offsets of the 64 nodes around a cell.
 AROUND = np.stack(np.meshgrid(*[np.arange(-1, 3)] * 3, indexing="ij"), -1).reshape(-1, 3)
-#: Weights of an axis's four nodes as polynomials of the place in the cell (power, node), and
-#: their derivatives.
+#: Weights of an axis's four nodes as polynomials of the position in the cell (power, node),
+#: and their derivatives.
 BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 SLOPE = np.vstack([BASIS[1:] * [[1], [2], [3]], np.zeros(4)])
 

@@ -1,4 +1,4 @@
-"""Everything that the evaluation of a mesh's fields measures: the stage as a function."""
+"""The evaluation stage as a function: measures all errors of a mesh's fields."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def compare(fields, trajectory, options, progress):
     Returns
     -------
     arrays, attributes : dict
-        As stored in ``evaluation.zarr.zip``, but for the frame.
+        As stored in ``evaluation.zarr.zip``, without the frame.
 
     Raises
     ------

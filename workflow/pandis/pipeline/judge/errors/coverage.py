@@ -1,4 +1,4 @@
-"""What kinds of places trajectories pass: tenths of the surface by curvature and by thickness."""
+"""Kinds of places that trajectories pass: tenths of the surface by curvature and thickness."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from pandis.base.streams import COVERAGE, generator
 from pandis.pipeline.geometry.thickness import inscribed_radius
 
-#: Surface points that the tenths are taken of, and neighbours that curvature is taken from.
+#: Surface points that are split into tenths, and neighbours that curvature is measured from.
 PLACES, NEIGHBOURS = 4000, 9
 TENTHS = 10
 #: A tenth is visited if this share of the samples lies in it: a tenth of its share of the surface.
@@ -27,8 +27,8 @@ def coverage(surface, engine, paths, seed):
     Returns
     -------
     dict
-        ``curvature`` and ``thickness``: of ten tenths of the surface's area, ordered by how fast
-        the normal turns and by the largest ball inside, how many hold one sample in a hundred;
+        ``curvature`` and ``thickness``: how many tenths of the surface's area, ordered by how
+        fast the normal turns and by the largest ball inside, hold one sample in a hundred;
         ``share_…``: the share of samples in each.
     """
     rng = generator(seed, COVERAGE)

@@ -8,7 +8,7 @@ from pandis.pipeline.geometry.measure import contact_errors
 from pandis.pipeline.geometry.shares import MISSING_LIMIT, Probes, shares
 from pandis.pipeline.judge.controls import demand_failure
 
-#: Ending of the row with the paper's own force, in which Ψ keeps its length.
+#: Suffix of the row with the paper's own force, in which Ψ keeps its length.
 UNNORMALISED = " (‖Ψ‖ kept)"
 
 
@@ -113,7 +113,7 @@ def evaluate(fields, controls, trajectory, probe_sets, contacts, progress):
 
 
 def _unnormalised(field):
-    """Return what answers the paper's own force, in which Ψ keeps its length."""
+    """Return a function for the paper's own force, in which Ψ keeps its length."""
 
     def force(points):
         phi, psi = field.direction(points)
@@ -131,7 +131,7 @@ def _exact_forces(sets, contacts):
 
 
 def _path_shares(force, trajectory, contacts):
-    """Return what of a trajectory a force lacks, and the error by the mean force, in newtons."""
+    """Return the shares of a path where force is missing, and the relative error and newtons."""
     pressed, nowhere = contacts.pressed, np.zeros(len(force), bool)
     probes = Probes(*trajectory, nowhere, pressed.scale, pressed.engine)
     mean = float(np.linalg.norm(force - probes.force, axis=1).mean())

@@ -1,12 +1,12 @@
-"""Which field to use: what no other beats, and the best for a given error."""
+"""Which field to use: those that no other beats, and the best for a given error."""
 
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 
-#: Errors that a user may allow: percent of the mean force on the contact set; at last any.
+#: Errors that a user may allow: percent of the mean force on the contact set; the last is any.
 ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, float("inf"))
-#: What is paid: keys of a summary's rows, and what each is called.
+#: Prices of a field: keys of a summary's rows, and the name of the best by each.
 PRICES = {"native_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}
-#: What fields are compared by: keys of a summary's rows.
+#: Criteria that fields are compared by: keys of a summary's rows.
 AXES = ("contact_mean", "native_p50_us", "bytes", "jump_rms_newtons")
 
 
@@ -33,7 +33,7 @@ def pareto(rows, keys):
     ----------
     rows : list of dict
     keys : sequence of str
-        What should be small. A row without one of them is not compared.
+        Values that should be small. A row without one of them is not compared.
 
     Returns
     -------

@@ -9,22 +9,22 @@ from pandis.base.forces import penalty_force
 from pandis.pipeline.geometry.trajectories import trace
 from pandis.pipeline.run.records.evaluation import PathsRecord
 
-#: What the paper's claim is about: its own network against its best grid, on the box around the
-#: surface as in the paper, and on the cube that all other grids lie on.
+#: Grids that the paper's network is compared with: the paper's best, on the box around the surface
+#: as in the paper, and on the cube that all other grids lie on.
 BASELINES = ("trilinear-box-64", "trilinear-64")
 
 
 def interval(values):
-    """Return the half-width of the 95 % interval of a mean (Student's t); of equal values zero."""
+    """Return the half-width of the 95 % interval of a mean (Student's t); 0 for equal values."""
     if min(values) == max(values):
-        return 0.0  # where rounding of the mean would leave a little
+        return 0.0  # rounding of the mean would leave a little
     return float(stats.sem(values) * stats.t.ppf(0.975, len(values) - 1))
 
 
 def spread(values, form):
-    """Format what several trainings gave: their mean and its interval; of one or two, the values.
+    """Format results of several trainings: mean and interval, or up to two values as they are.
 
-    Of two the interval would be thirteen times as wide as what they differ by, and say less.
+    The interval of two would be thirteen times as wide as their difference, and say less.
     """
     if len(values) < 3:
         return " and ".join(format(value, form) for value in values)
@@ -32,7 +32,7 @@ def spread(values, form):
 
 
 def repeats(models):
-    """Return lists of networks that were trained in the same way, each with a seed of its own.
+    """Return lists of networks that were trained in the same way with different seeds.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def over_paths(fields, paths):
     -------
     dict of str to pandis.pipeline.run.records.evaluation.PathsRecord
         By field: ``mean`` of the paths' mean force errors (unit frame, k = 1) and ``interval``,
-        what other paths would change; ``ratios``: of the mean to that of each of `BASELINES`
+        how much other paths would change it; ``ratios``: of the mean to that of each of `BASELINES`
         that is among the fields.
     """
     means = {}
@@ -108,7 +108,7 @@ def verdict(table, models):
     """Say whether networks err less than the paper's best grid, where that was measured.
 
     Another seed gives another network, whose error may differ by a third. One training therefore
-    gets its ratio only; several get a verdict from a confidence interval over the trainings.
+    gets only its ratio; several get a verdict from a confidence interval over the trainings.
 
     Parameters
     ----------

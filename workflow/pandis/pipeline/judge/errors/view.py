@@ -6,16 +6,16 @@ import numpy as np
 from pandis.base.forces import penalty_force
 from pandis.pipeline.geometry.sampling import PROBE_DEPTHS
 
-#: Faces of the mesh that is shown, about.
+#: Approximate number of faces of the mesh that is shown.
 FACES = 16_000
-#: Depths below the surface that the error is the mean of: the middles of the deep probes' quarters.
+#: Depths below the surface that errors are averaged over: middles of the deep probes' quarters.
 DEPTHS = PROBE_DEPTHS["deep"] * (np.arange(4) + 0.5) / 4
 
 
 def coarsen(vertices, faces, count=FACES):
-    """Return a mesh of about ``count`` faces; one with fewer as it is.
+    """Return a mesh of about ``count`` faces, or the mesh itself if it has fewer.
 
-    By collapsing edges at their middles (libigl), which keeps what is closed closed.
+    Edges are collapsed at their middles (libigl), which keeps closed meshes closed.
     """
     if len(faces) <= count:
         return vertices, faces

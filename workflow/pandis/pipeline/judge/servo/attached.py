@@ -1,4 +1,4 @@
-"""A run on an attached device, through OpenHaptics: the last step, where somebody holds it."""
+"""Runs a field on an attached device through OpenHaptics: the last step, held by a person."""
 
 import os
 from typing import NamedTuple
@@ -10,14 +10,14 @@ from pandis.pipeline.run.records.hardware import AttachedRun, TouchVerdict
 from pandis.runtime.device import DONE, Order, run_device
 from pandis.runtime.scene import NativeScene, Placed
 
-STAND_IN = "A stand-in for OpenHaptics ran, and no device: nothing of it is a hardware result."
+STAND_IN = "A stand-in for OpenHaptics ran, not a device: this is no hardware result."
 UNARMED = (
-    "A haptic device ({model}) was attached; its positions were read and no force was sent, for "
+    "A haptic device ({model}) was attached; its positions were read, but no force was sent, as "
     "hardware.attached.arm or the environment variable PANDIS_ARM is not set."
 )
 REFUSED = (
-    "A haptic device ({model}) was attached; its positions were read and no force was sent, though "
-    "it was to be armed: {refused}."
+    "A haptic device ({model}) was attached; its positions were read, but no force was sent "
+    "although arming was asked for: {refused}."
 )
 UNTOUCHED = (
     "A haptic device ({model}) was attached and armed; the object was not touched: no force."
@@ -25,14 +25,14 @@ UNTOUCHED = (
 ENDED = "A haptic device ({model}) was attached; the run ended early: {why}."
 REAL = "A haptic device ({model}) was attached, and forces were sent to it, through its library."
 NONE = "No device ran: {why}."
-#: What must be set to 1, each time anew, for forces to be sent: a configuration stays where it is.
+#: Environment variable, to be set to 1 for each run with forces: a configuration would stay set.
 CONSENT = "PANDIS_ARM"
-#: An armed device gets so much of what is safe for a hand of so many Ns/m.
+#: Share of the stiffness safe for this hand (Ns/m) that an armed device gets.
 SHARE, HAND = 0.7, "0.3"
 
 
 class Span(NamedTuple):
-    """How long a run on the device lasts, and how long a tick of it may compute: s."""
+    """Duration of a run on the device, and the longest that a tick may compute, s."""
 
     seconds: float
     deadline: float
@@ -51,13 +51,13 @@ def stiffness_for(stiffness, spec, pressed, walls, sound=True):
         `TouchVerdict`).
     walls : pandis.pipeline.run.records.hardware.WallVerdict or None
     sound : bool
-        The file has its field's forces, and computes them in time.
+        The file gives its field's forces, and computes them in time.
 
     Returns
     -------
     stiffness : float
-        N/m: what is asked for, at most the device's own, what is gentle at its rate, and 0.7 of
-        what is safe for a hand of 0.3 Ns/m.
+        N/m: the least of what is asked for, the device's own, what is gentle at its rate, and 0.7
+        of what is safe for a hand of 0.3 Ns/m.
     refused : str
         Empty, or why no force may be sent.
     """
@@ -101,7 +101,7 @@ def run_attached(field, scale, options, span, pressed=None, walls=None, sound=Tr
     record : pandis.pipeline.run.records.hardware.AttachedRun
     """
     spec = DEVICES[options.model]
-    # the device's scheduler has a rate of its own
+    # the device's scheduler has its own rate
     period = 1 / spec.rate
     stiffness, refused = stiffness_for(scale.stiffness, spec, pressed, walls, sound)
     consent = options.arm and os.environ.get(CONSENT) == "1"
@@ -167,7 +167,7 @@ def _statement(session, armed, consent, touched):
 
 
 def _reach(session, size):
-    """Say if the object, in the middle of the device's own workspace, reaches beyond it."""
+    """Say whether the object, centred in the device's own workspace, reaches beyond it."""
     room = 1e3 * (np.array(session.report.high) - np.array(session.report.low))
     if (room <= 0).any() or (1e3 * size <= room).all():
         return ""

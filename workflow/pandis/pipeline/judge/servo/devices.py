@@ -1,17 +1,17 @@
-"""What is known of haptic devices: data sheets, and the limits that programs in the field keep.
+"""Haptic devices: their data sheets, and the limits that programs in the field keep.
 
-Forces, stiffnesses and workspaces are those that CHAI3D sets for each device, encoder steps and
-frictions the makers' nominal values, where they give them; what nobody gives is assumed, and
-listed.
+Forces, stiffnesses and workspaces are those that CHAI3D sets for each device. Encoder steps and
+frictions are the makers' nominal values, if published. Values that nobody gives are assumed, and
+listed as such.
 """
 
 from typing import NamedTuple
 
 from pandis.runtime.device import NEEDS_BUTTON, Limits, Simulated
 
-#: Seconds until the whole force is given; largest addition, share of the largest force per ms.
+#: Seconds until the full force is given; largest growth, share of the largest force per ms.
 RAMP, IMPULSE = 0.5, 0.1
-#: So much a tick may give (J) to a hand that moves so fast (m/s).
+#: Energy (J) that a tick may give to a hand, and the hand's speed (m/s).
 TICK_ENERGY, HAND_SPEED = 4e-5, 0.2
 
 
@@ -22,9 +22,9 @@ class Specification(NamedTuple):
     ----------
     title : str
     force : float
-        Largest, N.
+        Largest force, N.
     stiffness : float
-        Largest that programs give it, N/m.
+        Largest that programs set for it, N/m.
     workspace : float
         Radius, m.
     encoder : float
@@ -38,17 +38,17 @@ class Specification(NamedTuple):
     impulse : float
         Largest change of the force, N per ms.
     speed : float
-        Largest, m/s.
+        Largest speed, m/s.
     rate : float
         Ticks per second.
     assumed : tuple of str
-        What of this is no maker's figure.
+        Names of the fields that are assumed.
     continuous : float
-        Largest force for long, N; 0: not known.
+        Largest continuous force, N; 0 if unknown.
     most_damping : float
-        That a program may add, Ns/m.
+        Most damping that a program may add, Ns/m.
     button : bool
-        It has one that is held while forces are given.
+        It has a button that is held while forces are given.
     """
 
     title: str
@@ -68,23 +68,23 @@ class Specification(NamedTuple):
     button: bool = False
 
     def simulated(self, hand_stiffness, hand_damping, delay, period, wall):
-        """Return the simulated device with a hand, under a wall of so many N/m."""
+        """Return the simulated device in a hand; ``wall`` is the wall's stiffness, N/m."""
         return Simulated(
             self.mass, self.damping, self.friction, self.encoder, self.force, self.impulse,
             self.speed, hand_stiffness, hand_damping, period, wall, delay,
         )  # fmt: skip
 
     def stiffest(self, period):
-        """Return the largest stiffness (N/m) at a period (s): the device's, and what is gentle.
+        """Return the largest stiffness (N/m) that is gentle at a period (s), at most the device's.
 
-        A wall that is a tick late gives up to k (vT)^2 / 2 in that tick.
+        A wall that is a tick late gives energy of up to k (vT)^2 / 2 in it.
         """
         return min(self.stiffness, 2 * TICK_ENERGY / (HAND_SPEED * period) ** 2)
 
     def limits(self, period, stiffness):
-        """Return the limits that no force to this device may go beyond.
+        """Return the limits that no force to this device may exceed.
 
-        The force comes in over `RAMP`, and grows by no more than `IMPULSE`.
+        The force ramps up over `RAMP`, and grows by no more than `IMPULSE`.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class Specification(NamedTuple):
 
 
 _ALWAYS = ("damping", "impulse", "speed", "most_damping")
-#: By the names that the configuration uses.
+#: Devices by their names in the configuration.
 DEVICES = {
     "touch": Specification(
         "Touch", 3.3, 400.0, 0.075, 55e-6, 0.26, 0.045, 0.1, 3.3, 1.5, 1000.0, _ALWAYS,

@@ -1,9 +1,9 @@
-"""Whether anything lets a hand through: presses on thin places, judged by libigl.
+"""Tests whether anything lets a hand through: presses on thin places, judged by libigl.
 
-A simulated hand presses a device from outside, ever harder, at a slant, until it gives the device's
-largest force or more, holds on, and withdraws along the way it came. Nothing here asks the field
-that is judged, nor the tree that made it: distances and sides are libigl's, and whether a way
-crosses the surface is computed from the triangles.
+A simulated hand presses a device from outside at a slant, ever harder, until it gives the device's
+largest force or more. It holds on, and withdraws the way it came. The judgement uses neither the
+field that is judged nor the tree that made it: distances and sides are libigl's, and crossings of
+the surface are computed from the triangles.
 """
 
 from typing import NamedTuple
@@ -15,22 +15,22 @@ from scipy.spatial.distance import cdist
 from pandis.runtime.device import DONE, Order, run_simulated
 from pandis.runtime.scene import NativeScene, Placed
 
-#: Metres: deeper than this beyond the field's largest surface error, a proxy has passed; and so far
-#: outside, at least, are two proxies between which a way is asked for.
+#: A proxy deeper than this (m) beyond the field's largest surface error has passed. Two proxies are
+#: moved at least this far outside before the way between them is tested.
 MARGIN = 5e-5
 #: Metres above the surface where a press begins, unless there is less room.
 ABOVE = 3e-3
 #: Seconds of waiting, pressing, holding, withdrawing.
 _TIMES = 0.03, 0.35, 0.1, 0.35
-#: Seconds until the whole force is given: before the surface is reached.
+#: Seconds until the full force is given, before the surface is reached.
 _RAMP = 0.02
-#: N/m and Ns/m of the hand, and how many times the device's largest force it gives.
+#: The hand's N/m and Ns/m, and its force in multiples of the device's largest.
 _HAND, _HARD = (400.0, 3.0), 1.2
-#: Runs whose proxies libigl is asked about together.
+#: Runs whose proxies go to libigl in one call.
 _TOGETHER = 500
-#: So near (m), the direction to the closest point is rounding.
+#: Nearer than this (m), the direction to the closest point is rounding.
 _ON_IT = 1e-7
-#: How much longer than the straight way a free one may be.
+#: Longest free way, in multiples of the straight one.
 _DETOUR = 2.0
 #: Rounds of the search for a way around.
 _ROUNDS = 60
@@ -38,7 +38,7 @@ _ROUNDS = 60
 _GROWN, _RIM = 48, 10
 #: Smallest ball that is grown, as a share of the margin.
 _LEAST = 0.02
-#: Faces that are compared with a way at a time.
+#: Faces that are tested against a way at a time.
 _SOME = 4096
 
 
@@ -56,19 +56,19 @@ class Press(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """What became of presses.
+    """Outcome of presses.
 
     Attributes
     ----------
     presses, ended : int
-        All of them; those that the guard has ended early.
+        All presses, and those that the guard ended early.
     deep, crossed : int
         Presses whose proxy lay too deep, and whose proxy went through triangles.
     around : int
-        Presses after which, all the way back, the proxy was somewhere else than the probe, though
-        its way crosses nothing: it has slid around a part of the object, which is no pass.
+        Presses after which the withdrawn probe and its proxy were apart, though the proxy's way
+        crosses nothing: it slid around a part of the object, which is no pass.
     deepest : float
-        How deep a proxy lay below the surface at most, m.
+        Largest depth of a proxy below the surface, m.
     """
 
     presses: int
@@ -163,14 +163,14 @@ class Oracle:
 
 
 def free_starts(presses, oracle, above=ABOVE):
-    """Return those of some presses that begin outside of the shape, whatever a field has there.
+    """Return the presses that begin outside of the shape, whatever a field has there.
 
     Parameters
     ----------
     presses : list of Press
     oracle : Oracle
     above : float
-        How far above the surface they were to begin, m.
+        Height above the surface at which they were to begin, m.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def free_starts(presses, oracle, above=ABOVE):
 
 
 def run(field, spec, size, stiffness, presses, feel=None):
-    """Let a simulated device make presses; yields a session, and the proxies (n, 3), m, of each.
+    """Make presses with a simulated device; yield the session and proxies (n, 3), m, of each.
 
     Parameters
     ----------
@@ -192,8 +192,8 @@ def run(field, spec, size, stiffness, presses, feel=None):
         Metres of the longest side, N/m.
     presses : list of Press
     feel : pandis.runtime.contact.Feel, optional
-        Feel of a probe with a proxy. Without it the force is the penalty force, and for its proxy
-        counts the last place that was outside.
+        Feel of a probe with a proxy. Without it the force is the penalty force, and the last
+        place outside counts as its proxy.
     """
     period = 1 / spec.rate
     share = np.concatenate([
@@ -231,10 +231,10 @@ def judge(runs, oracle, error, detours=True, radius=0.0):
     error : float
         The field's largest error at the surface, m.
     detours : bool
-        Whether a proxy may have gone around something in a tick; a probe under a penalty force,
-        which is outside, inside and outside again, has not.
+        Whether a proxy may go around something in a tick. A probe under a penalty force, which is
+        outside, inside and outside again, does not.
     radius : float
-        Radius of the probe, m: it is to lie so far outside.
+        Radius of the probe, m: proxies must lie this far outside.
 
     Returns
     -------
@@ -265,7 +265,7 @@ def judge(runs, oracle, error, detours=True, radius=0.0):
 
 
 class _Run(NamedTuple):
-    """Where a proxy has been, each place once, and how far it is from the probe in the end."""
+    """Places of a proxy, without repetitions, and its final distance from the probe."""
 
     places: np.ndarray
     ended: bool
@@ -273,7 +273,7 @@ class _Run(NamedTuple):
 
     @classmethod
     def of(cls, session, proxies):
-        if session.cause != DONE:  # from its end on nobody has asked for a force
+        if session.cause != DONE:  # after its end no force was asked for
             pushed = np.flatnonzero(session.force.any(axis=1))
             proxies = proxies[: pushed[-1] + 1 if len(pushed) else 1]
         moved = np.concatenate([[True], (np.diff(proxies, axis=0) != 0).any(axis=1)])
@@ -282,8 +282,8 @@ class _Run(NamedTuple):
 
 
 def _fault(run, distance, outward, margin, oracle, detours=True):
-    """Return which of a judgement's faults a run that was never too deep has, if any."""
-    # through what is no thicker than two margins a proxy comes without being deeper than one
+    """Return the fault, if any, of a run that was never too deep."""
+    # a proxy can cross a wall of two margins without lying deeper than one
     for i in np.flatnonzero(np.linalg.norm(np.diff(run.places, axis=0), axis=1) > 2 * margin):
         if _through(
             run.places[i : i + 2], distance[i : i + 2], outward[i : i + 2], margin, oracle, detours
@@ -293,10 +293,10 @@ def _fault(run, distance, outward, margin, oracle, detours=True):
 
 
 def _through(places, distance, outward, margin, oracle, detours):
-    """Return whether no free way leads from one place to the next, of two (2, 3), near them.
+    """Return whether no free way near two places (2, 3) leads from the first to the second.
 
     What happens between ticks is not known. The straight way is tried first, as far outside as a
-    proxy may lie inside; then ways that are not much longer, through balls that are free by
+    proxy may lie inside. Ways that are not much longer follow, through balls that are free by
     libigl's distances.
     """
     length = np.linalg.norm(places[1] - places[0])
@@ -309,11 +309,11 @@ def _through(places, distance, outward, margin, oracle, detours):
 
 
 def _leads_around(places, margin, oracle, longest):
-    """Return whether free balls, each overlapping one before, lead from one place to the other.
+    """Return whether a chain of overlapping free balls leads from one place to the other.
 
-    A proxy may be off by a margin, so every ball that is as near belongs to a place. Balls are
-    grown from rims of others, first of those that are nearest to the other place, within the
-    ellipsoid of ways that are at most so long.
+    A proxy may be off by a margin, so a ball within a margin of a place belongs to it. Balls grow
+    on the rims of others, those nearest to the goal first, within the ellipsoid of ways that are
+    no longer than ``longest``.
     """
     rng, (start, goal) = np.random.default_rng(0), places
     inside = rng.normal(size=(_GROWN, 3))

@@ -1,8 +1,8 @@
 """A field under a simulated device and a hand: limits, energy, the largest safe stiffness.
 
-The C loop of a real device runs here on a simulated one, in the time of ticks: position in, force
-out through the guard, HDAPI's order and errors. The hand presses on points of the surface, of every
-class of inscribed radius, and slides along the evaluation trajectory.
+The C loop of a real device runs here on a simulated one, in tick time: position in, force out
+through the guard, HDAPI's order and errors. The hand presses on surface points of every class of
+inscribed radius, and slides along the evaluation trajectory.
 """
 
 from typing import NamedTuple
@@ -18,28 +18,27 @@ from pandis.pipeline.run.records.hardware import Pressed
 from pandis.runtime.device import DONE, Order, run_simulated
 from pandis.runtime.scene import NativeScene, Placed
 
-#: Milliseconds of a press, and of the slide.
+#: Duration of a press, and of the slide, ms.
 TICKS, SLIDE = 1200, 2000
-#: Above the surface (m): where a press begins, the first at which the field has no force.
+#: Heights above the surface (m). A press begins at the first where the field has no force.
 _HEIGHTS = START * 2.0 ** np.arange(7)
-#: A press of less than so many times the friction may never reach the wall.
+#: A press of up to this times the friction may never reach the wall.
 _STUCK = 1.5
-#: A press that comes all at once swings to twice its force: half of what the wall holds is enough.
+#: Press as a share of what the wall holds: a sudden press swings to twice its force.
 _GENTLE = 0.5
-#: So much energy (J) may be missing: an encoder's step at the force that is pressed with hides it.
+#: Energy (J) that may be missing: an encoder step times the pressing force hides as much.
 SLACK = 2e-5
 
 
-#: Dampings (Ns/m) of the hands that a stiffness is called safe for: a light one, one that holds on,
-#: a firm one.
+#: Dampings (Ns/m) of the hands that safe stiffnesses are found for: light, holding on, firm.
 HANDS = (0.3, 1.0, 3.0)
 
 
 class Hand(NamedTuple):
     """The hand that holds the device.
 
-    ``stiffness`` N/m, ``damping`` Ns/m, ``press`` N: with how much it presses; ``delay``: ticks by
-    which the force comes late.
+    ``stiffness``, N/m; ``damping``, Ns/m; ``press``: pressing force, N; ``delay``: ticks by which
+    the force is late.
     """
 
     stiffness: float
@@ -58,9 +57,9 @@ class Contact(NamedTuple):
     feet, outward : ndarray, shape (m, 3)
         Surface points that are pressed on, and their outward normals.
     radius : ndarray, shape (m,)
-        The inscribed radius at them.
+        Inscribed radii there.
     hard_feet, hard_outward : ndarray, shape (p, 3)
-        Those that are pressed through a proxy with all force: the thinnest walls among them.
+        Points of full-force presses through a proxy, with the thinnest walls among them.
     """
 
     points: np.ndarray
@@ -106,7 +105,7 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     spec : pandis.pipeline.judge.servo.devices.Specification
     surface : Contact
     size, stiffness : float
-        Metres of the longest side, and N/m asked for; if the device is given less, it is that.
+        Longest side, m, and stiffness asked for, N/m; the device's largest caps it.
     hand : Hand
     rate : float
         Ticks per second.
@@ -129,7 +128,7 @@ def press(field, spec, surface, size, stiffness, hand, rate, feel=None):
     others = [hand._replace(damping=damping) for damping in HANDS if damping != hand.damping]
     others.append(hand._replace(stiffness=0.0, damping=0.0))
     rigs = [rig, *(_Rig(field, spec, surface, size, other, rate, feel) for other in others)]
-    # in the time of ticks nothing is late, however many rigs run beside each other
+    # in tick time nothing is late, however many rigs run in parallel
     searched = list(each(lambda one: one.safe(stiffness), rigs, thread_count()))
     safe, limit = searched[0]
     stiffest = {
@@ -169,7 +168,7 @@ class _Rig:
     def _free(self, feet, outward):
         """Return the lowest places (n, 3) above surface points at which the field has no force.
 
-        No device is armed within a force, and a grid of forces pushes in free space, too.
+        A device is armed only where no force acts, and a force grid pushes in free space, too.
         """
         heights = _HEIGHTS[:, None, None] + (self.feel.radius if self.feel else 0.0)
         places = feet + heights * outward
@@ -178,14 +177,14 @@ class _Rig:
         return places[np.argmin(pushed, axis=0), np.arange(len(feet))]
 
     def strength(self, stiffness, radius):
-        """Return with how many newtons the hand presses where the solid is so thick."""
+        """Return the force (N) of the hand where the inscribed radius is ``radius``."""
         return min(self.hand.press, _GENTLE * stiffness * radius)
 
     def order(self, stiffness, ticks):
         placed = Placed.at(self.field, self.size, stiffness)
         scene = self.feel.scene(placed) if self.feel else NativeScene([placed])
         limits = self.spec.limits(self.period, stiffness)
-        limits.most_damping = 0.0  # safe is what needs no damping: that is for what nobody foresaw
+        limits.most_damping = 0.0  # a safe stiffness needs no damping: that is for the unforeseen
         return Order(scene, ticks, limits, self.period, armed=True)
 
     def simulated(self, wall):
@@ -210,7 +209,7 @@ class _Rig:
         return self._pressed[stiffness]
 
     def slide(self, stiffness):
-        """The hand follows the trajectory, at its step per millisecond."""
+        """Let the hand follow the trajectory, a step per millisecond."""
         count = min(SLIDE, len(self.surface.points))
         at = np.arange(round(count * 1e-3 / self.period)) * self.period * 1e3
         steps = np.arange(len(self.surface.points))
@@ -243,7 +242,7 @@ class _Rig:
         return float(np.mean(shares)) if shares else 1.0
 
     def safe(self, stiffness):
-        """Return the largest stiffness that is quiet and passive, and what keeps it from more."""
+        """Return the largest stiffness that is quiet and passive, and what limits it."""
         last, why = 0.0, ""
         for trial in LADDER * stiffness:
             runs = self.presses(trial)
@@ -259,5 +258,5 @@ class _Rig:
             if trial > self.spec.stiffness:
                 break
         if last >= self.spec.stiffness:
-            return self.spec.stiffness, "the most that is tried on this device"
+            return self.spec.stiffness, "the most tried on this device"
         return last, why or "more was not tried"

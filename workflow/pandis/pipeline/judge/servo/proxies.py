@@ -20,29 +20,29 @@ from pandis.runtime.contact.surfaces import materials_for, texture_for, textures
 from pandis.runtime.field import NativeField
 from pandis.runtime.scene import Placed
 
-#: Queries that a tick may take, at least and at most; the share of the deadline that they fit into.
+#: Least and largest budget of queries per tick, and the share of the deadline that they may fill.
 LEAST, MOST, SHARE = 8, 24, 0.5
 #: Largest angle between a press and the normal, rad.
 _SLANT = 0.3
 
 
 class Surfaces(NamedTuple):
-    """What the materials of an object feel like, by their names, as a report tells it."""
+    """Feel of an object's materials, by name, as a report states it."""
 
     materials: dict
     textures: dict
 
 
 class Truth(NamedTuple):
-    """What says whether a wall has let a proxy through.
+    """The reference that tells whether a wall has let a proxy through.
 
     Attributes
     ----------
     oracle : pandis.pipeline.judge.servo.passes.Oracle
         Oracle of the mesh in the device's workspace.
     feet : ndarray, shape (n, 3), m
-        Surface points at which the field's error is taken: those at which it has the force, so that
-        a hole in a field does not excuse what goes through it.
+        Surface points where the field's error is measured. Those without force are left out, so
+        that a hole in a field does not excuse a pass through it.
     """
 
     oracle: object
@@ -51,7 +51,7 @@ class Truth(NamedTuple):
     def error(self, field, size):
         """Return the largest error of a field at the surface, m.
 
-        With that of the mesh itself, if the object is a closed form.
+        Plus the error of the mesh itself, if the object is a closed form.
         """
         if not len(self.feet):
             return 0.0
@@ -65,13 +65,13 @@ class Truth(NamedTuple):
 
 
 def feel_for(field, beside, contact, size, seconds, deadline):
-    """Return how a field is felt.
+    """Return how a field feels through a proxy.
 
     Parameters
     ----------
     field : pandis.runtime.field.NativeField
     beside : pandis.runtime.field.NativeField or None
-        A mesh of the same object, whose regions count where the field has none.
+        A mesh of the same object, for its regions if the field has none.
     contact : pandis.pipeline.run.ask.contacts.ContactOptions
     size : float
         Metres of the longest side.
@@ -108,7 +108,7 @@ def feel_for(field, beside, contact, size, seconds, deadline):
 
 
 def regions_among(exports):
-    """Return a mesh among exported files that says what its faces are made of, or None.
+    """Return an exported mesh that names the materials of its faces, or None.
 
     Parameters
     ----------
@@ -133,12 +133,12 @@ def felt_again(field, verdict, size, folder):
     size : float
         Metres of the longest side.
     folder : Path
-        Folder of exported files, among which are those that say what faces are made of.
+        Folder of exported files, where one may name the materials of faces.
 
     Raises
     ------
     pandis.base.errors.PandisError
-        Of several materials, no file in the folder says which one a face is made of.
+        There are several materials, and no file in the folder says which one a face has.
     """
     materials = tuple(Material(**values) for values in verdict.materials.values())
     beside = None
@@ -180,7 +180,7 @@ def try_proxy(field, feel, surfaces, path, surface, walls, truth, options):
         contact.set(budget=feel.queries)
         followed.append(contact.follow(path, 1 / options.rate, timed=True))
     touches = followed[0]
-    # the same work twice: what took longer once was another program's
+    # the lesser of two equal runs: other programs may have delayed one
     seconds = np.minimum(*(each.seconds for each in followed))
     missed = float((seconds > options.deadline).mean())
     touching = float(((touches.state & TOUCHING) > 0).mean())

@@ -4,10 +4,10 @@ Usage::
 
     PYTHONPATH=workflow python -m pandis.pipeline.judge.servo.touch FIELD.pandis
 
-Without a device (``--simulated``) a simulated one is held by a hand that goes through the object
-and back, by the clock. Forces are sent only with ``--arm`` and PANDIS_ARM=1, and only with a
-stiffness that ``hardware.json``, beside the exports, has found safe for this very file, by penalty
-forces or, with ``--proxy``, through the proxy that it has tried.
+With ``--simulated``, a hand leads a simulated device through the object and back, in real time.
+Otherwise forces are sent only with ``--arm`` and PANDIS_ARM=1, and only at a stiffness that
+``hardware.json``, beside the exports, found safe for this very file: with penalty forces or, with
+``--proxy``, through the proxy that was validated.
 """
 
 import argparse
@@ -53,7 +53,7 @@ class Known(NamedTuple):
     why : str
         Empty, or why nothing is known.
     proxy : pandis.pipeline.run.records.hardware.ProxyVerdict or None
-        Where it is about a proxy.
+        The proxy's verdict, if a proxy was asked for.
     """
 
     pressed: object = None
@@ -63,7 +63,7 @@ class Known(NamedTuple):
 
 
 def known(path, model, size, through_proxy=False):
-    """Return what a validation has found for a file on a device, or why it tells nothing.
+    """Return what a validation found for a file on a device, or why it says nothing.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def known(path, model, size, through_proxy=False):
     size : float
         Metres of the longest side.
     through_proxy : bool
-        Whether it is to be about the proxy.
+        Look up the proxy, not penalty forces.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def known(path, model, size, through_proxy=False):
     """
     verdict = path.resolve().parent.parent / "hardware.json"
     if not verdict.is_file():
-        return Known(why=f"{verdict} is not there: run the workflow's hardware stage")
+        return Known(why=f"{verdict} does not exist: run the workflow's hardware stage")
     try:
         report = HardwareRecord.model_validate_json(verdict.read_bytes())
     except ValidationError:
@@ -93,25 +93,25 @@ def known(path, model, size, through_proxy=False):
     if not abs(report.size / size - 1) <= 1e-6:  # NaN disagrees, too
         return Known(why=f"{verdict} is about a longest side of {report.size:g} m: use --size")
     if report.rate != DEVICES[model].rate:
-        return Known(why=f"{verdict} is about {report.rate:g} Hz, this device about another")
+        return Known(why=f"{verdict} is about {report.rate:g} Hz, not this device's rate")
     if not (validated.agrees and validated.in_time):
         return Known(why=f"{verdict} says: {validated.sentence}")
     proxy, devices = None, validated.devices
     if through_proxy:
         proxy = validated.proxy
         if proxy is None:
-            return Known(why=f"{verdict} is about no proxy: {validated.no_proxy}")
+            return Known(why=f"{verdict} has no proxy: {validated.no_proxy}")
         if not proxy.in_time:
-            return Known(why=f"{verdict} says: a proxy computes too long with it")
+            return Known(why=f"{verdict} says: it computes too long through a proxy")
         devices = proxy.devices
     pressed = devices.get(model)
     if pressed is None:
-        return Known(why=f"{verdict} knows no {model}: add it to hardware.devices")
+        return Known(why=f"{verdict} does not cover {model}: add it to hardware.devices")
     return Known(pressed, validated.walls, "", proxy)
 
 
 def touch_simulated(field, model, size, stiffness, seconds, feel=None):
-    """Lead a simulated device through the middle of an object and back, by the clock.
+    """Lead a simulated device through the middle of an object and back, in real time.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def touch_simulated(field, model, size, stiffness, seconds, feel=None):
     model : str
         A key of `pandis.pipeline.judge.servo.devices.DEVICES`.
     size, stiffness, seconds : float
-        Metres of the longest side, N/m, and how long.
+        Longest side, m; stiffness, N/m; duration, s.
     feel : pandis.runtime.contact.Feel, optional
         Feel of a probe with a proxy; the penalty force without it.
 
@@ -160,7 +160,7 @@ def _feel(field, options, proxy):
 
 
 def describe(session, stiffness):
-    """Return what became of a run, in a sentence."""
+    """Describe a run in a sentence."""
     return (
         f"{session.sentence}: {len(session.force):,} ticks at {stiffness:.0f} N/m, at most "
         f"{session.strongest:.2f} N, {session.cut} ticks cut, {session.slowed} slowed, "
@@ -175,14 +175,14 @@ def main(words=None):
     parser.add_argument("field", type=Path, help="FIELD.pandis, as exported")
     parser.add_argument("--model", choices=DEVICES, default="touch")
     parser.add_argument("--library", default="libHD.so", help="OpenHaptics' library")
-    parser.add_argument("--name", default="", help="of the device; empty: the default one")
-    parser.add_argument("--simulated", action="store_true", help="no device: a simulated one")
+    parser.add_argument("--name", default="", help="name of the device; empty: the default one")
+    parser.add_argument("--simulated", action="store_true", help="use a simulated device")
     parser.add_argument("--size", type=float, default=0.1, help="longest side, m")
-    parser.add_argument("--stiffness", type=float, default=400.0, help="asked for, N/m")
+    parser.add_argument("--stiffness", type=float, default=400.0, help="stiffness asked for, N/m")
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--proxy", action="store_true", help="a proxy that no wall lets through")
-    parser.add_argument("--radius", type=float, help="of the proxy, m; by default as validated")
-    parser.add_argument("--friction", type=float, help="force per force; by default as validated")
+    parser.add_argument("--proxy", action="store_true", help="a proxy, which no wall lets through")
+    parser.add_argument("--radius", type=float, help="proxy radius, m; by default as validated")
+    parser.add_argument("--friction", type=float, help="coefficient; by default as validated")
     parser.add_argument("--arm", action="store_true", help="send forces, with PANDIS_ARM=1")
     line = parser.parse_args(words)
     if not line.simulated and line.model not in ATTACHED:
@@ -192,7 +192,7 @@ def main(words=None):
         parser.error("a device has the contact that was validated: --radius and --friction are for "
                      "--simulated --proxy")  # fmt: skip
     if not all(value >= 0 for value in overrides):
-        parser.error("--radius and --friction are numbers from 0 on")
+        parser.error("--radius and --friction must be 0 or more")
     try:
         field = NativeField(line.field)
     except PandisError as error:
@@ -223,7 +223,7 @@ def main(words=None):
         print(f"error: {error}", file=sys.stderr)
         return 1
     print(run.statement)
-    print(f"It ended so: {run.ended}; at most {run.strongest_n:.2f} N.")
+    print(f"The run ended: {run.ended}; at most {run.strongest_n:.2f} N.")
     return 0
 
 

@@ -38,27 +38,27 @@ from pandis.runtime.contact.surfaces import unknown_materials
 from pandis.runtime.field import NativeField
 from pandis.runtime.servo import run_ticks
 
-#: Largest difference from the forces that were evaluated that passes (unit frame, k = 1).
+#: Largest difference from the evaluated forces that passes (unit frame, k = 1).
 AGREEMENT = 2e-5
-#: A tick has so much of its period, whatever the deadline.
+#: Share of its period that a tick may take, whatever the deadline.
 WITHIN = 0.8
-#: How far above the surface (unit frame) the probe begins, and its ticks until it is on its path.
+#: Height above the surface (unit frame) where the probe begins, and ticks until it is on its path.
 _OUTSIDE, _WAY = 0.05, 50
 _LEVELS = {"p50": 50, "p99": 99, "p99.9": 99.9, "max": 100}
 
 NO_ATTACHED = "No haptic device was attached."
 WHAT_RAN = (
-    "The exported files were asked by pandis.h in a C loop at the servo rate, along the evaluation "
-    "trajectory, on the machine named here; their forces were compared with the exact ones below "
-    "surface points of every thickness. Devices that are named are simulated."
+    "pandis.h queried the exported files in a C loop at the servo rate, along the evaluation "
+    "trajectory, on the machine named here. Their forces were compared with the exact ones below "
+    "surface points of every thickness. The devices named here are simulated."
 )
 
-#: What the loop does while it waits.
+#: Statement on what the loop does while it waits.
 AGAIN = (
-    "While it waited for a tick the loop asked the field once more where the probe was last, so "
-    "that its bytes were still in the caches (hardware.ask_again): a device's own scheduler cannot."
+    "While it waited for a tick, the loop queried the field again at the probe's last position, to "
+    "keep its data in the caches (hardware.ask_again). A device's own scheduler cannot do this."
 )
-ONCE = "Between two ticks the loop asked nothing (hardware.ask_again is false)."
+ONCE = "Between ticks the loop made no queries (hardware.ask_again is false)."
 
 
 def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, options, progress, log):
@@ -71,10 +71,10 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
     walls : pandis.pipeline.judge.servo.walls.Walls
         Where forces are compared with the exact ones, and where devices press.
     oracle : pandis.pipeline.judge.servo.passes.Oracle
-        Oracle of the mesh in the device's workspace: what says whether a wall lets a proxy through.
+        Oracle of the mesh in the device's workspace: tells whether a wall lets a proxy through.
     trajectory, evaluation : pandis.pipeline.run.job.artifact.Artifact
     mesh : str
-        Its name.
+        Name of the mesh.
     options : pandis.pipeline.run.ask.tasks.ValidateTask
     progress, log : callable
         Progress and log of a `pandis.pipeline.run.job.stage.Job`.
@@ -148,7 +148,7 @@ def validate_exports(exports, walls, oracle, trajectory, evaluation, mesh, optio
 
 
 class _Felt(NamedTuple):
-    """A field that is felt through a proxy: how, what is said of it, and who judges."""
+    """A field felt through a proxy: its feel, its verdict, and the truth it is judged by."""
 
     feel: Feel
     verdict: ProxyVerdict
@@ -156,7 +156,7 @@ class _Felt(NamedTuple):
 
 
 def _attached(field, surface, servo, devices, options, felt=None):
-    """Run a field on the attached device, with no more than is safe on a simulated one."""
+    """Run a field on the attached device, no stiffer than is safe on a simulated one."""
     model = options.attached.model
     rate = DEVICES[model].rate
     pressed = (felt.verdict.devices if felt else devices).get(model)
@@ -177,7 +177,7 @@ def _attached(field, surface, servo, devices, options, felt=None):
 
 
 def _entered(trajectory, size):
-    """Return the trajectory (n, 3), m, with a way from above the surface before it."""
+    """Return the trajectory (n, 3), m, after an approach from above the surface."""
     points, normals = trajectory["points"], trajectory["normal"]
     start = points[0] - trajectory["distance"][0] * normals[0]
     way = np.linspace(_OUTSIDE, trajectory["distance"][0], _WAY)[:, None]
@@ -185,7 +185,7 @@ def _entered(trajectory, size):
 
 
 def _check_names(contact, beside, log):
-    """Tell of materials in the configuration that no face is made of."""
+    """Log configured materials that no face is made of."""
     known = beside.region_names if beside else ()
     for name in unknown_materials(contact, known):
         there = "its file names no materials, or neither exact nor a compact field is exported"
@@ -195,7 +195,7 @@ def _check_names(contact, beside, log):
 
 
 def _statement(fields):
-    """Say what ran: that a device did only where one has."""
+    """Say what ran; a device is named only if one ran."""
     statements = [v.attached.statement for v in fields.values() if v.attached]
     return (
         " ".join([WHAT_RAN, *dict.fromkeys(statements)])
@@ -207,7 +207,7 @@ def _statement(fields):
 def pushing_feet(field, walls):
     """Return the surface points (n, 3), unit frame, below which a field has the force.
 
-    Its error at the surface is taken there: a hole in a field excuses nothing.
+    Its surface error is measured there, so that a hole excuses nothing.
     """
     probes = walls.contacts.pressed
     force = force_of(field)(probes.points)
@@ -216,7 +216,7 @@ def pushing_feet(field, walls):
 
 
 def press_devices(field, surface, walls, options):
-    """Press every simulated device that is asked for onto a field's object.
+    """Press every simulated device of the options onto a field's object.
 
     ``walls`` is a `pandis.pipeline.run.records.hardware.WallVerdict`.
 
@@ -250,8 +250,8 @@ def validate(field, frame, points, reference, walls, options):
     points : ndarray, shape (m, 3), mesh units
         The evaluation trajectory.
     reference : ndarray, shape (m, 3)
-        The force that was evaluated there, of the same file (unit frame, k = 1); export has
-        compared that file with the library.
+        The evaluated force of the same file there (unit frame, k = 1). Export has compared that
+        file with the library.
     walls : pandis.pipeline.run.records.hardware.WallVerdict
     options : pandis.pipeline.run.ask.options.HardwareOptions
 
@@ -325,7 +325,7 @@ def _longest_run(missed):
 
 
 def _sentence(servo, options):
-    """Say what was judged, and how it came out."""
+    """Describe the verdict with its figures."""
     rate, deadline = options.rate, options.deadline * 1e3
     allowed = f"{100 * options.misses:g} % allowed"
     time = (

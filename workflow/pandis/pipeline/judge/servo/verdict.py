@@ -1,4 +1,4 @@
-"""What a person should do about a field, on this machine and on each device, in a paragraph."""
+"""Advice on a field, for this machine and for each device, in a paragraph."""
 
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 from pandis.pipeline.judge.servo.devices import DEVICES
@@ -8,7 +8,7 @@ from pandis.pipeline.judge.stress.coupled import CALM
 
 
 def judge(pressed, walls):
-    """Return ``pass`` or ``fail`` for a device that was pressed, and walls that were compared."""
+    """Return ``pass`` or ``fail`` for a pressed device and compared walls."""
     whole = walls.holds and not walls.pressed_missing
     return "pass" if whole and _is_good(pressed) else "fail"
 
@@ -20,7 +20,7 @@ def _is_good(pressed):
 
 
 def machine_verdict(servo):
-    """Return what the servo loop says of a field on this machine.
+    """Return the servo loop's verdict on a field on this machine.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def machine_verdict(servo):
 def proxy_verdict(touched):
     """Return ``pass`` or ``fail`` for a device that pressed through a proxy.
 
-    Without a hard press, for which there may be no room, nothing is known of walls: ``fail``.
+    Without hard presses, for want of room, nothing is known of walls: the verdict is ``fail``.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def proxy_verdict(touched):
 
 
 def proxy_sentence(touched):
-    """Say what a simulated device made of a field through a proxy."""
+    """Describe a field through a proxy on a simulated device."""
     clauses = (
         f"no wall lets it through in {touched.presses} presses of 1.2 times the largest force "
         f"({touched.penalty_passes} with penalty forces)"
@@ -63,7 +63,7 @@ def proxy_sentence(touched):
             f"({touched.penalty_passes} with penalty forces)"
         )
     if not touched.presses:
-        clauses = "there is no room to press it hard, so that nothing is known of its walls"
+        clauses = "there is no room to press it hard, so nothing is known of its walls"
     faults = [*_faults(touched.device, touched), *_unrest(touched)]
     if not touched.holds:
         faults.append("the field's forces are not the exact ones")
@@ -78,7 +78,7 @@ def proxy_sentence(touched):
 
 
 def device_sentence(name, pressed, walls):
-    """Say what a simulated device, of that name, made of a field.
+    """Describe a field on the simulated device called ``name``.
 
     Parameters
     ----------
@@ -108,23 +108,23 @@ def device_sentence(name, pressed, walls):
 
 
 def _compared(walls):
-    """Return what keeps a field's forces from being the exact ones, in words."""
+    """Return how a field's forces differ from the exact ones, as clauses."""
     clauses = force_faults(walls)
     if walls.pressed_missing:
         at = walls.pressed_missing
-        clauses.append(f"at {at} of the points that a device presses on the force is missing")
+        clauses.append(f"the force is missing at {at} of the points that a device presses on")
     return clauses
 
 
 def _instead(walls):
-    """Say what helps: nothing is recommended of an object that is too thin to be judged."""
+    """Say what helps: no field is recommended for an object that is too thin to be judged."""
     if walls.left_out > MISSING_LIMIT:
         return "No field of this object can be judged: make device.size larger."
     return "Take a larger field, or the exact one."
 
 
 def _faults(name, pressed):
-    """Return what keeps a press from its limits, in words."""
+    """Return how a press exceeds its limits, as clauses."""
     device, faults = DEVICES[name], []
     if pressed.ended:
         faults.append(f"a run ended early ({pressed.ended})")
@@ -145,7 +145,7 @@ def _faults(name, pressed):
 
 
 def _unrest(pressed):
-    """Return that a press shakes, or that its wall gives energy, in words."""
+    """Return, as clauses, that a press shakes or that its wall gives energy."""
     faults = [_still(pressed)] if pressed.quiet < CALM else []
     return faults if pressed.passive else [*faults, f"the wall {_energy(pressed)}"]
 
@@ -191,12 +191,12 @@ def paragraph(servo, devices, options, proxy=None):
     sentences = [machine_sentence(servo, options)]
     if proxy and not proxy.touching_share:
         sentences.append(
-            "The proxy touched nothing along the trajectory, so that its time is not known: it "
+            "The proxy touched nothing along the trajectory, so its time is not known: it "
             "began where the field is not free."
         )
     elif proxy and not proxy.in_time:
         sentences.append(
-            f"A proxy does not hold the rate with it: {100 * proxy.miss_share:.2g} % of its ticks "
+            f"A proxy does not hold the rate here: {100 * proxy.miss_share:.2g} % of ticks "
             "compute too long; make contact.queries smaller, or take another field."
         )
     for name, device in devices.items():

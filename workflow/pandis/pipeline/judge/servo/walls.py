@@ -1,4 +1,4 @@
-"""Whether an exported field pushes as the exact one does: on thin parts, too."""
+"""Compares the forces of an exported field with the exact ones, on thin parts, too."""
 
 from typing import NamedTuple
 
@@ -21,10 +21,10 @@ from pandis.pipeline.judge.controls import controls, demand_failure
 from pandis.pipeline.judge.stress.ghosts import far_ghosts
 from pandis.pipeline.run.records.hardware import WallVerdict
 
-#: Surface points that forces are compared at; and that a simulated device presses on.
+#: Surface points where forces are compared, and where a simulated device presses.
 POINTS, PRESSED = 20_000, 10
-#: Of ‖F − F_exact‖ the 99th percentile may be so large (N): about half of what the exact force is
-#: on average, as deep as a probe goes at the default stiffness.
+#: Largest 99th percentile of ‖F − F_exact‖ (N): about half of the mean exact force, as deep as a
+#: probe goes at the default stiffness.
 TAIL_LIMIT = 0.2
 
 
@@ -35,12 +35,12 @@ class Walls(NamedTuple):
     ----------
     contacts : pandis.pipeline.geometry.measure.ContactSet
     pressed : pandis.pipeline.geometry.places.Stratified
-        The few that a simulated device presses on: of every class of inscribed radius as many.
+        Points that a simulated device presses on, as many of every class of inscribed radius.
     pressed_probes : pandis.pipeline.geometry.shares.Probes
         Below those, at the depth min(0.04, 0.9 r).
     thin : pandis.pipeline.geometry.places.Stratified
-        Likewise, walls that a penalty force does not hold among them: what is pressed through a
-        proxy.
+        Points that are pressed through a proxy, likewise; among them are walls that a penalty
+        force does not hold.
     """
 
     contacts: ContactSet
@@ -50,7 +50,7 @@ class Walls(NamedTuple):
 
 
 def open_walls(exact, surface, scale, seed):
-    """Draw the points of a mesh, and see that no control passes on them.
+    """Draw the points of a mesh, and check that no control passes on them.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def compare(field, walls):
 
 
 def faults(verdict):
-    """Say what a field's forces are found guilty of, in clauses of a sentence; none if of nothing.
+    """Return the faults of a field's forces as clauses of a sentence; an empty list if none.
 
     Parameters
     ----------
@@ -124,8 +124,8 @@ def faults(verdict):
         clauses.append(f"{verdict.left_out:.2%} of the surface is too thin to be judged")
     if verdict.strongly_felt > STRONG_LIMIT or verdict.patch > PATCH_LIMIT:
         clauses.append(
-            f"on {verdict.strongly_felt:.2%} of the surface the force is strongly felt to be "
-            f"another one, on {verdict.patch:.2%} in one patch"
+            f"on {verdict.strongly_felt:.2%} of the surface the force feels strongly "
+            f"different, on {verdict.patch:.2%} in one patch"
         )
     if verdict.p99_n > TAIL_LIMIT:
         clauses.append(f"one force in a hundred is off by {verdict.p99_n:.2g} N or more")

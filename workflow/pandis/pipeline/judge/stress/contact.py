@@ -1,4 +1,4 @@
-"""Surface that is missing or pushes with another force, and how hard a wall holds."""
+"""Surface that is missing or has the wrong force, and how hard a wall holds."""
 
 import numpy as np
 
@@ -13,26 +13,26 @@ from pandis.pipeline.geometry.shares import (
     shares,
 )
 
-#: A wall gives way early if it holds less than this share of what the exact one does at the same
-#: point, and breaks if it holds less than half of that; so much of the area may have such walls.
+#: A wall gives way early if it holds less than HOLDS of what the exact one does at the same point,
+#: and breaks if it holds less than half of that. EARLY and BROKEN limit the area of such walls.
 #: Next to an edge every smooth field gives way early: it rounds the crease between the two walls.
 HOLDS, BREAKS = 0.9, 0.5
 EARLY, BROKEN = 0.2, MISSING_LIMIT
-#: Depths at which a wall is asked how hard it holds: each so many times the one before, from a
-#: hundredth of the deepest on, or from this share of the inscribed radius if that is less.
+#: Number of depths at which a wall's force is tested, in a geometric sequence. It starts at a
+#: hundredth of the deepest, or at this share of the inscribed radius if that is less.
 _STEPS, _SHALLOWEST, _OF_RADIUS = 96, 0.01, 0.25
-#: A wall is asked somewhat deeper than where the exact one has the force wanted: it may be softer.
+#: Walls are tested deeper by this factor than the exact one needs: a field's may be softer.
 _DEEPER = 1.25
 
 
 def absence(answer, contacts):
-    """Count the share of the surface on which the force is missing, or feels different.
+    """Measure the share of the surface on which the force is missing, or feels different.
 
     Returns
     -------
     dict
         What `pandis.pipeline.geometry.shares.shares` counts; ``left_out``, the share of the area
-        that is too thin to be judged; ``limit`` of both ``missing`` and it; ``passed``.
+        that is too thin to be judged; ``limit`` of ``missing`` and ``left_out``; ``passed``.
     """
     probes = contacts.pressed
     figures = shares(penalty_force(*answer(probes.points)), probes)
@@ -42,7 +42,7 @@ def absence(answer, contacts):
 
 
 def otherness(answer, contacts):
-    """Count the share of the surface on which the force is strongly felt to be another one.
+    """Measure the share of the surface on which the force feels strongly different.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def otherness(answer, contacts):
 def holding(answer, places, scale, device):
     """Return the largest force (n,), newtons, against a push straight in from surface points.
 
-    It ends where the force no longer pushes back, or beyond the device's largest.
+    The push ends where no force pushes back, or beyond the device's largest.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def holding(answer, places, scale, device):
 
 
 def wanted_force(exact, places, scale, device):
-    """Return how hard (n,) walls must hold (N): 0.9 of the exact ones, or the device's most."""
+    """Return how hard (n,) walls must hold (N): 0.9 of the exact ones, or the device's limit."""
     return np.minimum(HOLDS * holding(exact, places, scale, device), device.force_limit)
 
 
@@ -103,10 +103,9 @@ def hold(answer, places, force, scale, device):
     Returns
     -------
     dict
-        ``gives_way``: the share of the area whose wall holds less than is wanted; ``breaks``: less
-        than half of that, and, away from walls, by 0.05 N; ``of_exact``: the least share of it that
-        a wall holds;
-        ``limit``, ``broken_limit``, ``passed``.
+        ``gives_way``: share of the area where walls hold less than ``force``; ``breaks``: where
+        they hold less than half and, away from walls, at least 0.05 N less; ``of_exact``: the
+        least share of ``force`` that a wall holds; ``limit``, ``broken_limit``, ``passed``.
     """
     forces = holding(answer, places, scale, device)
     share = forces / np.maximum(force, 1e-12)

@@ -20,22 +20,21 @@ from pandis.pipeline.judge.stress.physical import TICK
 
 #: Stiffnesses that are tried, as shares of the one asked for.
 LADDER = 2 ** (np.arange(-6, 11) / 2)
-#: Ticks of a run; quiet is what shakes less than QUIET (m) in the last third of them.
+#: Ticks of a run. It is quiet if it shakes less than QUIET (m) in its last third.
 TICKS, QUIET = 900, 1e-4
-#: So many of the points pressed on must stay quiet: on some the shape lets the probe slip off.
+#: Share of the pressed points that must stay quiet: the shape lets the probe slip off some.
 CALM = 0.8
 #: Share of the area on which a press may shake or give way that is calm on the exact field.
 ALLOWED = 0.1
-#: A wall holds a press if it answers with so much of it, on average over the last third of a run.
+#: A wall holds a press if it returns this share of it, on average over the last third of a run.
 HOLDS = 0.5
-#: Ticks of the mean that shaking is measured from: what is slower than 30 Hz is sliding.
+#: Ticks of the moving mean that shaking is measured from: motion below 30 Hz is sliding.
 _MEAN = 33
-#: Above the surface (m) where a run starts.
+#: Height above the surface where a run starts, m.
 START = 2e-4
-#: A press that comes all at once swings to twice its force: the hard one is half of what the wall
-#: must hold.
+#: Hard press, as a share of what the wall must hold: a sudden press swings to twice its force.
 _HARD = 0.5
-#: A press of less than so many times the friction may not reach the wall within a run.
+#: A press of up to this times the friction may not reach the wall within a run.
 _STUCK = 1.5
 #: Steps of the friction within a tick.
 _SUBSTEPS = 4
@@ -44,14 +43,14 @@ _SUBSTEPS = 4
 class Mass:
     """A device and the hand that holds it, as one mass with Coulomb friction.
 
-    m·x″ = u − (b + b_hand)·x′ − k_hand·x, x from where the hand would rest; the friction acts
-    against the motion, and at rest holds what is no stronger than it. Exact under a constant u.
+    m·x″ = u − (b + b_hand)·x′ − k_hand·x, x from where the hand would rest; friction opposes
+    the motion, and at rest holds any force up to its own. Exact under a constant u.
 
     Parameters
     ----------
     device : pandis.pipeline.judge.stress.physical.Device
     dt : float
-        s of a step.
+        Length of a step, s.
     """
 
     def __init__(self, device, dt):
@@ -63,19 +62,19 @@ class Mass:
         self._oscillator = [*after[0], *after[1], device.friction, device.hand_stiffness, dt]
 
     def step(self, position, speed, push, steps=1):
-        """Return positions and speeds (n, 3) so many steps later, under pushes (n, 3)."""
+        """Return positions and speeds (n, 3) after ``steps`` under pushes (n, 3)."""
         return mass_steps(self._oscillator, position, speed, push, steps)
 
 
 class Press(NamedTuple):
-    """What became of presses on surface points.
+    """Outcome of presses on surface points.
 
     Attributes
     ----------
     swing : ndarray, shape (n,)
         How far the probe shakes in the last third, above 30 Hz, peak to peak, m.
     energy : ndarray, shape (n,)
-        What the wall has taken from the device, J; negative: it has given.
+        Energy that the wall took from the device, J; negative if it gave.
     share : ndarray, shape (n,)
         Mean force of the last third, as a share of the press; infinite where friction holds it.
     """
@@ -114,7 +113,7 @@ def simulate(
     scale : pandis.base.physical.Scale
     device : pandis.pipeline.judge.stress.physical.Device
     press : ndarray, shape (n,)
-        With how many newtons the hand presses.
+        Force with which the hand presses, N.
     ticks : int
     start : float or ndarray, shape (n, 1)
         Height above the points where it starts from rest, m.
@@ -144,13 +143,13 @@ def simulate(
             path.append(position)
             answered += np.einsum("ij,ij->i", force, normals)
     carried = answered / np.maximum(press * len(path), 1e-12)
-    # what friction holds may not come to the wall
+    # a press that friction holds may not reach the wall
     carried[press <= _STUCK * device.friction] = np.inf
     return Press(shaking(np.array(path)), energy, carried)
 
 
 def shaking(path, period=TICK):
-    """Return how far a path (t, ..., 3) shakes above 30 Hz, peak to peak: what is slower slides.
+    """Return how far a path (t, ..., 3) shakes above 30 Hz, peak to peak: slower is sliding.
 
     ``period`` is that of the path's ticks, s.
     """
@@ -162,8 +161,8 @@ def shaking(path, period=TICK):
 def stable_stiffness(answer, places, force, scale, device):
     """Return the largest stiffness of the ladder up to which presses on CALM of the area are calm.
 
-    Pressed with what the hand presses with, or half of what walls must hold at that stiffness
-    (``wanted``: at the one asked for) if that is less: an absent wall is quiet, but holds nothing.
+    The press is the hand's, or half of what walls must hold at that stiffness if that is less
+    (``force``: at the one asked for). An absent wall is quiet, but holds nothing.
     """
     count, ladder = len(places.feet), LADDER * scale.stiffness
     holds = _HARD * np.outer(LADDER, force).ravel()
@@ -183,7 +182,7 @@ def stable_stiffness(answer, places, force, scale, device):
 
 
 def presses(answer, places, force, scale, device):
-    """Press on places, as the hand does and as hard as the exact wall holds when it swings.
+    """Press with half of what walls must hold, once at most as hard as the hand does.
 
     Returns
     -------

@@ -8,19 +8,19 @@ from pandis.pipeline.geometry.shares import JUDGED
 
 #: Share of the free space next to the surface in which a ghost may push with 0.05 N or more.
 GHOSTS = 0.005
-#: As high above the surface as a wall is deep where it pushes with this (N), there may be none.
+#: Above the height that equals the depth at which a wall pushes with this (N), none is allowed.
 CLEAR = 0.2
-#: Cells of the lattice that free space is looked through by, along each axis: so many that any ball
-#: of a fortieth of the box's side has the centre of one in it.
+#: Cells, along each axis, of the lattice that free space is searched with: fine enough that any
+#: ball of a fortieth of the box's side contains the centre of one.
 _CELLS = 36
-#: How often a cell is halved in which the field may say inside.
+#: How often a cell is halved if the field may say inside somewhere in it.
 _HALVINGS = 3
-#: Cells at most that are asked at once: those whose centres the field takes for deepest.
+#: Most cells that are queried at once: those with the deepest centres by the field.
 _MOST = 100_000
 
 
 def ghosts(answer, engine, surface, count, scale, rng):
-    """Look for contacts where there are none, and for their absence anywhere inside.
+    """Look for contacts where there are none, and for missing ones anywhere inside.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def ghosts(answer, engine, surface, count, scale, rng):
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     surface : pandis.pipeline.geometry.sampling.Surface
     count : int
-        Points next to the surface; the rest of the box is looked through by `haunted`.
+        Points next to the surface; the rest of the box is searched by `haunted`.
     scale : pandis.base.physical.Scale
     rng : numpy.random.Generator
 
@@ -84,10 +84,10 @@ def _far(force, height, scale):
 
 
 def haunted(answer, engine):
-    """Look through the box for points that are free, and that a field takes for inside.
+    """Search the box for free points that a field takes for inside.
 
-    Cell by cell of a lattice, and on in halves where the field's distance at a cell's centre leaves
-    room for an inside that the exact one excludes.
+    The search goes through the cells of a lattice, and halves those where the field's distance at
+    the centre leaves room for an inside that the exact distance excludes.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""How much the force changes over a short way: what a device turns into a click."""
+"""Changes of the force over a short way, which a device turns into clicks."""
 
 import numpy as np
 
@@ -15,8 +15,7 @@ ALLOWED = 0.005
 #: Largest change, in k · way, beyond that of the exact force, on all but this share of the ways: a
 #: seam is long, but thin.
 WORST, RARE = 5.0, 1e-4
-#: Radius, in ways, within which the exact force counts: a smooth field spreads what that does at an
-#: edge.
+#: Radius, in ways, within which the exact force counts: a smooth field spreads jumps at edges.
 NEARBY = 10
 
 
@@ -29,7 +28,7 @@ def jumps(answer, exact, shell, along, scale, device):
     shell : pandis.pipeline.judge.stress.probes.Shell
         Where ways begin.
     along : ndarray, shape (n, 3)
-        Unit vectors along them. All are taken over 0.1 mm, a tenth over the other ways.
+        Unit vectors along the ways. All are tried over 0.1 mm, a tenth over the other lengths.
     scale : pandis.base.physical.Scale
     device : pandis.pipeline.judge.stress.physical.Device
 
@@ -38,9 +37,9 @@ def jumps(answer, exact, shell, along, scale, device):
     dict
         In newtons, over an encoder step (``encoder``), 0.1 mm (``mm01``: what a tick at 0.1 m/s
         covers), and a tick at 0.5 and 1 m/s: ``…_p999``, ``…_max`` and ``…_rms``; ``jumps``, the
-        share of ways of 0.1 mm with one where the exact force has none; ``worst_n``, what the
-        force changes by beyond the exact one on the worst way in ten thousand; ``limit``;
-        ``passed``; and ``exact_…``: what the exact force changes by over 0.1 mm.
+        share of ways of 0.1 mm with one where the exact force has none; ``worst_n``, the
+        change beyond that of the exact force on the worst way in ten thousand; ``limit``;
+        ``passed``; and ``exact_…``: changes of the exact force over 0.1 mm.
     """
     figures = {}
     for name, way in {"encoder": device.encoder, **WAYS}.items():

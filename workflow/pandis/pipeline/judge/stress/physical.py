@@ -20,13 +20,13 @@ class Device(NamedTuple):
     encoder : float
         Step of the position it reports, m.
     delay : int
-        Ticks by which a force comes late.
+        Ticks by which a force is late.
     force_limit : float
         N.
     hand_stiffness, hand_damping : float
         N/m and Ns/m.
     press : float
-        With how many newtons the hand presses on.
+        Force with which the hand presses, N.
     """
 
     mass: float

@@ -1,4 +1,4 @@
-"""Points that the questions are asked at: all as deep as a probe can press there."""
+"""Points at which the questions are asked: none is deeper than a probe can press there."""
 
 from typing import NamedTuple
 
@@ -56,7 +56,7 @@ def excess(value: Values, reference: Values, floor, weight: Values, more=1.1):
     weight : ndarray, shape (n,)
         Share of the area that each point stands for.
     more : float
-        A field's may be so many times the exact one's.
+        Factor on the exact field's value that a field may reach.
     """
     # NaN is above everything
     return float(weight[~(value <= np.maximum(floor, more * reference))].sum())

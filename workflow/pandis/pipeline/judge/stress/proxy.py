@@ -1,4 +1,4 @@
-"""What a field does through a proxy: does it hold, does it rest, does it keep energy and walls."""
+"""Tests of a field through a proxy: does it hold, rest, keep energy and keep out of walls."""
 
 from typing import NamedTuple
 
@@ -13,21 +13,21 @@ from pandis.pipeline.judge.stress.work import SPEED
 from pandis.runtime.contact import TOUCHING, Material, NativeContact
 from pandis.runtime.scene import Placed
 
-#: Friction of the surfaces that are pressed, and how far of the cone they are pushed aside.
+#: Friction of the pressed surfaces, and the share of its cone by which presses go aside.
 STICKS, SHARE = 0.6, 0.5
-#: How deep a wall is pressed (m), however thin it is, from how high (unit frame), and ticks of a
-#: press: down, aside, and at rest, of which it may still move in the first part.
+#: Depth of a press (m), however thin the wall, and height of its start (unit frame). Ticks of a
+#: press: down, aside, and at rest, of which it may still move in the first SETTLES.
 DEPTH, ABOVE = 1e-3, 0.03
 DOWN, ASIDE, REST, SETTLES = 60, 20, 100, 50
-#: A place holds at least this share of what it does by the exact field; a proxy at rest moves by
-#: less than this (m).
+#: Least share of the exact field's force that a place must hold. A proxy at rest moves by less
+#: than RESTS (m).
 HOLDS, RESTS = 0.5, 1e-5
 #: One step of a loop in EVERY is taken; LEAD ticks lead up to the first.
 EVERY, LEAD = 8, 60
-#: Of the long way: one tick in so many is compared with the mesh, and a proxy may lie so much
-#: deeper than the field's surface does (m).
+#: On the long way one tick in LOOKED is compared with the mesh. A proxy may lie deeper than the
+#: field's surface by MARGIN (m).
 LOOKED, MARGIN = 10, 5e-5
-#: Ticks from above a place into its wall, and out of it to the next one; how deep, and how high.
+#: Ticks from above a place into its wall, or out of it to the next place; depth and height.
 _STAGE, _INTO, _OUT = 20, 0.05, 0.15
 
 
@@ -40,7 +40,7 @@ class Steps(NamedTuple):
     proxy : ndarray, shape (n, 3), unit frame
     state : ndarray, shape (n,)
     slide : float
-        How far the proxy may go in a tick beside the probe's own way (unit frame).
+        How far the proxy may move in a tick beyond the probe's own way (unit frame).
     """
 
     force: np.ndarray
@@ -63,7 +63,7 @@ class Felt(NamedTuple):
 
     @classmethod
     def of(cls, field, scale):
-        """Return that of a `ExportedField`; None if it has no proxy."""
+        """Return that of an `ExportedField`; None if it has no proxy."""
         file = getattr(field, "file", None)
         if file is None:
             return None
@@ -84,17 +84,17 @@ class Felt(NamedTuple):
 
 
 def nothing(path, material=None):
-    """Follow a path as if there were no surface: what every judgement must fail."""
+    """Follow a path as if there were no surface; every judgement must fail this."""
     return Steps(np.zeros_like(path), path, np.zeros(len(path), np.int32), np.inf)
 
 
 class Presses(NamedTuple):
-    """What became of presses through a proxy, place by place.
+    """Outcome of presses through a proxy, place by place.
 
     Attributes
     ----------
     push : ndarray, shape (n,)
-        The force at the end of the press, straight out of the surface: N, at most k·depth.
+        Force along the outward normal at the end of the press: N, at most k·depth.
     creeps : ndarray, shape (n,)
         The proxy still moves after half of the rest.
     """
@@ -183,7 +183,7 @@ def keeps(follow, engine, paths, device):
     """
     gained = []
     distance, normal = engine.distance_and_normal(paths[:, 0], check=False)
-    above = paths[:, 0] + (ABOVE - distance)[:, None] * normal  # from where the proxy comes
+    above = paths[:, 0] + (ABOVE - distance)[:, None] * normal  # where the proxy starts
     for path, start in zip(paths, above, strict=True):
         loop = path[::EVERY]
         way = np.concatenate([np.linspace(start, loop[0], LEAD), loop, loop, loop[:1]])
@@ -196,7 +196,7 @@ def keeps(follow, engine, paths, device):
 
 
 def stays(follow, engine, error, path, scale):
-    """Go a long smooth way into walls and out of them.
+    """Follow a long smooth path into walls and out of them.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def stays(follow, engine, error, path, scale):
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     error : float
-        Error of the field at the surface, at most (unit frame).
+        Largest error of the field at the surface (unit frame).
     path : ndarray, shape (n, 3)
         From `wander`.
     scale : pandis.base.physical.Scale
@@ -215,7 +215,7 @@ def stays(follow, engine, error, path, scale):
     dict
         ``ticks``; ``bad``: forces that are no number, or change by more than k times twice the
         probe's way and the proxy's own; ``deepest_mm``: how deep a proxy lay in the mesh;
-        ``limit``: mm, the field's error and `MARGIN`; ``touching``: share of the ticks;
+        ``limit``: mm, the field's error plus `MARGIN`; ``touching``: share of the ticks;
         ``passed``: some of them touch, and nothing is wrong.
     """
     steps = follow(path)
@@ -239,7 +239,7 @@ def stays(follow, engine, error, path, scale):
 
 
 def wander(places, rng):
-    """Return a smooth way (n, 3), unit frame, into the wall at every place and out of it again.
+    """Return a smooth path (n, 3), unit frame, into the wall at every place and out again.
 
     Parameters
     ----------
@@ -255,9 +255,9 @@ def wander(places, rng):
 
 
 def surface_error(field, contacts):
-    """Return the largest distance (unit frame) that a field says of the surface.
+    """Return the largest distance (unit frame) that a field gives on the surface.
 
-    Of its points below which the field has the force, so that a hole excuses nothing.
+    Points below which the force is missing are left out, so that a hole excuses nothing.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Long runs, other units, lost digits, special places, no numbers: what must change nothing."""
+"""What must do no harm: long runs, other units, lost digits, special points, NaN."""
 
 import itertools
 
@@ -9,19 +9,19 @@ from pandis.base.frame import UNIT_SIDE
 from pandis.pipeline.judge.stress.probes import excess
 from pandis.pipeline.kinds.field import OK
 
-#: Points of a long run that are asked at once; and again at its end.
+#: Points of a long run that are queried at once. The first are queried again at its end.
 CHUNK = 50_000
 #: How far the probe moves in a tick of a long run (unit frame): 1 m/s on an object of 0.1 m.
 PACE = 0.018
 #: Factors on the mesh's units, and offsets in lengths of its longest side.
 SCALES, OFFSETS = (1e-6, 1e-3, 1e3, 1e6), (1e3, 1e6)
-#: Distances may differ by so much between them (unit frame), and the force on all but a small
-#: share of the area, where two walls are all but equally near.
+#: Distances may differ by SAME between units and places (unit frame), and so may forces on all but
+#: the share ELSEWHERE of the area, where two walls are nearly equally near.
 SAME, ELSEWHERE = 1e-7, 0.005
-#: What is no place, or none in any workspace.
+#: Coordinates that are not finite, or outside of any workspace.
 _NOWHERE = (np.nan, np.inf, -np.inf, 1e300, -1e300)
-#: Moving a point by float32's rounding may change the force by so many times k times the way, on
-#: all but the same share.
+#: Rounding a point to float32 may change the force by this times k · way, on all but the share
+#: ELSEWHERE.
 STEEP = 5.0
 
 
@@ -37,7 +37,7 @@ def walk(count, rng):
 
 
 def endurance(answer, count, rng, report):
-    """Ask along a random walk of ``count`` ticks, and the first of it again at the end.
+    """Query a random walk of ``count`` ticks, and its first points again at the end.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def invariance(field, shell):
     -------
     dict
         ``distance``: the largest difference of distances (unit frame); ``changed``: the share of
-        the area where forces differ by more than that may; ``limit``, ``passed``.
+        the area where forces differ by more than ``limit``; ``passed``.
     """
     frame, points = field.frame, shell.points
     wanted_distance, wanted_normal = field.answer(points)
@@ -114,7 +114,7 @@ def precision(answer, exact, shell, scale):
         for a in (answer, exact)
     )
     flat = STEEP * np.linalg.norm(points - rounded, axis=1).max()
-    # what is computed in float32 has digits of its own size to lose
+    # a computation in float32 rounds at the size of its own values
     changed = excess(change, reference, max(flat, 2**-18), shell.weight)
     return {
         "changed": changed,
@@ -125,7 +125,7 @@ def precision(answer, exact, shell, scale):
 
 
 def special_points(vertices, faces, places, thickness):
-    """Return points (n, 3) where there is something to stumble over.
+    """Return points (n, 3) at which a field may stumble.
 
     Vertices, edges and faces of the mesh, the medial axis (between the walls below surface
     points), corners, edges and faces of the box, the origin.

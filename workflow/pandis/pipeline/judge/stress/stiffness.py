@@ -6,11 +6,11 @@ from pandis.base.arrays import Matrices, Points
 from pandis.base.forces import penalty_force
 from pandis.pipeline.judge.stress.probes import excess
 
-#: A wall that is more than so many times as stiff as asked for is felt as an edge.
+#: A wall more than this many times as stiff as asked for is felt as an edge.
 STEEP = 2.0
-#: Share of the area on which it may be, where the exact one is not.
+#: Share of the area on which walls may be so stiff, where the exact one is not.
 ALLOWED = 0.01
-#: What the exact force does within so many steps, a smooth field may do in one.
+#: In one step a smooth field may change as much as the exact force within this many.
 NEARBY = 20
 
 
@@ -37,8 +37,8 @@ def stiffness(answer, exact, shell, scale, device):
     dict
         ``p50_n_m``, ``p99_n_m``, ``max_n_m``: largest singular value of dF/dx; ``steep``: share
         of the area where it is above STEEP times k, and above what the exact force changes by
-        nearby, were it all in one step; ``asymmetry``:
-        mean ‖J − Jᵀ‖ / ‖J‖, zero of a force that is a gradient; ``limit``, ``passed``.
+        nearby, if all of it came in one step; ``asymmetry``: mean ‖J − Jᵀ‖ / ‖J‖, zero if the
+        force is a gradient; ``limit``, ``passed``.
     """
     step = device.encoder * scale.metre
     slopes = jacobians(answer, shell.points, step)

@@ -1,4 +1,4 @@
-"""All questions to all fields of a mesh, and what the answers mean."""
+"""Asks all questions of all fields of a mesh, and says what the answers mean."""
 
 import time
 from functools import cached_property
@@ -42,14 +42,14 @@ from pandis.pipeline.run.records.stress import StressRecord
 
 
 class Question(NamedTuple):
-    """What is asked of a field, the figure that tells most, and what a failure is said to be."""
+    """A question about a field, its most telling figure, and the words for a failure."""
 
     text: str
     figure: str
     failing: str
 
     def says(self, answer):
-        """Say how a field has failed, by what `Suite.ask` found."""
+        """Say how a field failed, from an answer of `Suite.ask`."""
         if answer.get("left_out", 0) >= 1:
             return "all of the surface is too thin to be judged"
         return self.failing.format(**answer)
@@ -65,7 +65,7 @@ QUESTIONS = {
     "other": Question(
         "Does the surface push with another force?",
         "strongly_felt",
-        "on {strongly_felt:.2%} of the surface the force is strongly felt to be another one "
+        "on {strongly_felt:.2%} of the surface the force feels strongly different "
         "({limit:.2%} allowed), on {patch:.2%} in one patch ({patch_limit:.2%} allowed)",
     ),
     "hold": Question(
@@ -127,12 +127,12 @@ QUESTIONS = {
     "endurance": Question(
         "Does a long run end as it began?",
         "bad",
-        "{bad:,} answers of {ticks:,} are no numbers, {drift:,} changed",
+        "{bad:,} of {ticks:,} answers are not numbers, {drift:,} changed",
     ),
 }
-#: What takes about as long as all others together.
+#: Questions that take about as long as all others together.
 LONG = ("endurance",)
-#: What is asked of a field through a proxy, if it has one.
+#: Questions about a field through a proxy, if it has one.
 PROXY_QUESTIONS = {
     "holds": Question(
         "Does every wall hold the proxy, and does friction keep it at rest?",
@@ -149,8 +149,8 @@ PROXY_QUESTIONS = {
         "Does the proxy stay outside on a long way, and the force within its bounds?",
         "deepest_mm",
         "on a long way the proxy lies {deepest_mm:.2g} mm deep ({limit:.2g} allowed), touches "
-        "in {touching:.0%} of the ticks, and {bad:,} of {ticks:,} forces are no numbers, or change "
-        "by more than they may",
+        "in {touching:.0%} of the ticks, and {bad:,} of {ticks:,} forces are not numbers, or "
+        "change by more than allowed",
     ),
 }
 #: Points of the contact set; stratified surface points; points below them, and ways that begin
@@ -163,11 +163,11 @@ _UNCUT = 1 << 30
 
 
 class Suite:
-    """The places that all fields of a mesh are asked at.
+    """The places at which all fields of a mesh are asked.
 
-    All are stratified by the inscribed radius, and lie no deeper than the device's largest force
-    presses or nine tenths of that radius: so that thin parts count, and nothing is asked where a
-    penalty force turns over.
+    They are stratified by the inscribed radius, so that thin parts count. None is deeper than the
+    device's largest force presses, or than nine tenths of that radius: a penalty force turns over
+    beyond.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ class Suite:
         force, device = self.exact_force["pressed"], self.device
         self.calm = presses(self.exact, self.pressed, force, self.scale, device)
         self.rests = stable_stiffness(self.exact, self.pressed, force, self.scale, device)
-        #: How thick the solid is below the points pushed into, however thick.
+        #: Inscribed radius at the points pushed into, without an upper bound.
         self.thickness = inscribed_radius(engine, self.pushed.feet, self.pushed.outward)
         self.odd = special_points(body.corners, body.faces, self.pushed, self.thickness)
 
@@ -213,11 +213,11 @@ class Suite:
         return press_all(follow, self.pushed, self.scale)
 
     def exact(self, points):
-        """Answer exactly, as in a loop: signs are not compared with the winding number."""
+        """Answer exactly, as in a loop: signs are not checked by the winding number."""
         return self.engine.distance_and_normal(points, check=False)
 
     def ask(self, field, progress, first=False, only=tuple(QUESTIONS)):
-        """Ask one field everything.
+        """Ask one field all questions.
 
         Parameters
         ----------
@@ -225,9 +225,9 @@ class Suite:
         progress : callable
             Makes a `pandis.pipeline.run.job.stage.Progress`.
         first : bool
-            Ask no more after the first question that the field fails.
+            Stop after the first question that the field fails.
         only : collection of str
-            The questions that are asked.
+            Questions to ask.
 
         Returns
         -------
@@ -250,13 +250,12 @@ class Suite:
         return time.perf_counter() - start
 
     def touch(self, field):
-        """Ask one field everything through a proxy; returns as `ask` does, {} without a proxy."""
+        """Ask one field everything through a proxy; return as `ask`, or {} without a proxy."""
         follow = Felt.of(field, self.scale)
         return self.feel(follow, surface_error(field, self.contacts)) if follow else {}
 
     def feel(self, follow, error):
-        """Judge a field as felt through a proxy; `error` is that of its surface, as
-        `surface_error`."""
+        """Judge a field felt through a proxy; ``error`` is its `surface_error`."""
         rng, engine = streams.generator(self.seed, streams.WANDER), self.engine
         way = wander(self.pushed, rng)
         return {
@@ -266,7 +265,7 @@ class Suite:
         }
 
     def _questions(self, field, progress):
-        """Return what answers each question, in the order of `QUESTIONS`: the quick ones first."""
+        """Return a function for each question, in the order of `QUESTIONS`: quick ones first."""
         rng = streams.generator(self.seed, streams.QUESTIONS)
         walk = streams.generator(self.seed, streams.TICKS)
         answer, exact, scale, device = field.answer, self.exact, self.scale, self.device
@@ -308,11 +307,11 @@ def stress(fields, controls, suite, count, progress, proxies=True):
         must.
     suite : Suite
     count : int
-        Processes: they share the questions to all fields, those that take longest first.
+        Processes that share the questions to all fields; the longest tasks go first.
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
     proxies : bool
-        Whether fields that have one are asked through a proxy, too.
+        Whether fields with a proxy are asked through it, too.
 
     Returns
     -------
@@ -351,7 +350,7 @@ def stress(fields, controls, suite, count, progress, proxies=True):
 
 
 def _shared_out(fields, suite, count, progress, proxies):
-    """Return the answers of all fields by name, and through a proxy, of several processes."""
+    """Return all fields' answers by name, and those through a proxy, from several processes."""
     slowest = sorted(fields, key=suite.pace, reverse=True)
     parts = [LONG, [question for question in QUESTIONS if question not in LONG]]
     tasks = [(field, part) for part in (*parts, *([PROXY_QUESTIONS] if proxies else []))
@@ -375,5 +374,5 @@ def _shared_out(fields, suite, count, progress, proxies):
 
 
 def failures(answers):
-    """Return the questions that were failed, of what `Suite.ask` has found."""
+    """Return the failed questions among the answers of `Suite.ask`."""
     return [question for question, row in answers.items() if not row["passed"]]

@@ -1,16 +1,16 @@
 """Work around closed loops: a force that gives energy away drives a device on its own.
 
-A penalty force -k·φ·∇φ is the gradient of -k·φ²/2: none is done. Where direction and distance do
-not belong together, or jump from cell to cell, a hand that circles gains energy or loses it.
+A penalty force -k·φ·∇φ is the gradient of -k·φ²/2 and does no work. Where direction and distance do
+not match, or jump from cell to cell, a circling hand gains or loses energy.
 """
 
 import numpy as np
 
 from pandis.base.forces import penalty_force
 
-#: Depths of a loop, its largest and smallest radius (unit frame), and its steps.
+#: Smallest and largest depth and radius of a loop (unit frame), and its steps.
 DEPTHS, RADII, STEPS = (0.018, 0.045), (0.05, 0.2), 4000
-#: A device moved at this speed (m/s) takes damping · speed newtons away.
+#: Speed (m/s) at which a moved device takes away damping · speed newtons.
 SPEED = 0.1
 _ROUNDS = 3
 
@@ -18,8 +18,8 @@ _ROUNDS = 3
 def loops(places, engine, rng):
     """Return closed loops below the surface, one around each place.
 
-    Circles on tangent planes, brought below the surface along the exact normal; the depth goes
-    up and down once to three times on the way, and is less where the part is thin.
+    They are circles on tangent planes, moved below the surface along the exact normal. The depth
+    goes up and down one to three times in a loop, and is less where the part is thin.
 
     Parameters
     ----------
@@ -61,15 +61,15 @@ def loop_work(answer, paths):
 def work(answer, exact, paths, scale, device):
     """Measure the work around loops.
 
-    The exact force does none, but a sum over steps sees some where it jumps: that much is
-    forgiven, on the same loop.
+    The exact force does no work, but a sum over steps has some where it jumps: that much is
+    forgiven on the same loop.
 
     Returns
     -------
     dict
         ``work``: root mean square of the work as a share of k·d²/2, d the loops' largest mean
-        depth; ``push_n``: of the worst loop, the work per length, newtons; ``limit``: what the
-        device's damping takes at `SPEED`, and what is forgiven there; ``passed``: every loop.
+        depth; ``push_n``: work per length of the worst loop, newtons; ``limit``: what the
+        device's damping takes at `SPEED`, plus what is forgiven there; ``passed``: every loop.
     """
     (energy, length), (rest, _) = (loop_work(a, paths) for a in (answer, exact))
     push, forgiven = (np.abs(w / length) * scale.newtons for w in (energy, rest))

@@ -1,4 +1,4 @@
-"""Query times of every kind of field on this machine: what `fields: auto` goes by."""
+"""Measures query times of every kind of field on this machine, for `fields: auto`."""
 
 import csv
 import io

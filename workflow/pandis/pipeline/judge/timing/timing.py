@@ -1,4 +1,4 @@
-"""How long one query and a batch take, with the program a user would run."""
+"""Times single queries and batches, with the program a user would run."""
 
 import time
 
@@ -14,12 +14,12 @@ from pandis.pipeline.run.job.machine import describe
 from pandis.pipeline.run.records.timing import TimingRecord
 from pandis.runtime.field import CACHES, NativeField
 
-#: The exact field without a tree, as the paper's ground truth: every face at every query. Its
-#: single queries, and no batches.
+#: The exact field without a tree, as the paper's ground truth: a query visits every face.
+#: Number of its single queries; it has no batches.
 BRUTE, BRUTE_COUNTS = "exact-all-faces", (200, 0, 0)
 _IN_C = "C, called from Python"
-#: Places anywhere in the box that are asked in C, and how often each: the least of its times
-#: counts, so that what is worst is the field's doing and not the system's.
+#: Places anywhere in the box that are queried in C, and tries at each. The least time at a place
+#: counts, so that the worst is due to the field, not to the system.
 ANYWHERE, TRIES = 2000, 3
 
 
@@ -29,7 +29,7 @@ def time_fields(fields, exports, natives, body, points, options, progress):
     Parameters
     ----------
     fields : list of pandis.pipeline.kinds.field.Field
-        What is timed as it is called from Python.
+        Fields that are timed as called from Python.
     exports : list of Path
         ``{field}.onnx``: run by ONNX Runtime on one thread, as a user's program would.
     natives : list of Path
@@ -135,10 +135,10 @@ def time_program(path, mesh, points, options, figures, log):
     expected = Session(path.with_suffix(".onnx")).distance_and_normal(points)
     force, wanted_force = penalty_force(distance, normal), penalty_force(*expected)
     off = np.linalg.norm(force - wanted_force, axis=1).max() * frame.scale
-    if not off <= 2 * FORCE:  # each may differ by so much from the network
+    if not off <= 2 * FORCE:  # each may differ from the network by FORCE
         raise PandisError(
-            f"{path}: its force in LibTorch differs from the ONNX model's by {off:.3g}, allowed is "
-            f"{2 * FORCE:.3g}; please report it, and set timing.libtorch to false"
+            f"{path}: its force in LibTorch differs from the ONNX model's by {off:.3g} "
+            f"({2 * FORCE:.3g} allowed); please report it, and set timing.libtorch to false"
         )
     times = _percentiles("libtorch", seconds)
     figures[name] |= times
@@ -217,6 +217,6 @@ def summarise(single, batched):
 
 
 def _percentiles(way, seconds):
-    """Return the percentiles of single queries asked in a way, in microseconds."""
+    """Return percentiles of single queries, in µs; their names begin with ``way``."""
     times = np.percentile(seconds, [50, 99, 99.9]) * 1e6
     return dict(zip((f"{way}_{p}_us" for p in ("p50", "p99", "p999")), times.tolist(), strict=True))

@@ -10,7 +10,7 @@ from pandis.pipeline.kinds.compact.spec import KIND
 from pandis.pipeline.kinds.sizing import Outcome
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: Bits of a coordinate in the table of times.
+#: Bits per coordinate in the table of times.
 _BITS = 16
 
 
@@ -32,7 +32,7 @@ def choose(chooser):
     candidate = packer.within(budget.bytes)
     if candidate is None:
         fits = f" that fits into {budget.bytes:,} bytes" if budget.bytes else ""
-        chooser.skip(name, f"no mesh on a lattice{fits} has every point on its right side")
+        chooser.skip(name, f"no mesh on a lattice{fits} gets the side of every point right")
         return None
     measured = chooser.points.measure(candidate.force, chooser.limits)
     if not measured.why:

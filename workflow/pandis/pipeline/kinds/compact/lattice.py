@@ -1,4 +1,4 @@
-"""Puts the vertices of a mesh on a lattice, and mends what that does to its faces.
+"""Snaps the vertices of a mesh to a lattice, and repairs its faces.
 
 A lattice has 2^bits - 1 steps over [-0.9, 0.9] of the unit frame along each axis.
 Rounding the vertices moves no point of the surface farther than the vertex that moved farthest.
@@ -12,9 +12,9 @@ from pandis.base.errors import PandisError
 from pandis.base.frame import UNIT_SIDE
 from pandis.engine.bvh import Bvh
 
-#: Where the lattice ends (unit frame): the longest side of a mesh reaches from end to end.
+#: Half the width of the lattice (unit frame): the longest side of a mesh spans it.
 HALF = UNIT_SIDE / 2
-#: A face without an area is removed by turning an edge, which may leave another: so often at most.
+#: Rounds of edge flips at most: each removes faces without an area, but may leave others.
 _ROUNDS = 50
 
 
@@ -30,7 +30,7 @@ class Snapped(NamedTuple):
     deviation : float
         No point of either surface is farther from the other than this (unit frame).
     turned : int
-        How many faces look to the other side than before.
+        Number of faces whose orientation is reversed.
     """
 
     vertices: np.ndarray
@@ -50,7 +50,7 @@ def to_unit(vertices, bits):
 
 
 def snap(corners, faces, bits):
-    """Put a closed mesh on the lattice.
+    """Snap a closed mesh to the lattice.
 
     Parameters
     ----------
@@ -96,13 +96,13 @@ def _areas(vertices, faces):
 
 
 def _mend(vertices, faces):
-    """Remove faces that have no inside.
+    """Remove degenerate and paired faces.
 
     Returns
     -------
     faces : ndarray, shape (F, 3)
     lost : ndarray, shape (n, 3)
-        Sheets, lines and points that have gone with them, and lie on no face that is left.
+        Removed sheets, lines and points that lie on no remaining face.
     """
     sheets, lines = [], []
     for _ in range(_ROUNDS):
@@ -113,12 +113,12 @@ def _mend(vertices, faces):
     else:
         faces = _cleaned(faces, sheets, lines)
     lines = np.concatenate(lines)
-    if not len(lines):  # of a large mesh the search below takes a minute
+    if not len(lines):  # the search below takes a minute for a large mesh
         return faces, np.concatenate([*sheets, lines])
     count = len(vertices)
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if len(faces) else faces
     known = edges[:, :2] @ (count, 1)
-    # of equal corners and another one a line is left: from the one to the other
+    # a face with two equal corners leaves a line: from those to the other corner
     ends = lines.min(axis=1), lines.max(axis=1)
     on_edge = np.isin(ends[0] * count + ends[1], known) | np.isin(ends[1] * count + ends[0], known)
     on_edge |= (ends[0] == ends[1]) & np.isin(ends[0], faces)
@@ -136,7 +136,7 @@ def _cleaned(faces, sheets, lines):
 
 
 def _without_pairs(faces):
-    """Tell which faces stay when those that lie back to back cancel each other."""
+    """Tell which faces remain after those that lie back to back cancel."""
     order = np.argsort(faces, axis=1)
     even = (np.diff(order, axis=1) % 3 == 1).all(axis=1)
     _, which = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
@@ -181,9 +181,9 @@ def _turn_edges(vertices, faces, flat):
 
 
 def _farthest(vertices, lost, faces):
-    """Return how far the points of lost sheets can lie from the faces that are left (steps).
+    """Return how far the points of lost sheets can lie from the remaining faces (steps).
 
-    No point of a triangle is farther from its nearest corner than its longest side by √3.
+    No point of a triangle is farther from its nearest corner than its longest side / √3.
     """
     if not len(lost):
         return 0.0

@@ -17,9 +17,9 @@ from pandis.pipeline.kinds.compact.sides import find_sides
 from pandis.pipeline.kinds.compact.unpacking import unpack
 from pandis.pipeline.kinds.limits import least_limit, near_surface
 
-#: The most blocks and groups of eight faces that a query looks at: about a tenth of a tick's time.
-#: The limit is raised where half of it would cut a query next to the surface. How many queries of
-#: scans are cut: tests/benchmarks/compact.py.
+#: Most blocks and groups of eight faces that a query visits: about a tenth of a tick's time. The
+#: limit is raised where half of it would cut a query next to the surface.
+#: tests/benchmarks/compact.py counts the queries of scans that are cut.
 MOST = 704
 #: Points at which sides are compared with the body's: half in the box, half near the surface.
 SIDES = 1_000_000
@@ -56,15 +56,15 @@ def build_compact(body, bits, seed, log):
 
 
 def pack_body(body, bits, surface=None):
-    """Pack a body's mesh, or a simpler one in its place, on a lattice; sides are not compared.
+    """Pack a body's mesh, or a simpler substitute, on a lattice; sides are not compared.
 
     Parameters
     ----------
     body : pandis.pipeline.geometry.body.Body
     bits : int
     surface : tuple of ndarray, optional
-        Vertices (V, 3) in the unit frame and faces (F, 3) of a closed surface near the body's; how
-        far that one is from the body's is not in the record's deviation: see `bound_deviation`.
+        Vertices (V, 3) in the unit frame and faces (F, 3) of a closed surface near the body's. The
+        record's deviation leaves out the distance between the two: see `bound_deviation`.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def bound_deviation(body, arrays, record):
 
 
 def limit_queries(arrays, record):
-    """Return the record with a limit of what a query looks at that cuts none next to the surface.
+    """Return the record with a limit at which no query next to the surface is cut.
 
     See `pandis.pipeline.kinds.limits`.
     """
@@ -133,10 +133,10 @@ def size_of(arrays):
 
 
 def describe(arrays, record):
-    """Return what a compact mesh has come to, in words."""
+    """Return a summary of a compact mesh, in words."""
     return (
         f"{record.bits} bits: {record.faces:,} of {record.faces_before:,} faces in "
-        f"{size_of(arrays):,} bytes; distances without their signs are within "
+        f"{size_of(arrays):,} bytes; unsigned distances are within "
         f"{record.deviation:.2g} of the mesh's (unit frame)"
     )
 
@@ -144,7 +144,7 @@ def describe(arrays, record):
 def find_originals(body, arrays, record):
     """Return which face of a body's mesh each face of a compact mesh stands for.
 
-    That is the nearest one to its middle, seen from outside, so that no face of a thin wall is
+    That is the one nearest to a point just outside its middle, so that no face of a thin wall is
     given one from the other side.
 
     Parameters
@@ -173,12 +173,12 @@ def find_originals(body, arrays, record):
 def _rounding(packed, snapped, bits):
     """Return by how much a distance can be too large, because a wrong face was taken (unit frame).
 
-    It holds in the box [-1, 1]³.
+    The bound holds in the box [-1, 1]³.
 
-    Faces are compared in single precision, relative to their block: a point is off by half a unit
-    in the last place of its coordinates, the closest point on an edge by some more. Inside of a
-    triangle the error grows as the sine of its corner falls, up to half its height, for then its
-    edges stand in.
+    Faces are compared in single precision, relative to their block. A point is off by half a unit
+    in the last place of its coordinates, the closest point on an edge by a little more. Inside a
+    triangle the error grows as the sine of its corner falls, up to half its height: then its edges
+    stand in.
     """
     unit = 2.0**-24
     counts = packed.blocks.view(np.uint32).reshape(-1, 4)[:, 1]
@@ -189,7 +189,7 @@ def _rounding(packed, snapped, bits):
     area, longest = np.linalg.norm(np.cross(u, v), axis=1), sides.max(axis=1)
     sine = area / (np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1))
     inside = np.minimum(area / longest / 2, 24 * unit * longest / np.maximum(sine, 1e-12))
-    # two diagonals of the box away from the block at most
+    # a point is at most two box diagonals from the block
     far = 16 * unit * (4 * np.sqrt(3) + 2 * extent * step_of(bits))
     return float(far + inside.max() * step_of(bits))
 
@@ -208,7 +208,7 @@ def compare_sides(body, arrays, record, seed):
     Raises
     ------
     PandisError
-        One that is farther from the surface than the deviation differs.
+        The side of a point farther from the surface than the deviation differs.
     """
     rng = np.random.default_rng(seed)
     half = SIDES // 2
@@ -220,7 +220,7 @@ def compare_sides(body, arrays, record, seed):
     differ = points[engine.inside(points) != (distance < 0)]
     if not len(differ):
         return
-    # only there is it asked how far the surface is: that takes much longer than the side alone
+    # distances are computed only there: they take much longer than sides
     apart = np.abs(engine.distance_and_normal(differ, check=False)[0])
     wrong = apart > record.deviation + record.rounding
     if wrong.any():
@@ -228,5 +228,5 @@ def compare_sides(body, arrays, record, seed):
             f"on a lattice of {record.bits} bits {wrong.sum():,} of {SIDES:,} points are on the "
             f"wrong side of the surface, one of them {apart[wrong].max():.2g} of the unit "
             f"frame away from it ({record.turned:,} faces are turned over): take more bits, "
-            "or, of more than 16, fewer: single precision cannot tell such sheets apart"
+            "or, above 16, take fewer: single precision cannot tell such sheets apart"
         )

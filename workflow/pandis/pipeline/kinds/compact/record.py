@@ -4,10 +4,10 @@ from pandis.pipeline.run.records.record import Record
 
 
 class CompactRecord(Record):
-    """A compact mesh: bits of a coordinate; how many faces and vertices it has, and how many faces
-    the mesh had; how far the two surfaces lie apart at most, and by how much rounding can make a
-    distance too large; faces that look to the other side than before; groups of faces, and blocks,
-    that a query looks at; its largest coordinate, and its box (unit frame).
+    """A compact mesh: bits per coordinate; numbers of its faces, of the mesh's faces and of its
+    vertices; the largest distance between the two surfaces, and by how much rounding can make a
+    distance too large; number of faces whose orientation is reversed; most groups of faces and
+    blocks that a query visits; its largest coordinate, and its box (unit frame).
     """
 
     bits: int

@@ -34,8 +34,8 @@ class CompactField(Field):
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
 
-        Sides are those of the winding number, as the packed mesh's are: where sheets fall onto
-        each other on the lattice, or pieces vanish, pseudonormals do not tell them.
+        Sides come from the winding number, as in the packed mesh: pseudonormals cannot tell them
+        where sheets coincide on the lattice, or pieces vanish.
         """
         distance, normal = self.engine.distance_and_normal(points, check=False)
         wrong = self.engine.inside(points) != (distance < 0)

@@ -1,4 +1,4 @@
-"""Compact meshes of which the user names the bytes, or the error, not bits and faces."""
+"""Searches compact meshes for which the user gives bytes or an error, not bits and faces."""
 
 from functools import cached_property
 from itertools import chain
@@ -22,15 +22,15 @@ from pandis.pipeline.mesh.tools import ToolError, call
 from pandis.pipeline.mesh.topology import EdgeTable
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: Bits at which rounding is far below what leaving out faces costs.
+#: Bits at which rounding costs far less than leaving out faces.
 ENOUGH_BITS = 14
-#: With fewer faces these bits are tried first, then two more as long as that helps.
+#: Bits tried first with fewer faces; then two more at a time, as long as that helps.
 _FEWEST_BITS = 12
-#: Bytes that are tried, from few to many, where an error is asked for.
+#: Budgets in bytes, from small to large, tried when an error is asked for.
 _BYTES = tuple(12_500 * 2**k for k in range(16))
-#: Simplifications in which the bytes that are asked for must be met.
+#: Most simplifications to meet the bytes that are asked for.
 _ROUNDS = 6
-#: What one simplification may take.
+#: Limits of one simplification.
 _LIMITS = {"seconds": 900.0, "memory_gb": 8.0}
 
 
@@ -41,7 +41,7 @@ class Packer:
     ----------
     body : pandis.pipeline.geometry.body.Body
     points : pandis.pipeline.geometry.points.Points
-        Points of that body: what its candidates are chosen by.
+        Points of that body, on which candidates are compared.
     seed : int
         Seed of the points at which sides are compared.
     log : callable
@@ -54,11 +54,11 @@ class Packer:
     def within(self, budget):
         """Return the `Candidate` of least error that fits into the bytes; None if none does.
 
-        A budget of None takes what there is.
+        A budget of None is unlimited.
 
-        Where all faces fit with bits enough that is the one with the most bits whose sides are
+        If all faces fit with ENOUGH_BITS, that is the one with the most bits whose sides are
         right: very fine lattices keep sheets apart that single precision cannot tell apart.
-        Elsewhere it competes with meshes of fewer faces, which quadrics leave out where the
+        Otherwise it competes with meshes of fewer faces, which quadrics leave out where the
         surface is flat.
         """
         budget = inf if budget is None else budget
@@ -76,7 +76,7 @@ class Packer:
         return promise(candidate.force, self.points.choosing)[0]["mean"]
 
     def _climb(self, budget):
-        """Return errors and candidates of fewer faces, with bits as long as more of them help."""
+        """Return errors and candidates of fewer faces, with more bits as long as they help."""
         tried = []
         for bits in range(_FEWEST_BITS, BITS[1] + 1, 2):
             candidate = self._fewer_faces(bits, budget)
@@ -109,7 +109,7 @@ class Packer:
         return Candidate(CompactField(f"{KIND.name}-auto", artifact), arrays, attributes)
 
     def _packed(self, bits):
-        """Return arrays and record of all faces on a lattice of these bits; None if none fits."""
+        """Return arrays and record of all faces on a lattice of these bits; None if that fails."""
         if bits not in self._whole:
             try:
                 self._whole[bits] = pack_body(self.body, bits)
@@ -141,12 +141,12 @@ class Packer:
                 return self._candidate(*packed)
             if rounds == _ROUNDS:
                 return None
-            # fewer faces are larger, and need bits more each
+            # fewer faces are larger, and need more bits each
             count = int(0.995 * len(surface[1]) * budget / size)
             try:
                 surface = call("simplify", *surface, count=count, **_LIMITS)
                 if not EdgeTable(surface[1]).balanced:
-                    self.log(f"simplified to {len(surface[1]):,} faces it is not closed any more")
+                    self.log(f"simplified to {len(surface[1]):,} faces it is no longer closed")
                     return None
                 packed = pack_body(self.body, bits, surface)
             except (ToolError, PandisError) as error:
@@ -155,7 +155,7 @@ class Packer:
 
 
 class CompactSizing:
-    """Searches bits and faces of a compact mesh, for `compact-auto`.
+    """Finds the bits and faces of a compact mesh, for `compact-auto`.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class CompactSizing:
         if not tried:
             budget = self.target.bytes
             fits = f" that fits into {budget:,} bytes" if budget else ""
-            return f"{what}: no compact mesh{fits} has every point on its right side"
+            return f"{what}: no compact mesh{fits} gets the side of every point right"
         size, best = min(tried, key=lambda one: one[1].excess)
         return (
             f"{what}: no compact mesh meets {self.points.describe_limits(self._limits)}; the "
@@ -214,12 +214,12 @@ class CompactSizing:
 
 
 def build(job):
-    """Search bits and faces of one mesh, and write ``compact-auto.zarr.zip``.
+    """Find the bits and faces of one mesh, and write ``compact-auto.zarr.zip``.
 
     Raises
     ------
     PandisError
-        As of `CompactSizing.find`.
+        See `CompactSizing.find`.
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     arrays, attributes = CompactSizing(body, points_of(body, task), task, job.log).find()

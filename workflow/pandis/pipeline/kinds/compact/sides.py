@@ -1,11 +1,11 @@
-"""What tells on which side of a mesh on a lattice a point is.
+"""Decides what tells the side of a point on a mesh whose vertices are on a lattice.
 
-Usually the normal of the nearest face does. At corners and edges whose faces are not nearly in
-one plane it does not; there all points with this closest point are on one side, and one of them,
-beside it, tells which. And rounding can fold a surface over itself, by less than a step: a face
-that looks the wrong way then lies on top, and would give the wrong side to every point that is
-nearest to it. So every face is looked at from both sides, and so are edges folded like a knife's;
-around what is wrong a ray has to count.
+Usually the normal of the nearest face does. At corners and edges whose faces are far from coplanar
+it does not. All points closest to such a place are on one side, and a point beside it tells which.
+Rounding can also fold a surface over itself, by less than a step. A face that looks the wrong way
+then lies on top, and would give the wrong side to every point nearest to it. So every face is
+checked from both sides, and so are edges folded like a knife's. Around wrong ones a ray counts
+crossings.
 """
 
 import numpy as np
@@ -15,13 +15,13 @@ from pandis.engine.packing import BY_FACE, BY_RAY, INSIDE, OUTSIDE, Sides, find_
 
 #: Height above a face of the point from which it is checked (steps): lower than any fold.
 _BESIDE = 1e-3
-#: Cosine between the normals of faces of which one is folded back onto the other, and how low the
-#: lower one of them is (steps): rounding does not fold what is higher.
+#: Cosine between normals below which a face is folded back onto its neighbour, and the height of
+#: the lower one that is still checked (steps): rounding does not fold higher ones.
 _FOLD, _LOW = -0.7, 4.0
 #: Cosine between the normals around a corner and their mean, above which faces tell the side: as
 #: in packing/sides.h.
 _SMOOTH = 0.82
-#: How many rings of faces around one that looks the wrong way may cross each other.
+#: Rings of faces around one that looks the wrong way that may cross each other.
 _RINGS = 2
 
 
@@ -58,7 +58,7 @@ def find_sides(vertices, faces):
 
 
 def _folded(faces, normal, low):
-    """Tell which low faces have a neighbour that is folded back onto them, and those."""
+    """Tell which faces are folded onto a neighbour, if one of the two is low."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     edge = np.minimum(start, end).astype(np.int64) << 32 | np.maximum(start, end)
     order = np.argsort(edge, kind="stable")
@@ -72,11 +72,11 @@ def _folded(faces, normal, low):
 
 
 def _with_edges(corners, edges, faces, normal):
-    """Return the sides of corners, where one may be taken for a closest point on an edge.
+    """Return the sides of corners, which may be taken for closest points on edges.
 
-    Points far away are as near to a corner as to its edges beside it, in single precision. So
-    corners that no point is nearest to take the side of their edges, and where these disagree, or
-    say nothing about faces that look in many directions, a ray counts.
+    In single precision, points far away are as near to a corner as to its edges. So corners to
+    which no point is nearest take the side of their edges. Where these disagree, or say nothing
+    about faces that look in many directions, a ray counts.
     """
     touched = np.zeros((len(corners), 4), bool)
     for ends in (faces, np.roll(faces, -1, axis=1)):
@@ -100,7 +100,7 @@ def _smooth(faces, normal, count):
 
 
 def _agreed(owners, inside, count):
-    """Return the side (count,) of those that have points on one side; a ray's if on both."""
+    """Return the side (count,) of owners with points on one side; BY_RAY if on both."""
     within = np.bincount(owners, inside, count) > 0
     without = np.bincount(owners, ~inside, count) > 0
     return np.select(

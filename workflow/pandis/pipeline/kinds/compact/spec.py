@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pandis.pipeline.run.ask.kind import AUTO, BuildTask, FieldSpec, Kind, check_size
 
-#: The fewest bits of a coordinate, and the most.
+#: Fewest and most bits per coordinate.
 BITS = 10, 20
 
 

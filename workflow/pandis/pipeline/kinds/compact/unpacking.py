@@ -21,7 +21,7 @@ assert (_BRANCH.itemsize, _BLOCK.itemsize) == (BRANCH_BYTES, BLOCK_BYTES)
 def unpack(arrays):
     """Return the vertices (n, 3) and faces (F, 3) of a compact mesh, int32, in steps.
 
-    A vertex occurs once, whatever blocks it belongs to; faces come as in the file.
+    A vertex occurs once, even if several blocks share it; faces are in file order.
     """
     blocks, packed = arrays["blocks"].view(_BLOCK), arrays["packed"]
     corners, faces, before = [], [], 0

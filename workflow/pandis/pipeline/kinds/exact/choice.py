@@ -10,7 +10,7 @@ from pandis.pipeline.run.records.choice import Chosen
 
 
 def choose(chooser):
-    """See `pandis.pipeline.kinds`: it has no error, and may be too large or too slow."""
+    """See `pandis.pipeline.kinds`: no error, but perhaps too large or too slow."""
     body, budget = chooser.body, chooser.budget
     size, count = body.bytes, body.size
     if not chooser.fitting(KIND.name, {count: size}):

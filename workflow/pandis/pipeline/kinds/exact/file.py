@@ -9,11 +9,11 @@ from pandis.pipeline.kinds.limits import least_limit
 from pandis.pipeline.kinds.native import FieldFile, regions_of
 from pandis.runtime.field import MESH, SHAPE, SHAPES, NativeField
 
-#: The most nodes, leaves and faces that a query looks at: about a tenth of a tick's time, and
+#: Most nodes, leaves and faces that a query visits: about a tenth of a tick's time, and
 #: enough for every query of scans. The limit is raised where half of it would cut a query next to
 #: the surface.
 MOST = 1000
-#: By how much distances may differ from the library's (unit frame).
+#: Largest difference of distances from the library's (unit frame).
 _ROUNDING = 1e-12
 
 
@@ -43,7 +43,7 @@ class File(FieldFile):
         return MESH, [*counts, self._most or self._least()], [engine.reach], sections
 
     def _least(self):
-        """Return how many nodes, leaves and faces a query may look at: see `least_limit`."""
+        """Return how many nodes, leaves and faces a query may visit: see `least_limit`."""
         engine, frame = self.field.engine, self.field.frame
 
         def query(points, most):
@@ -59,7 +59,7 @@ class File(FieldFile):
         return regions_of(regions.of_face, regions.names) if regions else {}
 
     def left_out(self, native, points):
-        """See `FieldFile.left_out`: of what is cut the bounds are compared."""
+        """Tell which queries are cut: only their bounds are compared."""
         return native.clear(points) < np.abs(native.query(points).distance)
 
     def differences(self, exported):

@@ -1,23 +1,22 @@
 """Grids of nodes: filled where they are needed, completed when read.
 
-They lie on the cube [-1, 1]³, at ``linspace(-1, 1, n)`` along each axis, or, if the name of the
-content ends in ``-box``, on the box around the surface, as the paper's: see
+Nodes lie on the cube [-1, 1]³, at ``linspace(-1, 1, n)`` along each axis. If the name of the
+content ends in ``-box``, they lie on the box around the surface, as in the paper: see
 `pandis.pipeline.kinds.axes`.
 
 What a node holds (``content``):
 
 ``force``
     the penetration vector -min(d, 0)·n, three floats: the force at k = 1, as
-    the paper's 12 bytes per node say. Outside of the shape it is zero.
+    the paper's 12 bytes per node imply. Outside the shape it is zero.
 ``normal``
     distance and normal, four floats.
 ``distance``
     the distance alone.
 
-Only nodes that a point in the band asks for are computed, exactly. The others
+Only nodes that a point in the band needs are computed, exactly. The others
 are known to lie inside or outside and are stored as such: ±inf as distance,
-NaN as a force below the band. Chunks that hold nothing but the outside are
-not stored at all.
+NaN as a force below the band. Chunks that lie wholly outside are not stored.
 """
 
 import numpy as np
@@ -30,10 +29,10 @@ from pandis.pipeline.kinds.grid.spec import BOX
 from pandis.pipeline.kinds.record import DenseRecord
 
 CHANNELS = {"force": 3, "normal": 4, "distance": 1}
-#: What a chunk that is not stored holds.
+#: Values of a chunk that is not stored.
 FILL = {"force": 0.0, "normal": np.inf, "distance": np.inf}
-#: A distance alone is rounded to this share of 1, float32's own step there: digits that mean
-#: nothing would fill a fifth of the file.
+#: Steps per unit to which a distance alone is rounded: float32's at 1. Further digits mean nothing,
+#: and would fill a fifth of the file.
 _LEVELS = 2.0**23
 #: Nodes that interpolation needs beyond the corners of a cell.
 REACH = {"force": 0, "normal": 0, "distance": 1}
@@ -98,7 +97,7 @@ class DenseGrid:
         }
 
     def slabs(self, thickness):
-        """Yield the values of ``thickness`` layers of nodes after the other, along x."""
+        """Yield the values in slabs of ``thickness`` layers of nodes, along x."""
         layer = self.size**2
         for start in range(0, self.size, thickness):
             stop = min(start + thickness, self.size)
@@ -126,7 +125,7 @@ class DenseGrid:
 
 
 def _inside_nodes(signs):
-    """Return which nodes touch a cell that lies inside altogether."""
+    """Return which nodes touch a cell that lies wholly inside."""
     size = len(signs) + 1
     inside = np.zeros((size,) * 3, bool)
     for shift in np.ndindex(2, 2, 2):
@@ -136,10 +135,10 @@ def _inside_nodes(signs):
 
 
 def complete(values, content, axes):
-    """Fill the nodes beyond the band by what the nearest exact node knows.
+    """Fill the nodes beyond the band from the nearest exact node.
 
-    The way from that node is added to its distance: right to a cell's diagonal, since
-    the shortest way to the surface leads through the band.
+    The way from that node is added to its distance. This is right to within a cell's
+    diagonal, since the shortest way to the surface leads through the band.
 
     Parameters
     ----------
@@ -188,7 +187,7 @@ def _nearest(nodes, source, step):
 
 
 def covered_cells(exact, reach):
-    """Return which cells (n - 1,) * 3 have nothing but exact nodes within ``reach``."""
+    """Return which cells (n - 1,) * 3 have only exact nodes within ``reach``."""
     size = len(exact) - 1
     for axis in range(3):
         grown = np.ones([n - (k == axis) for k, n in enumerate(exact.shape)], bool)

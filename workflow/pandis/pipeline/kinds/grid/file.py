@@ -22,7 +22,7 @@ class File(FieldFile):
         """See `FieldFile.parts`."""
         field = self.field
         if field.rule not in RULES:
-            raise PandisError(f"{field.name}: pandis.h knows no grids of the kind {field.rule}")
+            raise PandisError(f"{field.name}: pandis.h cannot read {field.rule} grids")
         covered = np.packbits(field.covered.ravel())
         sections = {"NODE": field.nodes.astype(np.float32), "COVR": covered}
         corners = (*field.axes.low, *field.axes.high) if self._boxed else ()

@@ -1,8 +1,8 @@
 """[10]: a grid of implicit values, after Kim, Kyrikou, Desbrun & Sukhatme 2002.
 
 The force points along the gradient at the probe, interpolated between central differences at the
-nodes, and is that of a spring to the surface. How the spring's length is found is inferred (the
-text was not at hand), so all readings are here: the value itself taken for a distance; the
+nodes, and is that of a spring to the surface. The text was not at hand, so how the spring's length
+is found is inferred. All readings are here: the value itself, taken for a distance; the
 way along the gradient to where the interpolated value changes sign; the same in whole cells.
 """
 
@@ -12,7 +12,7 @@ from pandis.pipeline.kinds.axes import slopes, trilinear
 from pandis.pipeline.kinds.field import normalise
 from pandis.pipeline.kinds.grid.interpolation import GridField
 
-#: Halvings of the last cell of a march: to a millionth of it.
+#: Bisections of the last cell of a march: to a millionth of it.
 _HALVINGS = 20
 
 

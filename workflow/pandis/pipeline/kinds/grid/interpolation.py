@@ -27,19 +27,19 @@ class GridField(Field):
     Attributes
     ----------
     rule : str
-        How it is interpolated, as `pandis.runtime.field.RULES` calls it.
+        The interpolation rule, by its name in `pandis.runtime.field.RULES`.
     """
 
     kind = "grid"
 
     @property
     def rule(self):
-        """How it is interpolated."""
+        """The interpolation rule."""
         return "trilinear" if self.content == "force" else "trilinear-normal"
 
     @property
     def nodes(self):
-        """What a file holds of each node."""
+        """Values that a file holds per node."""
         return self.values
 
     def __init__(self, name, artifact):
@@ -54,8 +54,8 @@ class GridField(Field):
     def answer(self, points):
         """Answer distance (n,) and normal (n, 3) at points (n, 3), all in the unit frame.
 
-        A force grid knows no distance outside: it answers 0 there, and +z for a normal; so it
-        does outside of its own box, in which the surface lies.
+        A force grid knows no distance outside the surface. It answers 0 there, and +z as the
+        normal. The same holds outside its own box, which contains the surface.
         """
         clamped, outside = self._clamp(points)
         bad = np.isnan(clamped).any(axis=1)
@@ -69,9 +69,9 @@ class GridField(Field):
         return np.where(bad, np.nan, distance), np.where(bad[:, None], np.nan, normal)
 
     def direction_length(self, points):
-        """Return how long the direction (n,) is before it is made a unit vector; 1 of a force.
+        """Return the length (n,) of the direction before normalisation; 1 for a force grid.
 
-        Where it is short two walls are equally near, and rounding turns the normal.
+        Where it is short, two walls are equally near, and rounding turns the normal.
         """
         if self.content == "force":
             return np.ones(len(points))
@@ -111,7 +111,7 @@ class NearestField(GridField):
 
 
 class GradientField(GridField):
-    """The distance trilinearly, the normal as its own gradient: it jumps from cell to cell."""
+    """Trilinear distances, whose gradient is the normal: it jumps from cell to cell."""
 
     rule = "trilinear-gradient"
 
@@ -145,13 +145,13 @@ class TricubicField(GridField):
     def __init__(self, name, artifact):
         super().__init__(name, artifact)
         coefficients = spline_filter(self.values, order=3, output=np.float32, mode="mirror")
-        # one node more on every side, so that the cells at the border have theirs
+        # one more node on every side, which the cells at the border need
         self.coefficients = np.pad(coefficients, 1, mode="reflect")
         self.lattice = Lattice.around_box(len(self.values) - 1)
 
     @property
     def nodes(self):
-        """What a file holds of each node."""
+        """Values that a file holds per node."""
         return self.coefficients
 
     def _interpolate(self, points):

@@ -1,4 +1,4 @@
-"""Searches the size of a grid that should achieve something."""
+"""Finds the size of a grid that meets limits."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from pandis.pipeline.kinds.grid.spec import BOX, CONTENTS, KIND
 from pandis.pipeline.kinds.sizing import Candidate, Maker, points_of, search
 from pandis.pipeline.run.job.artifact import Artifact
 
-#: The most nodes per axis that bytes are spent on.
+#: Most nodes per axis, however large the budget.
 _LARGEST = 512
 
 
@@ -60,17 +60,17 @@ class GridMaker(Maker):
 
 def grid_bytes(form, size):
     """Return the bytes that ``pandis.h`` answers a grid from."""
-    nodes = size + 2 if form == "tricubic" else size  # the cells at the border have theirs, too
+    nodes = size + 2 if form == "tricubic" else size  # the cells at the border need more
     return 4 * CHANNELS[CONTENTS[form].removesuffix(BOX)] * nodes**3
 
 
 def build(job):
-    """Search the size of one grid, and write ``grid-{form}-auto.zarr.zip``.
+    """Find the size of one grid, and write ``grid-{form}-auto.zarr.zip``.
 
     Raises
     ------
     PandisError
-        As of `search`.
+        See `search`.
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     points = points_of(body, task)

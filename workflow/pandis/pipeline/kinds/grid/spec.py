@@ -5,9 +5,9 @@ from typing import ClassVar
 
 from pandis.pipeline.run.ask.kind import AUTO, BuildTask, FieldSpec, Kind, check_size
 
-#: Ends the names of grids on the box around the surface, as the paper has them.
+#: Suffix of grids on the box around the surface, as in the paper.
 BOX = "-box"
-#: What a grid's nodes hold, by how it is read; with `BOX`, on the box around the surface instead of
+#: Content of a grid's nodes, by its reading; with `BOX`, on the box around the surface instead of
 #: the cube [-1, 1]³.
 CONTENTS = {
     "nearest": "force",
@@ -25,7 +25,7 @@ CONTENTS = {
 _COMPARED = ("kim", "kim-ray", "kim-cell")
 #: Readings that `fields: auto` tries.
 TRIED = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
-#: The fewest nodes per axis, and the most.
+#: Fewest and most nodes per axis.
 _NODES = 4, 512
 
 

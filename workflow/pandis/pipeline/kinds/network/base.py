@@ -1,4 +1,4 @@
-"""The coarse spline that a network adds to: a sketch of the distance over all of the box."""
+"""The coarse spline that a network adds to: a sketch of the distance over the whole box."""
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -15,7 +15,7 @@ class BaseSpline:
     Parameters
     ----------
     coefficients : ndarray, shape (cells + 3, cells + 3, cells + 3), float32
-        At nodes from one cell before the box to one behind it.
+        At nodes from one cell before the box to one after it.
     """
 
     def __init__(self, coefficients):
@@ -28,7 +28,7 @@ class BaseSpline:
 
 
 def fit_base(engine, cells):
-    """Return the spline that is nearest to the distance, by least squares over the box.
+    """Return the spline fitted to the distance by least squares over the box.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def fit_base(engine, cells):
 
     Notes
     -----
-    Samples and spline are products of the axes, so that the problem of an axis, solved once,
-    solves all of it (de Boor 1979, Efficient computer manipulation of tensor products).
+    Samples and spline are tensor products, so that solving the problem of one axis solves
+    all of it (de Boor 1979, Efficient computer manipulation of tensor products).
     """
     axis = np.linspace(-1, 1, _SAMPLES * cells + 1)
     places = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
@@ -52,6 +52,6 @@ def fit_base(engine, cells):
     knots = -1 + 2 / cells * np.arange(-3, cells + 4)
     design = BSpline.design_matrix(np.minimum(axis, EDGE), knots, 3).toarray()
     solve = np.linalg.pinv(design)
-    for _ in range(3):  # an axis at a time, which goes last
+    for _ in range(3):  # one axis at a time, which becomes the last
         distance = np.tensordot(distance, solve, axes=(0, 1))
     return BaseSpline(distance)

@@ -1,4 +1,4 @@
-"""Trains a network, or those from narrow to wide until one achieves what the user names."""
+"""Trains a network, or several from narrow to wide until one meets what is asked for."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ WIDTHS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 
 
 class Tried(NamedTuple):
-    """A network by its units per layer: its bytes, its error, why it was not taken."""
+    """A trained network: units per layer, bytes, errors, and why it was not taken."""
 
     size: int
     bytes: int
@@ -29,7 +29,7 @@ def build(job):
     Raises
     ------
     PandisError
-        As of `train`.
+        See `train`.
     """
     mesh, samples = job.read("mesh", "mesh"), job.read("samples", "samples")
     body, task = Body.open(mesh), job.options
@@ -45,7 +45,7 @@ def build(job):
 def train(task, samples, strata, points, checkpoint, progress, log):
     """Train one network, or the smallest that meets the error that is asked for.
 
-    Without ``force_error`` in the recipe it is one run.
+    Without ``force_error`` in the recipe there is one run.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def train(task, samples, strata, points, checkpoint, progress, log):
     samples, strata, checkpoint, log
         See `pandis.pipeline.kinds.network.training.trainer.Trainer`.
     points : pandis.pipeline.geometry.points.Points
-        What the error that is asked for is measured on.
+        Points on which that error is measured.
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
 
@@ -67,7 +67,7 @@ def train(task, samples, strata, points, checkpoint, progress, log):
     Raises
     ------
     PandisError
-        No network meets the error, or a run diverged again and again.
+        No network meets the error, or a run diverged repeatedly.
     """
     if task.recipe.loss == "paper" or task.recipe.force_error is None:
         trainer = Trainer(task, samples, strata, checkpoint, log)
@@ -83,8 +83,8 @@ def train(task, samples, strata, points, checkpoint, progress, log):
         best = min(tried, key=lambda one: one.excess)
         raise PandisError(
             f"train.{task.name}: no network meets {points.describe_limits(limits)}; of "
-            f"{len(tried)}, up to {recipe.width} units per layer, the nearest, of "
-            f"{best.size}, {best.why}: ask for less, or give more steps or width"
+            f"{len(tried)}, up to {recipe.width} units per layer, the nearest, with "
+            f"{best.size}, {best.why}: ask for less, or allow more steps or width"
         )
     arrays, attributes, measured = network
     sizing = {
@@ -97,15 +97,15 @@ def train(task, samples, strata, points, checkpoint, progress, log):
 
 
 def widths_up_to(width):
-    """Return the widths that are tried, the last of them the one given."""
+    """Return the widths to try; the last is the given one."""
     return [w for w in WIDTHS if w < width] + [width]
 
 
 def narrowest(task, widths, samples, strata, checkpoint, progress, log, judge):
-    """Train networks, from the narrowest on, until one is taken.
+    """Train networks, from narrow to wide, until one is taken.
 
-    Each has the whole budget of steps: all before the one that is taken cost together about as
-    much as that one does.
+    Each has the whole budget of steps. All before the one that is taken cost together about as
+    much as that one.
 
     Parameters
     ----------

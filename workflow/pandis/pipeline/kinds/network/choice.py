@@ -28,7 +28,7 @@ def choose(chooser):
     fit = chooser.fitting(KIND.name, sizes, name, layers=recipe.depth)
     if not fit:
         return None
-    # a seed of its own: a spline that was tried drew from this job's, too
+    # another seed: a spline that was tried has drawn from this job's
     strata = Strata(points.surface, points.engine, options.samples, options.seed + 1)
     drawn = strata.arrays(chooser.progress)
     samples = Artifact(None, "samples", drawn, strata.attributes(), {}, "")

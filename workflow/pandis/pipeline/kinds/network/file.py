@@ -1,4 +1,4 @@
-"""The file of a network: weights in rows of whole lanes, of 32 or 16 bits."""
+"""The file of a network: 32 or 16-bit weights, in rows of whole lanes."""
 
 import copy
 
@@ -73,7 +73,7 @@ def network_bytes(width, depth, outputs, base, weight_bits):
     Parameters
     ----------
     width, depth, outputs : int
-        Units of a layer of sines, layers, and numbers that the last one gives.
+        Units per sine layer, number of sine layers, and outputs.
     base : int or None
         Cells per axis of the spline that it adds to.
     weight_bits : {32, 16}
@@ -103,14 +103,14 @@ def _rounded(field):
 
 
 def _quantised(rows):
-    """Return rows in whole steps of a size of each row's own, and the sizes."""
+    """Return rows as integers, and the step size of each row."""
     scales = (np.abs(rows).max(axis=1, initial=0) / _STEPS).astype(np.float32)
     steps = np.rint(rows / np.maximum(scales, np.float32(1e-30))[:, None])
     return steps.astype(np.int16), scales
 
 
 def _change(one, other, frame):
-    """Return by how much the answers of two native fields differ, unit frame."""
+    """Return the differences between the answers of two native fields, unit frame."""
     points = check_points(frame)
     inside = (np.abs(frame.to_unit(points)) <= 1).all(axis=1)
     (d1, n1), (d2, n2) = (field.distance_and_normal(points[inside]) for field in (one, other))

@@ -67,7 +67,7 @@ def torch_network(artifact):
 
 
 def compare(answer, artifact, what, log):
-    """Compare an export with its network, and say how far they differ.
+    """Compare an export with its network, and log how far they differ.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def compare(answer, artifact, what, log):
 
 
 def describe(name, artifact, provenance):
-    """Return what an exported network says of itself."""
+    """Return the metadata of an exported network."""
     keys = ("frame", "recipe", "architecture", "steps", "held_out_error")
     return {
         "field": name,

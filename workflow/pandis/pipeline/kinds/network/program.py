@@ -52,10 +52,10 @@ class Spline(torch.nn.Module):
 
 
 class Program(torch.nn.Module):
-    """A network from mesh units to mesh units, as its ONNX graph is.
+    """A network from mesh units to mesh units, like its ONNX graph.
 
     Takes points float64 (n, 3); answers distance (n,) and normal (n, 3) of unit length, float32.
-    Centre and scale are taken off in float64, before the cast.
+    It subtracts the centre and scales in float64, before the cast.
 
     Parameters
     ----------

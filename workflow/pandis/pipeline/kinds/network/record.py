@@ -40,7 +40,7 @@ class ModelRecord(Record):
     recipe : str
         Its loss.
     options : dict
-        Options of the recipe, except what was hoped for.
+        Options of the recipe, except the accuracy asked for.
     steps, restarts : int
     reproducible : bool
     device : str
@@ -48,7 +48,7 @@ class ModelRecord(Record):
     held_out_error : Error
         On points that it was not trained on.
     direction_length : Spread
-        Length of the direction before it is made a unit vector, there.
+        Length of the direction before normalisation, on those points.
     """
 
     architecture: Architecture

@@ -1,7 +1,7 @@
 """The sine network as a field, in NumPy: Sitzmann et al. 2020; paper, Fig. 1.
 
-Torch trains it (`pandis.pipeline.kinds.network.training`), but to ask it needs nothing but products
-and sines, so that neither evaluation nor a user's program has to load torch.
+Torch trains it (`pandis.pipeline.kinds.network.training`), but a query needs only products and
+sines, so that neither evaluation nor a user's program has to load torch.
 """
 
 import copy
@@ -41,7 +41,7 @@ def load_base(artifact):
 class SirenField(Field):
     """A trained sine network: (Φ, Ψ) at a point in one pass, or Φ and its gradient.
 
-    It may add to a coarse spline of the distance, whose value and gradient are parts of them then.
+    It may add to a coarse spline of the distance, whose value and gradient they then include.
     """
 
     kind = "network"
@@ -56,7 +56,7 @@ class SirenField(Field):
         super().__init__(name, Frame.of(artifact), size)
 
     def in_double(self):
-        """Return the same network, which computes in double precision: what rounding is told by."""
+        """Return the same network in double precision, by which rounding is recognised."""
         other = copy.copy(self)
         other.layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in self.layers]
         return other

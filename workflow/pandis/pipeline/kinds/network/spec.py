@@ -9,7 +9,7 @@ from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe, budgeted
 from pandis.pipeline.run.ask.targets import DeviceOptions
 
 _TRAINING = "pandis.pipeline.kinds.network.training"
-#: Modules that one kind of recipe alone runs, though the trainer imports them all.
+#: Modules that only one kind of recipe runs, though the trainer imports them all.
 _LOSSES = {"paper": f"{_TRAINING}.paper_loss", "exact": f"{_TRAINING}.exact_loss"}
 #: Modules that only a training on a GPU runs.
 _ON_GPUS = (f"{_TRAINING}.labels", "pandis.engine.cuda.steps")
@@ -24,7 +24,7 @@ class TrainTask(DeviceOptions, BuildTask):
 
 
 class Network(Kind):
-    """Sine networks: each recipe under `train` is the name of one."""
+    """Sine networks: each recipe under `train` names one."""
 
     name = "network"
     help = "or any recipe under `train`"
@@ -45,7 +45,7 @@ class Network(Kind):
         return TrainTask(kind=self.name, name=spec.name, recipe=recipe, seed=job.seed, **device)
 
     def unused(self, options):
-        """See `Kind.unused`: the other loss, and what serves a GPU where a CPU trains."""
+        """See `Kind.unused`: the other loss, and modules for GPUs if a CPU trains."""
         recipe = options.get("recipe", {})
         losses = [m for loss, m in _LOSSES.items() if recipe.get("loss", loss) != loss]
         on_cpu = recipe.get("device", "cpu") == "cpu"

@@ -1,4 +1,4 @@
-"""[10] on a potential that is no distance: x² + y² + z² - 1, for the unit sphere alone."""
+"""[10] on a potential that is no distance: x² + y² + z² - 1, only for the unit sphere."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ class AlgebraicField(Field):
             )
         size = int(name.rpartition("-")[2])
         frame = Frame.of(mesh)
-        # in mesh units, where r is 1: a potential that is no distance changes with its unit
+        # in mesh units, where r is 1: such a potential depends on the unit of length
         axis = (np.linspace(-1, 1, size) / frame.scale) ** 2
         square = (axis[:, None, None] + axis[:, None] + axis - 1.0) * frame.scale
         self.values = square.astype(np.float32)

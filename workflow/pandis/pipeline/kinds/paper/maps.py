@@ -1,8 +1,8 @@
 """Support planes with distance maps: what [16] stores (Moustakas 2015, as far as it is described).
 
-642 directions, the corners of an icosahedron subdivided three times; along each the plane that
-touches the shape, and a map of how far below the plane its surface lies. The maps are a raster
-here; on a shape that is not convex they see the outermost surface only.
+There are 642 directions, the vertices of an icosahedron subdivided three times. Each has the plane
+that touches the shape, and a map of how far the surface lies below it. Here the maps are rasters.
+On a shape that is not convex they see only the outermost surface.
 """
 
 import numpy as np
@@ -11,14 +11,14 @@ from trimesh.creation import icosphere
 SUBDIVISIONS = 3
 #: Pixels per axis of a map.
 SIZE = 64
-#: A ray has hit when it is so close to the surface; and the steps it may take.
+#: Distance from the surface at which a ray has hit, and the most steps it takes.
 _HIT, _STEPS = 1e-6, 96
-#: Rays start so far above their plane: a tessellation touches it from below.
+#: Height of a ray's start above its plane: a tessellation touches it from below.
 _ABOVE = 1e-3
 
 
 def plane_axes(normals):
-    """Return two unit vectors (n, 3) each that span the planes of normals (n, 3)."""
+    """Return, as two (n, 3), unit vectors that span the planes of normals (n, 3)."""
     helper = np.where(np.abs(normals[:, :1]) < 0.6, [1.0, 0, 0], [0, 1.0, 0])
     one = np.cross(normals, helper)
     one /= np.linalg.norm(one, axis=1, keepdims=True)
@@ -71,7 +71,7 @@ def build_planes(vertices, engine, progress):
 
 
 def _march(engine, origin, along, longest):
-    """Return how far (n,) rays go to the surface, by steps of its distance; else ``longest``."""
+    """Return how far (n,) rays go to the surface, by sphere tracing; else ``longest``."""
     way = np.zeros(len(origin))
     going = np.arange(len(origin))
     for _ in range(_STEPS):

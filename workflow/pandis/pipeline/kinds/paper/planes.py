@@ -12,8 +12,8 @@ class PlanesField(Field):
     `pandis.pipeline.kinds.paper.spec.PLANES`.
 
     ``support-planes-only`` answers the nearest plane; ``support-planes-distance`` the depth below
-    it, along its normal; ``support-planes`` tilts the normal by the slope of the map. It is a
-    method for convex bodies: elsewhere it knows the outermost surface only.
+    it, along its normal; ``support-planes`` tilts the normal by the slope of the map. The
+    method is for convex bodies: of others it knows only the outermost surface.
 
     Parameters
     ----------

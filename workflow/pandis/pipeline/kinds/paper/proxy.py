@@ -10,15 +10,15 @@ import numpy as np
 
 from pandis.pipeline.kinds.field import Field, normalise
 
-#: Newton steps onto the surface at most, and the step (unit frame) at which they end.
+#: Most Newton steps onto the surface, and the step (unit frame) at which they end.
 _STEPS, _NEAR = 10, 1e-9
 
 
 class ProxyField(Field):
     """The tracked contact point: its distance, and the direction to it.
 
-    What it answers depends on the way the probe took: the points of a call are taken in order,
-    from out of contact. The force -k·distance·normal is then k·(contact point - probe).
+    Answers depend on the probe's path: the points of a call are taken in order, and begin
+    out of contact. The force -k·distance·normal is then k·(contact point - probe).
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class ProxyField(Field):
         _, normal = self.field.answer(contact[None])
         along = (probe - contact) @ normal[0]
         if along > 0:
-            return None  # the probe has come through the tangent plane: contact is lost
+            return None  # the probe has left through the tangent plane: contact is lost
         return self._project(probe - along * normal[0])
 
     def _project(self, start):

@@ -41,13 +41,13 @@ class Paper(Kind):
 
 def _check_tracked(name, inner):
     if inner.through:
-        raise ValueError(f"{name}: a contact point is tracked on a field, not on another one")
+        raise ValueError(f"{name}: a contact point is tracked on a field, not on another point")
     if inner.kind == AUTO:
-        raise ValueError(f"{name}: a contact point is tracked on a field that is known: name it")
+        raise ValueError(f"{name}: a contact point is tracked on a known field: name it")
     if not inner.distances:
         raise ValueError(
-            f"{name}: {inner.name} knows no distance outside of the surface, where a contact point "
-            "is looked for; take trilinear-normal or tricubic"
+            f"{name}: {inner.name} knows no distance outside the surface, where a contact point "
+            "is sought; take trilinear-normal or tricubic"
         )
 
 

@@ -1,24 +1,24 @@
-"""Fitting tricubic splines to exact distances by what counts: the error of the force.
+"""Fits tricubic splines to exact distances by what counts: the error of the force.
 
 At a point d below the surface the force is -d·n. A spline f with gradient g
 errs there by about √((f - d)² + d²·|g - n|²). The sum of that over sample
-points is what is minimised: not its square, because next to the medial axis
-no smooth function fits, and squares would spoil the rest for the sake of it.
-Iteratively reweighted least squares, each by conjugate gradients.
+points is minimised, not that of squares: next to the medial axis no smooth
+function fits, and squares would spoil the rest for its sake. The method is
+iteratively reweighted least squares, each by conjugate gradients.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-#: An error below this does not gain more weight.
+#: Errors below this gain no more weight.
 _FLOOR = 1e-4
 #: Keeps coefficients that no sample sees where they are.
 _DAMPING = 1e-3
 
 
 class Targets(NamedTuple):
-    """What is fitted: exact distances and directions at points, and what each counts."""
+    """Targets of a fit: exact distances and directions at points, and their weights."""
 
     points: np.ndarray
     distance: np.ndarray
@@ -132,5 +132,5 @@ def _product(one, other):
 
 
 def _depth(targets):
-    """Weight of the direction: how long the force is. Outside there is none."""
+    """Return the weight of the direction: the length of the force, 0 outside."""
     return np.maximum(-targets.distance, 0.0)

@@ -1,12 +1,12 @@
 """The `spline` field: tricubic B-splines kept only where they are needed.
 
-Three lattices. *Base*: coarse, 16 bit, all coefficients that a point inside, or in the band
-around the surface, asks for. *Fine*: three times as fine, 8 bit, added to the base in those blocks
+There are three lattices. *Base*: coarse, 16 bit, all coefficients that points inside, or in the
+band around the surface, need. *Fine*: three times as fine, 8 bit, added to the base in those blocks
 where the base has its largest errors, so that creases, thin parts and the surface itself get the
 bytes. Their sum is twice continuously differentiable, and so is the force, however deep a probe
 is pressed: there is no edge inside where one lattice takes over from another. *Far*: very coarse,
-over all of the box, for the free space beyond the band, where there is no force, the band's edge
-bounds the distance and one bit per block of cells knows the side.
+over the whole box, for the free space beyond the band. There is no force there; the band's edge
+bounds the distance, and one bit per block of cells tells the side.
 """
 
 import numpy as np
@@ -27,17 +27,17 @@ FAR_SIZE, FAR_LOW = 13, -1.2
 SIZES = (32, 40, 48, 56, 64, 72, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240, 256, 288, 320)
 #: Bytes of a fine block (8 coefficients of 8 bit), and of a brick's mask and base.
 _FINE_BLOCK, _BRICK_BYTES = 8, 12
-#: What outside of the surface counts, where there is no force; and what lies below the band.
+#: Weights of points outside the surface, where there is no force, and below the band.
 _OUTSIDE_WEIGHT, _CORE_WEIGHT = 0.2, 0.05
-#: Beyond this share of the inscribed radius a point counts little: where the force turns over no
-#: smooth function fits, and what fits there spoils what lies above.
+#: Beyond this share of the inscribed radius a point gets this weight: where the force turns over
+#: no smooth function fits, and a fit there spoils what lies above.
 _TURNS, _TURN_WEIGHT = 0.92, 0.05
-#: Inside of everything: the base is kept there at any depth.
+#: Deeper than any point: the base is kept at any depth.
 _CORE = 2.0
 #: Share of the sample points below the band, and how deep they go: as deep as the largest force of
 #: a usual device presses (unit frame).
 _CORE_SHARE, _CORE_DEPTH = 0.125, 0.3
-#: Samples per fine coefficient, at least: each tells a distance and a direction.
+#: Fewest samples per fine coefficient: each gives a distance and a direction.
 _SAMPLES = 2
 FEWEST_SAMPLES, MOST_SAMPLES = 100_000, 800_000
 _BASE_ROUNDS, _FINE_ROUNDS, _STEPS = 2, 3, 10
@@ -66,7 +66,7 @@ class SplineFit:
     def _draw(self, count):
         """Draw targets: five eighths in the first hundredth below the surface.
 
-        Besides them some below the band, where the base alone answers.
+        Some more lie below the band, where only the base answers.
         """
         rng = generator(self.seed, SPLINE)
         shallow, inside = count * 5 // 8, self.band.inside
@@ -94,13 +94,13 @@ class SplineFit:
         """Return which points (m,) lie deeper than _TURNS times the inscribed radius there."""
         inside = np.flatnonzero(distance < 0)
         depth = -distance[inside] / _TURNS
-        # as much deeper along the same way: if that is nearer to another wall, it turns here
+        # deeper along the same way: if another wall is nearer there, the force turns here
         further = points[inside] + (depth + distance[inside])[:, None] * -normal[inside]
         deeper = self.engine.distance_and_normal(further, check=False)[0]
         return inside[-deeper < depth * (1 - 1e-6)]
 
     def choose_size(self, budget):
-        """Return the finest size of which the worthwhile blocks fit into ``budget`` bytes."""
+        """Return the finest size whose worthwhile blocks fit into ``budget`` bytes."""
         best = None
         for size in SIZES:
             blocks = self._base_blocks(base_size(size))[0]
@@ -186,7 +186,7 @@ class SplineFit:
         padded[:last, :last, :last] = signs
         split = padded.reshape(count, BLOCK, count, BLOCK, count, BLOCK)
         positive, negative = ((split == s).any(axis=(1, 3, 5)) for s in (1, -1))
-        # both signs in one block: one bit cannot tell, so its cells count as of the band
+        # one bit cannot tell both signs in a block, so its cells count as in the band
         both = np.argwhere(positive & negative)
         if len(both):
             corner = np.stack(np.unravel_index(np.arange(8), (2, 2, 2)), axis=1)
@@ -222,7 +222,7 @@ class SplineFit:
             room = int(FINE_SHARE * np.count_nonzero(self._count_blocks(size, None)))
         else:
             room, free = 0, budget - _fixed_bytes(size, base_blocks)
-            # a block costs its coefficients, and its share of a brick that may be new
+            # a block costs its coefficients, and its brick if it is the first there
             brick = np.stack(np.unravel_index(order, score.shape), axis=1) // 4
             flat = np.ravel_multi_index(tuple(brick.T), (len(score) // 4,) * 3)
             new = np.zeros(len(flat), bool)
@@ -250,13 +250,13 @@ class SplineFit:
 def box_lattice(size):
     """Return the lattice with ``size`` nodes across [-1, 1] and one more on either side.
 
-    So that a point anywhere in the box has its 4 x 4 x 4 nodes.
+    A point anywhere in the box then has its 4 x 4 x 4 nodes.
     """
     return Lattice(size + 2, -1 - 2 / (size - 1))
 
 
 def samples_for(size=None, budget=None):
-    """Return how many samples a spline of ``size`` nodes per axis, or ``budget`` bytes, wants."""
+    """Return how many samples a spline of ``size`` nodes per axis, or ``budget`` bytes, needs."""
     count = 2 * budget if budget else 32 * size**2
     return int(np.clip(count, FEWEST_SAMPLES, MOST_SAMPLES))
 
@@ -269,7 +269,7 @@ def base_size(size):
 def quantise(values, kind):
     """Round values to integers of ``kind``; return them and [offset, scale].
 
-    8 bit: symmetric about zero, and the farthest thousandth is clipped. 16 bit: the whole range.
+    8 bit: symmetric about zero, and the largest thousandth is clipped. 16 bit: the whole range.
     """
     top = np.iinfo(kind).max
     if kind is np.int8:
@@ -291,7 +291,7 @@ def _fixed_bytes(size, base_blocks):
 
 
 def _flat(nodes, size):
-    """Return flat indices of nodes (blocks, 8, 3); those beyond the grid get one too large."""
+    """Return flat indices of nodes (blocks, 8, 3); those beyond the grid get ``size**3``."""
     beyond = (nodes >= size).any(axis=-1)
     flat = (nodes[..., 0] * size + nodes[..., 1]) * size + nodes[..., 2]
     return np.where(beyond, size**3, flat).reshape(-1)
@@ -303,6 +303,6 @@ def _inside(masks, size):
 
 
 def _order(points):
-    """Return a key by which points that are close follow each other."""
+    """Return a sort key that puts nearby points next to each other."""
     cell = np.clip((points + 1) * 32, 0, 63).astype(np.int64)
     return (cell[:, 0] * 64 + cell[:, 1]) * 64 + cell[:, 2]

@@ -10,8 +10,8 @@ from pandis.pipeline.kinds.record import SplineRecord
 from pandis.pipeline.kinds.spline.lattices import box_lattice
 
 _LEVELS = ("base", "fine", "far")
-#: How far up an answer is taken where the field rounds a crease (steps of the base), at most; and
-#: how much of the squared gradient must be missing for that.
+#: Largest lift of an answer where the field rounds a crease (steps of the base), and how much of
+#: the squared gradient must be missing for that.
 _LIFT, _SHORT = 0.7, 0.02
 
 
@@ -52,9 +52,9 @@ class SplineField(Field):
         return self.query(points)[:2]
 
     def query(self, points):
-        """Answer with flags; outside of the band the side is right, the distance a guess.
+        """Answer with flags; outside the band the side is right, the distance an estimate.
 
-        Its size is at least the band's depth on that side.
+        Its magnitude is at least the band's depth on that side.
         """
         clamped, outside = clamp_to_box(points)
         clamped = np.clip(clamped, -EDGE, EDGE)

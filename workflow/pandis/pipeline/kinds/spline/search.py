@@ -60,12 +60,12 @@ class SplineMaker(Maker):
 
 
 def build(job):
-    """Search the size of one spline, and write ``grid-spline-auto.zarr.zip``.
+    """Find the size of one spline, and write ``grid-spline-auto.zarr.zip``.
 
     Raises
     ------
     PandisError
-        As of `search`.
+        See `search`.
     """
     body, task = Body.open(job.read("mesh", "mesh")), job.options
     points, most = points_of(body, task), task.target.bytes or SplineMaker.sizes[-1]

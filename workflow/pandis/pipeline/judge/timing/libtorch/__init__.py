@@ -1,8 +1,8 @@
-"""Networks asked the paper's way: by a C++ program on LibTorch, one query at a time.
+"""Queries networks the paper's way: from a C++ program on LibTorch, one query at a time.
 
-`query.cpp` is built against the headers and libraries of the installed torch package, the
-exported program (``.pt2``) is compiled for it by AOTInductor. The compiled package is no
-artifact: it holds for one version of torch and one processor.
+`query.cpp` is built against the headers and libraries of the installed torch package. AOTInductor
+compiles the exported program (``.pt2``) for it. The compiled package is no artifact: it works with
+one version of torch on one processor.
 """
 
 import os
@@ -25,7 +25,7 @@ torch._inductor.aoti_compile_and_package(program, package_path=sys.argv[2])
 
 
 def ask(path, points, queries):
-    """Ask a network from C++, on one thread.
+    """Query a network from C++, on one thread.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def ask(path, points, queries):
     distance : ndarray, shape (n,)
     normal : ndarray, shape (n, 3)
     seconds : ndarray, shape (queries,)
-        Times of single queries at the points in order, over and over, after they were answered
-        once, so that everything is warm.
+        Times of single queries at the points in order, over and over. All points were queried
+        once before, as a warm-up.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def ask(path, points, queries):
 
 
 def _program():
-    """Build `query.cpp`, unless that was done before."""
+    """Build `query.cpp`, unless it is built already."""
     import torch
     from torch.utils import cpp_extension
 

@@ -1,4 +1,4 @@
-"""What a network is shown at a step: it depends on the seed and the step's number alone."""
+"""The batch of each step, which depends only on the seed and the step's number."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -8,9 +8,9 @@ import torch
 from pandis.base.streams import BOX, ORDER, generator
 from pandis.pipeline.run.records.samples import SamplesRecord
 
-#: Points drawn at once, to be shown once.
+#: Points drawn at once, each shown once.
 FRESH = 1 << 18
-#: Blocks that are made while a GPU uses one: it is faster than any one of them is made.
+#: Blocks made while a GPU uses one: it uses a block faster than one can be made.
 AHEAD = 5
 
 
@@ -26,7 +26,7 @@ class Batches:
     per_block : int
         Batches of a block.
     device : str
-        Where the batches shall lie. For a GPU the next blocks are made while one is in use.
+        Where batches are held. For a GPU the next blocks are made while one is in use.
     """
 
     def __init__(self, make, size, per_block, device):
@@ -46,7 +46,7 @@ class Batches:
         if self._pool is None:
             return torch.from_numpy(self._make(number))
         ready, following = self._ahead, range(number + 1, number + 1 + AHEAD)
-        # alone at first: of many that are begun at once none is ready soon
+        # the first is made alone: if many begin at once, none is ready soon
         rows = ready[number].result() if number in ready else self._pinned(number)
         self._ahead = {k: ready.get(k) or self._pool.submit(self._pinned, k) for k in following}
         return rows.to(self.device, non_blocking=True)
@@ -59,7 +59,7 @@ def surface_batches(places, base, size, seed, device):
     """Return the batches of the paper's recipe: an epoch is a block.
 
     A row is a point of the surface, distance and normal there, and a point of the box; with a
-    base, what it says at the one and the other, value and gradient.
+    base, also the base's value and gradient at both.
 
     Parameters
     ----------
@@ -83,16 +83,16 @@ def surface_batches(places, base, size, seed, device):
 
 
 def area_points(samples):
-    """Return the stored points of the surface, distance and normal (n, 7): even by area."""
+    """Return the stored surface points, distance and normal (n, 7): uniform by area."""
     low, high = SamplesRecord.of(samples).strata["surface"]
     columns = [samples.arrays[k][low:high] for k in ("points", "distance", "normal")]
     return np.column_stack(columns).astype(np.float32)
 
 
 def vertex_points(surface, engine):
-    """Return the vertices, their distance, zero, and their normals (n, 7), float32.
+    """Return the vertices, their distances (zero) and their normals (n, 7), float32.
 
-    The normal of a mesh's vertex is that of its faces, weighted by their angles there (Thürmer
+    The normal of a mesh's vertex is its faces' mean, weighted by their angles there (Thürmer
     and Wüthrich 1998); the vertices of a closed form's tessellation lie on it.
     """
     points = surface.vertices
@@ -101,10 +101,10 @@ def vertex_points(surface, engine):
 
 
 def fresh_batches(strata, base, size, seed, device):
-    """Return batches of points that are drawn and labelled for them, and shown once.
+    """Return batches of points drawn and labelled on demand, and shown once.
 
     A label costs a thirtieth of what learning from it does, and a network that sees the
-    same points again learns them by heart: docs/training.md.
+    same points again memorises them: docs/training.md.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def fresh_batches(strata, base, size, seed, device):
     per_block = max(1, FRESH // size)
 
     def make(block):
-        rows = strata.fresh(block, per_block * size + 16)  # rounding may take a few away
+        rows = strata.fresh(block, per_block * size + 16)  # rounding may drop a few
         order = generator(seed, ORDER, block).permutation(len(rows))
         return np.take(with_base(rows, base), order, axis=0)
 
@@ -123,9 +123,9 @@ def fresh_batches(strata, base, size, seed, device):
 
 
 def with_base(rows, base):
-    """Append to rows, points first, what the base says there, value and gradient: four columns.
+    """Append the base's value and gradient to rows that begin with points: four columns.
 
-    It is no part of what is learnt, so that it need be known at the points of a batch alone.
+    The base is not trained, so these are needed only at the points of a batch.
     """
     if base is None:
         return rows
@@ -140,8 +140,8 @@ def answer(output, gradient, rows):
     ----------
     output : Tensor, shape (n, 4) or (n, 1)
     gradient : Tensor, shape (n, 3), or None
-        What the network says at the points of the rows; without a gradient the direction is
-        what it puts out.
+        The network's at the points of the rows; without a gradient the direction is among
+        its outputs.
     rows : Tensor, shape (n, 7) or (n, 11)
         Rows of `fresh_batches`: the latter with a base.
     """

@@ -1,6 +1,6 @@
-"""What a step does element by element, between two products, and what nothing waits for yet.
+"""Elementwise work of a step, between two products, and work that nothing waits for yet.
 
-On a CPU these are our own loops or torch's; on a GPU one kernel each, of Warp, where torch has
+On a CPU these are our own loops or torch's. On a GPU each is one Warp kernel where torch has
 several, because a step there is many small kernels.
 """
 
@@ -19,7 +19,7 @@ def fused(values):
 @cache
 def _kernels():
     try:
-        # not above: trainings on a CPU have no need of Warp, which takes a second to load
+        # imported here: training on a CPU does not need Warp, which takes a second to load
         from pandis.engine.cuda import steps
     except (ImportError, RuntimeError):
         return None
@@ -27,7 +27,7 @@ def _kernels():
 
 
 def sines(z, bias):
-    """Return sin(z + bias) and its cosine; z (w, n) is used up, bias is (w,)."""
+    """Return sin(z + bias) and its cosine; z (w, n) is overwritten, bias is (w,)."""
     if kernels := fused(z):
         cosine = torch.empty_like(z)
         kernels.launch(kernels.sines, z.shape, z, bias, cosine)
@@ -55,26 +55,26 @@ def slopes_forward(along, chain, slope):
 
 
 def slopes_back(back, slope, to_slope, sine):
-    """Let back become back · slope − to_slope · sine; to_slope, which may be None, is used up."""
+    """Set back to back · slope − to_slope · sine; to_slope may be None, and is overwritten."""
     if to_slope is None:
         back *= slope
     elif kernels := fused(back):
         kernels.launch(kernels.slopes_back, back.shape, back, slope, to_slope, sine)
     else:
         back *= slope
-        back -= to_slope.mul_(sine)  # of a cosine
+        back -= to_slope.mul_(sine)  # a cosine's slope
 
 
 @cache
 def _second_stream(device, first):
-    """Return the stream beside one: never torch's, which hands out the same 32 in turn."""
+    """Return a second stream beside one: not torch's, which hands out the same 32 in turn."""
     return _kernels().new_stream(device)
 
 
 class Aside:
-    """Lets work run beside what goes on, on a GPU on a second stream; elsewhere it runs at once.
+    """Runs work in parallel, on a second stream of a GPU; elsewhere it runs at once.
 
-    Where there is no Warp, it runs at once on a GPU, too.
+    Without Warp it runs at once on a GPU, too.
 
     Parameters
     ----------
@@ -92,13 +92,13 @@ class Aside:
         """Return ``work(*values)``; the values must not change before `join`."""
         if self._stream is None:
             return work(*values)
-        self._alive.append(values)  # else their memory would be given to others, and written
+        self._alive.append(values)  # else their memory would be reused and overwritten
         self._stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(self._stream):
             return work(*values)
 
     def join(self):
-        """Let what follows wait for all of it."""
+        """Make later work wait for all of it."""
         if self._stream is not None:
             torch.cuda.current_stream().wait_stream(self._stream)
             self._alive.clear()

@@ -1,4 +1,4 @@
-"""Ctrl-C in the middle of a training: the step is finished, and its state is kept."""
+"""Handles Ctrl-C during training: the step is finished, and its state is kept."""
 
 import signal
 import threading
@@ -16,7 +16,7 @@ def noted():
     """
     signals = []
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: False  # signals reach the main thread alone
+        yield lambda: False  # signals reach only the main thread
         return
 
     def note(number, frame):

@@ -1,4 +1,4 @@
-"""Labels of training points on the GPU that trains: else its steps wait for the host's cores."""
+"""Labels training points on the GPU that trains, so that it does not wait for the host's cores."""
 
 from contextlib import contextmanager
 
@@ -12,19 +12,19 @@ from pandis.pipeline.geometry.distance import SURFACE_DISTANCE, MeshDistance
 class GpuDistance:
     """The exact distance to a mesh, whose labels without ties come from a CUDA device.
 
-    They have the signs of the host's, and their distances but for rounding: the same search with
-    the same tree, also in double precision. Signs are not compared with winding numbers, as those
-    of the stored samples have been.
+    They have the signs of the host's, and their distances except for rounding: search and tree
+    are the same, also in double precision. Signs are not checked by winding numbers; those of the
+    stored samples are.
 
     Parameters
     ----------
     engine : pandis.pipeline.geometry.distance.MeshDistance
     device : str
-        Of Warp.
+        Warp's.
     """
 
     def __init__(self, engine, device="cuda"):
-        # not above: trainings on a CPU have no need of Warp, which takes a second to load
+        # imported here: training on a CPU does not need Warp, which takes a second to load
         from pandis.engine.cuda.meshes import MeshLabels
 
         self.engine = engine
@@ -43,7 +43,7 @@ class GpuDistance:
 
 
 def on_device(engine, device, log):
-    """Return an engine whose labels come from the device, where there is one that can.
+    """Return an engine whose labels come from the device, if that is possible.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def on_device(engine, device, log):
 
 @contextmanager
 def own_stream(device):
-    """Let what follows run on a stream of its own, if it is to run on a GPU's default one.
+    """Run the body on a new stream, if it would run on a GPU's default one.
 
-    Labels, which are made on another, would wait there for all steps that wait to be taken.
+    Labels are made on another stream, and would wait there for all queued steps.
     """
     if device != "cuda" or torch.cuda.current_stream() != torch.cuda.default_stream():
         yield

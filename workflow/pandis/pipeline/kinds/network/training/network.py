@@ -1,7 +1,7 @@
 """The sine network in torch: Sitzmann et al. 2020, with the paper's four outputs or with one.
 
-Forward and backward passes are written out, also those through the gradient by
-the position: autograd would keep and copy more, and needs a double backward pass.
+Forward and backward passes are written out, even those through the gradient by
+position: autograd would keep and copy more, and needs a double backward pass.
 """
 
 import itertools
@@ -19,7 +19,7 @@ from pandis.pipeline.kinds.network.training.products import product
 
 
 def usual_omega(width):
-    """Return ω0 for exact supervision: what a few units can carry are coarser waves."""
+    """Return ω0 for exact supervision: narrow networks get coarser waves."""
     return 80.0 * (width / 256) ** 0.5
 
 
@@ -43,7 +43,7 @@ class Siren(torch.nn.Module):
     omega : float
         ω0.
     outputs : int
-        4, or 1: Φ, whose gradient is the direction then.
+        4, or 1: Φ, whose gradient is then the direction.
     generator : torch.Generator
         Source of the initial weights.
 

@@ -1,8 +1,8 @@
 """Steps of the optimisers: Adam, and Muon for the matrices between sine layers.
 
 Muon (Jordan 2024; for sine networks McGinnis et al. 2025, arXiv 2512.14366): the
-step is the momentum with all of its singular values made one, so that no direction
-of a matrix is left behind.
+step is the momentum with all of its singular values set to one, so that no
+direction of a matrix is left behind.
 """
 
 import torch
@@ -27,7 +27,7 @@ def orthogonal(matrices):
     """
     a, b, c = _QUINTIC
     x = matrices / (matrices.norm(dim=(1, 2), keepdim=True) + 1e-20)
-    if x.is_cuda:  # in half as many kernels, and as Jordan does in half of the digits
+    if x.is_cuda:  # half as many kernels and, like Jordan's code, half the digits
         x = x.bfloat16()
         for _ in range(_ROUNDS):
             square = torch.bmm(x, x.mT)
@@ -63,7 +63,7 @@ class Optimiser:
         device = network.weights[0].device
         self.matrices = hidden
         self.momenta = [torch.zeros_like(p) for p in hidden]
-        # as tensors, so that a recorded graph of a step can be told another rate
+        # a tensor, so that the rate of a recorded step can change
         graph = device.type == "cuda"
         rate = torch.tensor(0.0, device=device) if graph else 0.0
         self.share = torch.zeros((), device=device)

@@ -4,8 +4,8 @@ Four of the terms hold on the surface or off it only. SIREN's code sets them to 
 other points and averages over the whole batch; the paper does not say. Both can be chosen.
 
 Readings where the print cannot be meant (see ``docs/architecture.md``): inner
-products are cosines, for raw products are unbounded below; ‖·‖ − 1 has an
-absolute value, for without it a vanishing Ψ is rewarded.
+products are cosines, because raw products are unbounded below; ‖·‖ − 1 has an
+absolute value, because a vanishing Ψ would be rewarded.
 """
 
 import torch
@@ -37,7 +37,7 @@ def surface(phi):
 
 def off_surface(phi, alpha):
     """Eq. 3, term 4, off the surface: exp(−a |Φ|)."""
-    # 80 is where the result stops mattering (1e-35) and before float32 turns subnormal
+    # at 80 the result (1e-35) no longer matters, and float32 is not yet subnormal
     return torch.exp(-(alpha * phi.abs()).clamp(max=80.0)).mean()
 
 
@@ -69,7 +69,7 @@ def paper_loss(
     Parameters
     ----------
     on, off : Tensor, shape (n, 4) or (n, 1)
-        (Φ, Ψ) on the surface and in the box; of Φ alone only the terms of Eq. 3 count.
+        (Φ, Ψ) on the surface and in the box; with Φ alone only the terms of Eq. 3 count.
     on_gradient, off_gradient : Tensor, shape (n, 3)
         ∇Φ there.
     normal : Tensor, shape (n, 3)

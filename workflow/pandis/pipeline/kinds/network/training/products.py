@@ -1,7 +1,7 @@
 """Matrix products on the CPU, through oneDNN where torch has it, and memory for them.
 
-MKL, which torch asks for float32 products, is slow on AMD's processors; oneDNN does
-not mind whose they are.
+MKL, which torch uses for float32 products, is slow on AMD's processors; oneDNN is
+not.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ _ONEDNN = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_l
 def product(a, b, more=None):
     """Return a @ b of matrices (m, k) and (k, n), or of stacks (s, m, k) and (s, k, n) of them.
 
-    With ``more`` (m, n), of matrices, that is added.
+    ``more`` (m, n) is added to a product of matrices.
     """
     if more is not None:
         return torch.addmm(more, a, b) if a.is_cuda else more + product(a, b)

@@ -1,4 +1,4 @@
-"""Steps on a GPU, recorded once and replayed: launching their kernels costs more than they do."""
+"""Steps on a GPU, recorded once and replayed: launching kernels costs more than running them."""
 
 import threading
 
@@ -6,7 +6,7 @@ import torch
 
 #: Steps that are taken before one is recorded.
 _EAGER_STEPS = 3
-#: Several trainers may share a GPU, each in a thread and on a stream of its own; while one of them
+#: Several trainers may share a GPU, each with its own thread and stream; while one of them
 #: records, the others must not launch what they have recorded.
 _RECORDING = threading.Lock()
 
@@ -17,8 +17,8 @@ class RecordedStep:
     Parameters
     ----------
     descend : callable
-        Takes a step with rows (n, c), always as many, and returns the loss, without waiting for
-        the GPU.
+        Takes a step with rows (n, c), n always the same, and returns the loss without waiting
+        for the GPU.
     """
 
     def __init__(self, descend):

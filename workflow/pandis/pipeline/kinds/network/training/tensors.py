@@ -8,7 +8,7 @@ Numbers = Float[torch.Tensor, " n"]
 Vectors = Float[torch.Tensor, "n 3"]
 #: Vectors at m other points, off the surface.
 OffVectors = Float[torch.Tensor, "m 3"]
-#: What a network of k outputs says at n points on the surface, and at m off it.
+#: The k outputs of a network at n points on the surface, and at m off it.
 Outputs = Float[torch.Tensor, "n k"]
 OffOutputs = Float[torch.Tensor, "m k"]
 #: A loss.

@@ -34,8 +34,8 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 CHECKPOINT_SECONDS = 20.0
 CURVE_POINTS = 100
 QUICK = 4000
-#: A run whose error exceeds the least so far by this factor has diverged; not judged early on,
-#: nor while it is below this share of the force: a base may be all but right before any step.
+#: A run whose error exceeds DIVERGED times the least so far has diverged. It is not judged before
+#: EARLY of the budget, nor below HARMLESS of the force: a base may be nearly right at first.
 DIVERGED, EARLY, HARMLESS = 4.0, 0.05, 0.1
 RESTARTS = 5
 #: Options that state the accuracy wanted, not how a network was trained.
@@ -44,10 +44,10 @@ _NOT_OF_A_TRAINING = {"force_error", "tail", "missed"}
 
 @contextlib.contextmanager
 def _subnormals_as_zero():
-    """Compute with subnormal numbers as zeros, on this thread, and only within the body.
+    """Treat subnormal numbers as zero, on this thread, and only within the body.
 
-    A processor takes many times as long for a subnormal number. Other code must not meet that
-    arithmetic: SciPy's k-d tree, for one, then divides a node for ever.
+    A processor takes many times as long for a subnormal number. Other code must not run with this
+    arithmetic: SciPy's k-d tree, for one, then splits a node forever.
     """
     torch.set_flush_denormal(True)
     try:
@@ -59,8 +59,8 @@ def _subnormals_as_zero():
 class Trainer:
     """Trains one network; the same options and samples give the same bytes.
 
-    Whatever happens at a step depends on the seed and the step's number
-    alone, so that a run resumed from a checkpoint ends as an undisturbed one.
+    A step depends only on the seed and its own number, so that a run
+    resumed from a checkpoint ends like an uninterrupted one.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class Trainer:
     # --- one step ----------------------------------------------------------------
 
     def _outputs(self, rows):
-        """Return what the network puts out (n, 4) or (n, 1), and its gradient (n, 3) if wanted."""
+        """Return the network's outputs (n, 4) or (n, 1), and its gradient (n, 3) if wanted."""
         if self.own_gradient:
             return self.network.forward_with_gradient(rows[:, :3])
         return self.network(rows[:, :3]), None
@@ -138,7 +138,7 @@ class Trainer:
         output, gradient = self.network.forward_with_gradient(torch.cat([points, rows[:, 7:10]]))
         if self.base is not None:
             known = torch.cat([rows[:, 10:14], rows[:, 14:18]])
-            # Ψ takes the other columns of the output; with Φ alone there are none
+            # the gradient is added to Ψ, the other columns; with Φ alone there are none
             output = output + known[:, : output.shape[1]]
             gradient = gradient + known[:, 1:]
         return paper_loss(output[:n], gradient[:n], output[n:], gradient[n:], normal, self.options)
@@ -194,7 +194,7 @@ class Trainer:
         Raises
         ------
         PandisError
-            The run diverged again and again.
+            The run diverged repeatedly.
         KeyboardInterrupt
             The process was asked to stop: a checkpoint of the last step is written.
         """
@@ -203,7 +203,7 @@ class Trainer:
         self._resume()
         report.resume(self.step if steps else self.elapsed)
         with noted() as interrupted, own_stream(self.device):
-            if self.device == "cuda":  # else the budget begins with loading its kernels
+            if self.device == "cuda":  # else loading its kernels takes from the budget
                 if not fused(self.parameters[0]):
                     self.log("steps take longer without Warp: pip install warp-lang")
                 torch.autograd.grad(self._loss(self.batches.batch(self.step)), self.parameters)
@@ -214,7 +214,7 @@ class Trainer:
         return result
 
     def _until(self, steps, seconds, report, interrupted):
-        """Take steps to the end of the budget; return what there is to say of the last ones."""
+        """Take steps to the end of the budget; return a note on the last ones."""
         start, saved = time.monotonic() - self.elapsed, time.monotonic()
         every = max(1, steps // CURVE_POINTS) if steps else 50
         note = ""
@@ -226,7 +226,7 @@ class Trainer:
             share = done / (steps or seconds)
             loss = self._advance(share)
             if self.step % every == 0:
-                # on a GPU all of this is asked for before any of it is waited for
+                # on a GPU all of this is queued before any of it is waited for
                 state, finite = self._state(), self._finite()
                 error = self._offs(self.held_out[:QUICK]).mean()
                 value, error, finite = torch.stack([loss, error, finite]).tolist()
@@ -253,7 +253,7 @@ class Trainer:
         self._save()
 
     def finish(self):
-        """Remove the checkpoints, also those of older options: the artifact is written."""
+        """Remove the checkpoints, even those of older options: the artifact is written."""
         for path in self.checkpoint.parent.glob(f"{self.checkpoint.name.split('.')[0]}.*pt"):
             path.unlink()
         with contextlib.suppress(OSError):  # other recipes may still have theirs there
@@ -274,12 +274,12 @@ class Trainer:
         at, self.restarts = self.step, self.restarts + 1
         if self.good is None or self.restarts > RESTARTS:
             self.checkpoint.unlink(missing_ok=True)
-            raise self._divergence(f"{self.restarts} times, at last at step {at}")
+            raise self._divergence(f"{self.restarts} times, the last at step {at}")
         slowdown, restarts = self.slowdown / 2, self.restarts
         self._restore(self.good)
         self.slowdown, self.restarts = slowdown, restarts
         self.log(
-            f"warning: diverged at step {at}; on from step {self.step} with steps half as large"
+            f"warning: diverged at step {at}; continues from step {self.step}, steps half as large"
         )
 
     def _divergence(self, how):
@@ -326,7 +326,7 @@ class Trainer:
 
     @torch.no_grad()
     def _offs(self, rows):
-        """Return the length (n,) of each row's error of the force, float64."""
+        """Return the magnitude (n,) of each row's force error, float64."""
         phi, direction = self._answer(rows)
         force = -phi.clamp(max=0)[:, None] * torch.nn.functional.normalize(direction)
         exact = -rows[:, 3:4].clamp(max=0) * rows[:, 4:7]
