@@ -233,7 +233,7 @@ def test_a_model_of_another_size_than_the_library_has_is_refused(
         return head + mark + rest.replace(f'value="{scale}"', 'value="0.03"', 1)
 
     monkeypatch.setattr(mjcf, "mjcf_text", wrong)
-    with pytest.raises(PandisError, match="compact: MuJoCo has other distances"):
+    with pytest.raises(PandisError, match="compact: MuJoCo's distances differ"):
         model(files, body, tmp_path)
 
 
