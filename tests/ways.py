@@ -26,9 +26,10 @@ MM, STIFFNESS, MOVING = UNIT_SIDE / 100, 400.0, 8
 NEAR, DEEP = 0.05, 0.05
 #: By which friction's cone may be wider (radians): on a ridge any plane between its faces holds.
 SLANT = 0.1
-#: Seconds that a proxy may need more than `slide` allows, and after which it is left behind.
+#: Seconds for which a proxy may go too slowly; after how many more it is left behind.
 DUE, LATER = 0.05, 2.0
-#: With few looks a second: how far (m) it goes with each of them, and how many the 50 ms are.
+#: Few looks per second excuse a slow proxy: it has to go this far (m) for each look, and `DUE` is
+#: the time of this many looks, if that is longer.
 STRIDE, LOOKS = 4e-6, 600
 
 
@@ -216,22 +217,23 @@ class Followed:
         self.rest(DUE + 1.2 * left / self._contact.options.slide)
 
     def patience(self, looks):
-        """Return at which speed (m/s) it has to go at least, and how many seconds it may rest.
+        """Return how many seconds more it may rest before it is late; 0 or less: it is late.
+
+        Time in which it goes as fast as it has to does not count, so that a way around an edge,
+        which is longer than the distance, may take longer.
 
         Parameters
         ----------
         looks : bool
-            Whether few looks in a second excuse it.
+            Whether a small number of looks per second excuses it.
         """
-        slide, rate = self._contact.options.slide, self.way.budget / self.way.dt
-        return (min(slide, STRIDE * rate), max(DUE, LOOKS / rate)) if looks else (slide, DUE)
-
-    def waited(self, speed):
-        """Return how many seconds it has rested, and how many of them without going at a speed."""
+        speed, due, rate = self._contact.options.slide, DUE, self.way.budget / self.way.dt
+        if looks:
+            speed, due = min(speed, STRIDE * rate), max(due, LOOKS / rate)
         path = np.concatenate([self.proxies[self._driven - 1][-1:], *self.proxies[self._driven :]])
         gone = np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / MM * 1e-3
         rested = (len(path) - 1) * self.way.dt
-        return rested, rested - gone / speed
+        return due - (rested - gone / speed) if rested < LATER else 0
 
     def rest(self, seconds):
         """Stay where the probe is."""
@@ -265,21 +267,12 @@ def behind(own, followed):
 
 
 def overdue(own, followed, looks):
-    """Return those that are behind though they are past their `Followed.patience`.
-
-    So a way around an edge, which is longer than the distance, may take its time.
-    """
-    waiting = late = [followed[i] for i in np.flatnonzero(behind(own, followed)[1])]
-    while waiting:
-        waiting = []
-        for one in late:
-            speed, due = one.patience(looks)
-            rested, idle = one.waited(speed)
-            if idle < due and rested < LATER:
-                one.rest(due - idle)
-                waiting.append(one)
-        late = [late[i] for i in np.flatnonzero(behind(own, late)[1])] if waiting else late
-        waiting = waiting if late else []
+    """Return those that are still behind when their `Followed.patience` has run out."""
+    late = [followed[i] for i in np.flatnonzero(behind(own, followed)[1])]
+    while waiting := [one for one in late if one.patience(looks) > 0]:
+        for one in waiting:
+            one.rest(one.patience(looks))
+        late = [late[i] for i in np.flatnonzero(behind(own, late)[1])]
     return late
 
 

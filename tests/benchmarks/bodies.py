@@ -67,9 +67,9 @@ def file_of(body, name):
 
 
 def file_of_grid(body, name, steep=1):
-    """Return the bytes of a grid's file, whose values are so many times too large."""
-    grid = DenseGrid(body.distance, CONTENTS[name.rpartition("-")[0]], int(name.rpartition("-")[2]),
-                     WIDE, silent_progress)  # fmt: skip
+    """Return the bytes of a grid's file, with its values multiplied by `steep`."""
+    kind, _, size = name.rpartition("-")
+    grid = DenseGrid(body.distance, CONTENTS[kind], int(size), WIDE, silent_progress)
     values = np.float32(steep) * np.concatenate(list(grid.slabs(32)))
     field = _opened(name, {"values": values}, grid.attributes())
     return native_bytes(field, {}, safe=_safe(field, body.distance))

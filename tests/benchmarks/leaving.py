@@ -9,15 +9,16 @@ Radius, friction, budget and the length of a tick are drawn for each way; every 
 moves. Then the probe rests as long as `slide` allows for the way that is left, and 50 ms more. What
 counts against the contact is
 
-    left     a walk in small steps from the proxy towards the probe, outside of the field's own
-             surface, comes nearer than friction explains, even a second later
+    left     it is late, and still behind two seconds later
+    late     a walk in small steps from the proxy towards the probe, outside of the field's own
+             surface, comes nearer than friction explains, though the proxy had time: more than
+             50 ms (or 600 looks, if that is longer) in which it went neither at `slide` nor at
+             4 um for each look that its budget allows
     passes   a proxy lay more than 0.05 mm below the field's own surface, or below where it began
-    late     it has not come there, although it has rested for more than 50 ms in all, and for 600
-             looks at the field, without going at `slide`, nor at 4 um for each look
     bounds   a force changed by more than the stiffness allows for the ways of a tick
 
-`slow` are those that were not in time for `slide` and 50 ms, but for the looks: 4 um for each are
-`slide` with 12,500 a second, a default budget of 24 at 2 ms a tick.
+`slow` proxies would be late without the allowance for looks, and are counted, too. It matters
+below 12,500 looks a second, which are `slide`: a budget of 24 at ticks of 1.9 ms.
 """
 
 import os
