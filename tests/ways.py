@@ -93,8 +93,18 @@ def torus(_):
     return mesh, lambda rng: (rng.normal(0, 30, 3), None)
 
 
+def waves(rng):
+    """Return a ball of 70 to 90 mm under waves of 20 mm, in 82,000 triangles."""
+    ball = trimesh.creation.icosphere(6)
+    along = rng.normal(0, 1, (12, 3))
+    along *= 32 / np.linalg.norm(along, axis=1, keepdims=True)
+    high = np.sin(ball.vertices @ along.T + rng.uniform(0, 2 * np.pi, 12)).sum(1, keepdims=True)
+    ball.vertices *= BLOCK * (0.4 + 0.015 * high)
+    return ball, lambda rng: (rng.normal(0, 0.4 * BLOCK, 3), None)
+
+
 SHAPES = {f"corner of {n}": corner(n) for n in range(3, 9)}
-SHAPES |= {"groove": groove, "slit": slit, "needle": needle, "torus": torus}
+SHAPES |= {"groove": groove, "slit": slit, "needle": needle, "torus": torus, "waves": waves}
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """2,000 ways of pressing, sliding and leading away: none is left behind, deep, or kicks."""
 
 import sys
+from dataclasses import replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -20,7 +21,7 @@ from pandis.base.frame import Frame
 from pandis.pipeline.geometry.body import Body
 from pandis.runtime.contact import NativeContact
 from pandis.runtime.scene import Placed
-from ways import SHAPES, draw, judge
+from ways import MM, SHAPES, draw, judge
 
 #: Takes long: `make test-slow`.
 pytestmark = pytest.mark.slow
@@ -57,6 +58,24 @@ def test_a_proxy_always_comes_along(kind, name):
     assert seen["left"] == seen["late"] == 0, worst
     assert seen["passes"] == seen["bounds"] == 0
     assert seen["slow"] <= COUNT / 10
+
+
+@pytest.mark.parametrize("kind", ["exact", "compact-16"])
+def test_large_balls_leave_the_creases_of_their_own_offset_surface(kind):
+    """Free balls were looked for so near the proxy that none joined the one it stood on."""
+    rng = np.random.default_rng(5)
+    mesh, _ = SHAPES["waves"](rng)
+    frame = Frame.of_bounds(*mesh.bounds)
+    vertices, faces = frame.to_unit(mesh.vertices), np.asarray(mesh.faces, np.int32)
+    body, solid = Body(vertices, faces, UNIT), Solid(vertices, faces)
+    ways = []
+    for drawn in draw(solid, None, 600, rng):
+        way = replace(drawn, radius=rng.uniform(0.3, 1), moving=False)
+        begin = MM * way.path(5 * way.radius)[:1]
+        if solid.distance(begin)[0] > 5 * way.radius * MM:
+            ways.append(way)
+    seen, worst = judge(field_of(body, kind), kind, solid, ways, 5.0)
+    assert seen["left"] == seen["late"] == seen["passes"] == seen["bounds"] == 0, worst
 
 
 def test_a_corner_of_trilinear_cells_lets_nothing_through():

@@ -10,6 +10,8 @@
 #define PANDIS__IDLE 16            /* it begins at this count: contact steps that lead nowhere add 2, others subtract 1 */
 #define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
 #define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */
+#define PANDIS__CREEP 0.01         /* or, while the probe rests, goes less than this share of its way */
+#define PANDIS__NEAR (PANDIS__GAP / 2) /* a ball at this lift reaches the proxy */
 #define PANDIS__AGAIN 64           /* steps of the contact after which a proxy that rests tries again, */
 #define PANDIS__MOVED 0.2          /* or when the probe has gone this share of its distance to the proxy */
 #define PANDIS__LEAN 0.05          /* sine of the angle between pull and surface normal below which it rests */
@@ -54,18 +56,37 @@ PANDIS__ONCE static int pandis__free_place(pandis__proxy *p, const double *goal,
     return over;
 }
 
-/* Take a free ball above a place, offset by the planes that hold the proxy there, if any. Returns 1 if the ball joins
- * the last one or holds the proxy (if `joins`), and reaches the place (if `reaches`); else 0; -1: no answer. It has to
- * join because an exact object may be thinner than a step: the way to a free place need not be free. */
-static int pandis__covers(pandis__proxy *p, const double *place, int joins, int reaches) {
+/* Take a free ball above a place, at the lift over the planes that hold the proxy there. Returns 1 if the ball joins the
+ * last one or holds the proxy, and reaches the place (if `reaches`); else 0; -1: no answer. It has to join because an exact
+ * object may be thinner than a step: the way to a free place need not be free. */
+static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
     pandis__look look;
     double at[3];
     pandis__lifted(p, place, NULL, p->state->lift, at);
     if (!pandis__look_at(p, at, &look)) return -1;
     if (!(look.free > 0) || (reaches && pandis__between(at, place) > look.free + PANDIS__GAP)) return 0;
-    if (joins && pandis__between(at, p->ball) > p->ball[3] + look.free && pandis__between(at, p->x) >= look.free) return 0;
+    if (pandis__between(at, p->ball) > p->ball[3] + look.free && pandis__between(at, p->x) >= look.free) return 0;
     pandis__take_ball(p, &look);
     return 1;
+}
+
+/* Take a free ball that reaches the proxy: at the lift, or as near as any reaches it, in front of the walls that were met.
+ * Returns 1, or 0 if there is none, -1 if there was no answer. */
+PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
+    pandis__contact *c = p->state;
+    for (int turn = 0; turn < 4 && p->queries < c->options.budget; turn++) {
+        pandis__look look;
+        double at[3];
+        pandis__lifted(p, p->x, NULL, c->lift, at);
+        if (!pandis__look_at(p, at, &look)) return -1;
+        if (look.free > 0 && pandis__between(at, p->x) <= look.free + PANDIS__GAP) {
+            pandis__take_ball(p, &look);
+            return 1;
+        }
+        c->lift = PANDIS__NEAR;
+        if (!(look.free > 0)) pandis__learn(p, &look, p->x, 0);
+    }
+    return 0;
 }
 
 /* Walk towards the probe, with most of the budget. 0: no answer. */
@@ -76,12 +97,11 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
     const int all = p->exact || c->stalled > 4; /* the hops that follow lead nowhere */
     const int most = all ? c->options.budget - 1 : p->queries + (c->options.budget - p->queries) * 5 / 8;
-    int first = !p->exact, good = 1; /* out of the surface first, if the proxy has sunk in */
-    if (p->exact) { /* balls of the last one's height join it; those of a gap's height reach the proxy */
-        double far = pandis__between(p->ball, p->x);
-        c->lift = fmin(c->lift, fmax(far, PANDIS__GAP));
-        if (far > p->ball[3] + PANDIS__GAP) good = pandis__covers(p, p->x, 0, 1);
-        if (!good) c->lift = PANDIS__GAP, good = pandis__covers(p, p->x, 0, 1);
+    int first = !p->exact, good = 1, anew = 0; /* out of the surface first, if the proxy has sunk in */
+    if (p->exact) { /* balls at the last one's lift join it */
+        double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
+        c->lift = fmin(PANDIS__HOVER, fmax(fmin(c->lift, far), least));
+        if (far > p->ball[3] + PANDIS__GAP) good = pandis__stand(p);
     }
     if (good < 1) return good + 1;
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
@@ -104,13 +124,22 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
         /* a place behind the surface with the opposite normal is a thin wall's other side */
         if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
-        if (good == 1 && p->exact) good = p->queries < c->options.budget ? pandis__covers(p, look.at, 1, step > PANDIS__SLIVER) : 0;
+        int apart = 0; /* in front of the walls there, but no ball joins the last one */
+        if (good == 1 && p->exact) {
+            good = p->queries < c->options.budget ? pandis__covers(p, look.at, step > PANDIS__SLIVER) : 0;
+            apart = !good && !anew;
+            for (int i = 0; i < p->count; i++) apart = apart && pandis__height(p->plane + i, p->x) > -PANDIS__ABOVE;
+        }
         if (good < 0) return 0;
         double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
         if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
         int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD; /* of a long step a part may lie inside */
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
+            if (apart && p->queries < most) { /* over the same planes, as near as any reaches the proxy, balls join */
+                c->lift = PANDIS__NEAR, anew = 1;
+                if (pandis__stand(p) < 0) return 0;
+            }
             p->count = count;
             memcpy(p->plane, known, sizeof known);
             if (!first) c->pace = good ? fmax(PANDIS__CHORD, 0.9 * share * pace) : c->pace / 2;
@@ -160,7 +189,7 @@ PANDIS__ONCE static int pandis__go_back(pandis__proxy *p, const double *place, c
  * 0: no answer. */
 static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe, double moved) {
     pandis__contact *c = p->state;
-    const double least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
+    const double creep = PANDIS__CREEP * way->travel, least = p->exact ? PANDIS__GAIN_EXACT : PANDIS__GAIN * way->travel;
     if (c->idle < PANDIS__IDLE) c->rested = 1;
     /* a probe faster than the proxy may go is not followed by short steps: it has to slow down first */
     else if (moved < 0.5 * way->travel && !pandis__try_walk(p, way, probe, moved)) return 0;
@@ -174,7 +203,8 @@ static int pandis__come(pandis__proxy *p, pandis__way *way, const double *probe,
         apart += (probe[k] - before[k]) * (probe[k] - before[k]);
         left += (probe[k] - p->x[k]) * (probe[k] - p->x[k]);
     }
-    int nowhere = left > PANDIS__SMALL * PANDIS__SMALL && (gone < least * least || apart <= left);
+    int creeps = p->exact && moved * moved < gone && gone < creep * creep;
+    int nowhere = left > PANDIS__SMALL * PANDIS__SMALL && (gone < least * least || creeps || apart <= left);
     if (apart < (1 - 1e-9) * left && p->queries <= c->options.budget + 1 && !pandis__go_back(p, before, ball)) return 0;
     c->idle += nowhere ? 2 * (c->idle < PANDIS__IDLE) : -(c->idle > 0);
     return 1;
