@@ -1,5 +1,7 @@
 """Kills, damage, failures and lost records: nothing stale or broken is ever taken for good."""
 
+import hashlib
+import json
 import os
 import shutil
 import signal
@@ -92,7 +94,7 @@ def test_failure_after_an_option_change_leaves_nothing_stale(rerun):
     assert "a spiral is for analytic:sphere" in done.stdout
     # the sphere has its report, which says what is left out
     assert "a spiral is for analytic:sphere" in (rerun / "results/report.html").read_text()
-    assert "results/summary.csv are about the 1 that could be built" in done.stdout
+    assert "results/summary.csv cover the meshes that could be built (1)" in done.stdout
     assert "Nothing to be done" not in snakemake(rerun, "-j2", "all", *FAST).stdout
     stale = plan(rerun)
     for stage in ("trajectory", "evaluate", "timing", "validate"):
@@ -108,6 +110,15 @@ def test_verify_accepts_a_finished_run(rerun):
     done = verify(rerun)
     assert done.returncode == 0, done.stdout
     assert "all 34 results are whole and belong to this configuration and code" in done.stdout
+    crate = json.loads((rerun / "results/ro-crate-metadata.json").read_text(encoding="utf-8"))
+    things = {thing["@id"]: thing for thing in crate["@graph"]}
+    files = [rerun / "results" / part["@id"] for part in things["./"]["hasPart"]]
+    assert len(files) == 34
+    for path in files:
+        described = things[path.relative_to(rerun / "results").as_posix()]
+        assert described["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    (evaluated,) = [thing for name, thing in things.items() if name.startswith("#evaluate-torus")]
+    assert {"@id": "torus/mesh.zarr.zip"} in evaluated["object"]
 
 
 def test_verify_without_snakemakes_records(rerun):

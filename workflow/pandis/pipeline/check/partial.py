@@ -1,7 +1,7 @@
-"""The report and the summary of the meshes that are whole, after a run in which others failed.
+"""Writes a report and summary of the meshes with valid results, after a run in which others failed.
 
-Run as ``python -m pandis.pipeline.check.partial`` with the configuration on stdin: planning, which
-knows that a run has failed, loads no numerics.
+Run as ``python -m pandis.pipeline.check.partial`` with the configuration on stdin: the planning
+process, which detects that a run has failed, does not load numerical libraries.
 """
 
 import json
@@ -20,12 +20,12 @@ from pandis.pipeline.run.job.artifact import read_artifact, write_atomically
 from pandis.pipeline.run.job.stage import INTERRUPTED, silent_progress
 from pandis.pipeline.run.plan.plan import Plan
 
-#: What every section of the report is made from, beside the artifacts of the fields.
+#: Artifacts behind every section of the report, besides those of the fields.
 _STEMS = ("evaluation", "timing", "stress", "hardware")
 
 
 def write_partial(plan):
-    """Write the report and the summary of a plan, as far as they can be made.
+    """Write a plan's report and summary for the meshes whose results are valid.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def write_partial(plan):
     Returns
     -------
     dict of str to str
-        The meshes that are left out, and why. Nothing is written if all are.
+        The meshes left out, with reasons. Nothing is written if that is all or none of them.
     """
     checker, good, refused = Checker(plan), [], dict(plan.refused)
     for mesh in plan.meshes:
@@ -42,7 +42,7 @@ def write_partial(plan):
         faults = [checker.fault(o) for o in plan.outputs(mesh) if Path(o.path) in paths]
         if any(faults):
             refused[mesh] = (
-                last_words(plan, mesh) or f"its results are not whole: {next(filter(None, faults))}"
+                last_words(plan, mesh) or f"its results are not valid: {next(filter(None, faults))}"
             )
         else:
             good.append(mesh)
@@ -50,7 +50,7 @@ def write_partial(plan):
         return refused
     table, page = (_collection if plan.until else _report)(plan, good, refused)
     why = {"stage": "partial", "wildcards": {}, "options": {"refused": refused}}
-    # the note first: where it is, the others are no results
+    # write the note first: while it exists, the other two files do not count as results
     write_atomically(partial_note(plan), (json.dumps(refused, indent=2) + "\n").encode())
     write_atomically(plan.summary, table.encode())
     write_atomically(plan.report, seal(page.encode(), why, ".html"))
@@ -58,7 +58,7 @@ def write_partial(plan):
 
 
 def _report(plan, good, refused):
-    """Return the summary and the report of these meshes as texts."""
+    """Return the texts of these meshes' summary and report."""
     fields = {mesh: plan.entries[mesh].fields for mesh in good}
     meshes = {mesh: (plan.report_artifacts(mesh), fields[mesh]) for mesh in good}
     sections = mesh_sections(meshes, 1, silent_progress, _forget)
@@ -68,18 +68,18 @@ def _report(plan, good, refused):
 
 
 def _collection(plan, good, refused):
-    """Return table and page of a collection of these meshes as texts."""
+    """Return the texts of the table and page of these meshes' collection."""
     meshes = {mesh: plan.report_artifacts(mesh) for mesh in good}
     rows = collection.collect(meshes, thread_count(), silent_progress, _forget)
     return collection.to_csv(rows, refused), collection.build(rows, refused)
 
 
 def _forget(path, digest):
-    """Take note of no input: a partial report is no result."""
+    """Record no input: a partial report is not a result."""
 
 
 def was_stopped(plan, since):
-    """Tell whether a job of this run was stopped by its user: then nothing has failed."""
+    """Return whether the user stopped a job of this run, in which case nothing has failed."""
     logs = Path(plan.folder, "logs").rglob("*.log")
     return any(
         INTERRUPTED in path.read_text(encoding="utf-8", errors="replace")
@@ -89,7 +89,7 @@ def was_stopped(plan, since):
 
 
 def last_words(plan, mesh):
-    """Return the error that the last failed job of a mesh has logged, or an empty text."""
+    """Return the error that a mesh's last failed job has logged, or an empty string."""
     logs = sorted(
         Path(plan.folder, "logs", mesh).glob("*.log"), key=lambda path: path.stat().st_mtime
     )
@@ -102,7 +102,7 @@ def last_words(plan, mesh):
 
 
 def main():
-    """Read what was planned from stdin, and write what can be written."""
+    """Read the plan from stdin and write the partial report."""
     plan_facts = json.loads(sys.stdin.read())
     try:
         plan = Plan(plan_facts["config"], plan_facts["root"], plan_facts["files"])
@@ -110,14 +110,14 @@ def main():
             return 1
         refused = write_partial(plan)
     except PandisError as error:
-        print(f"error: no report of the other meshes: {error}", file=sys.stderr)
+        print(f"error: cannot report on the other meshes: {error}", file=sys.stderr)
         return 1
     count = len(plan.meshes) + len(plan.refused) - len(refused)
     if not count or not refused:
         return 1
     print(
-        f"{plan.report} and {plan.summary} are about the {count} that could be built; "
-        f"left out, with the reason: {', '.join(refused)}",
+        f"{plan.report} and {plan.summary} cover the meshes that could be built ({count}) "
+        f"and give reasons for those left out: {', '.join(refused)}",
         file=sys.stderr,
     )
     return 0

@@ -1,7 +1,7 @@
 """The chain check: does every result in results/ belong to this configuration and this code?
 
-It trusts nothing but the artifacts themselves: neither modification times nor
-Snakemake's records.
+It trusts only the artifacts themselves, neither modification times nor Snakemake's
+records.
 """
 
 import csv
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pandis.base.errors import PandisError
 from pandis.bridges.newton.cache import read as read_kept
+from pandis.pipeline.check.crate import write_crate
 from pandis.pipeline.export.vti import read_note
 from pandis.pipeline.kinds.session import read_export, read_program_metadata
 from pandis.pipeline.report.seal import SEALED, read_seal
@@ -24,16 +25,16 @@ from pandis.runtime.field.files import read_provenance
 
 
 def demand_files(store):
-    """Raise if the results lie in an object store: what is checked is files."""
+    """Raise if the results are in an object store: only files can be checked."""
     if store:
         raise PandisError(
-            f"verify reads files, and these results are in {store}: fetch its folder of results, "
-            "say with `aws s3 sync`, and run verify without the options of the storage"
+            f"verify reads files, but these results are in {store}: fetch its results folder, "
+            "for example with `aws s3 sync`, and run verify without the storage options"
         )
 
 
 def verify(plan, log):
-    """Check the outputs of a plan: all, or, where only named targets were run, what those made.
+    """Check the outputs of a plan: all, or, if only named targets were run, those of the targets.
 
     Parameters
     ----------
@@ -44,15 +45,15 @@ def verify(plan, log):
     Raises
     ------
     PandisError
-        Something is missing, damaged or stale; the log has said what, and the
-        message says the command that mends it.
+        A result is missing, damaged or stale. The log lists the faults; the message
+        contains the commands that repair them.
     """
     checker = Checker(plan)
     outputs, later = asked_for(plan)
     for mesh in left_over(plan):
         log(
             f"{plan.folder}/{mesh} belongs to no mesh of the configuration: remove the folder, or "
-            "put the mesh back"
+            "restore the mesh"
         )
     faults = [(output, fault) for output in outputs if (fault := checker.fault(output))]
     total = len(outputs)
@@ -61,20 +62,21 @@ def verify(plan, log):
         log(f"{output.path:{width}}  {fault}")
     if faults:
         raise PandisError(
-            f"{len(faults)} of {total} results are not what the configuration asks for (listed "
-            f"above). {remedy(plan, faults)}"
+            f"{len(faults)} of {total} results do not match the configuration (listed above). "
+            f"{remedy(plan, faults)}"
         )
     if later:
         stages = ", ".join(dict.fromkeys(output.stage for output in later))
         log(f"not built so far, and not checked: {len(later)} results ({stages})")
     log(f"all {total} results are whole and belong to this configuration and code")
+    log(f"described in {write_crate(plan.folder, outputs, checker.provenance)}")
 
 
 def asked_for(plan):
-    """Return the outputs that a run was asked for, and those that are left for a later one.
+    """Return the outputs that a run should have built, and those left for a later run.
 
-    A run that went to its end has made what stands last; all else has to be there, too. Without
-    that, stages of which there is no output at all were not asked for.
+    If a final output exists, the run was complete, and all outputs are due. Otherwise stages
+    without any output were not requested.
 
     Returns
     -------
@@ -92,7 +94,7 @@ def asked_for(plan):
 
 
 def left_over(plan):
-    """Return the names of folders of meshes that the configuration does not have."""
+    """Return the names of mesh folders that belong to no mesh of the configuration."""
     known = {*plan.entries, *plan.refused, *RESERVED_NAMES}
     return sorted(
         path.parent.name
@@ -102,26 +104,26 @@ def left_over(plan):
 
 
 def remedy(plan, faults):
-    """Return the commands that mend results, of pairs of an output and what is wrong with it.
+    """Return the commands that repair results, from pairs of an output and its fault.
 
-    A file that is lost or damaged is made again alone: if its bytes come out the same, as all do
-    except durations, nothing that was made from it runs again.
+    A lost or damaged file is rebuilt alone. Everything except durations is rebuilt to the same
+    bytes, and then nothing that depends on the file runs again.
     """
     common = f"-j2{_configfiles(plan)}"
     stale = [output for output, fault in faults if fault.startswith(_STALE)]
-    # what waits for an input that is lost is whole again with that
+    # results that lack only an input are valid again once it is restored
     apart = (*_STALE, _WAITS)
     lost = [output for output, fault in faults if not fault.startswith(apart)]
     commands = []
     outputs = [output.path for output in lost if output.stage != "refuse"]
     if outputs:
         commands.append(
-            f"To restore what is lost or damaged, without making again what follows from it: "
+            f"To restore what is lost or damaged without rebuilding what depends on it: "
             f"snakemake {common} -f {' '.join(outputs)} && snakemake {common} -- all"
         )
     if stale:
         paths = " ".join(output.path for output in stale)
-        commands.append(f"To mend what is stale: snakemake {common} -R {paths} -- all")
+        commands.append(f"To rebuild what is stale: snakemake {common} -R {paths} -- all")
     if any(output.stage == "refuse" for output in lost):
         commands.append(
             "Meshes that are refused must be repaired, or removed from the configuration."
@@ -129,7 +131,7 @@ def remedy(plan, faults):
     return "\n".join(commands)
 
 
-#: How what is wrong begins where a result is whole, but not of this configuration and code.
+#: Beginnings of the faults of intact results that do not belong to this configuration and code.
 _WAITS = "its input"
 _STALE = ("stale", "is another result", "differs", "leaves out")
 
@@ -139,14 +141,16 @@ def _configfiles(plan):
 
 
 class Checker:
-    """Tells what is wrong with each output of a plan."""
+    """Finds the faults of a plan's outputs."""
 
     def __init__(self, plan):
         self.plan = plan
+        #: Stored provenance by path of output.
+        self.provenance = {}
         self._digests = {}
 
     def fault(self, output):
-        """Return what is wrong with an output, or None."""
+        """Return an output's fault, or None."""
         path = Path(output.path)
         if output.stage == "refuse":
             return f"refused: {self.plan.refused[output.wildcards['mesh']]}"
@@ -154,9 +158,9 @@ class Checker:
             return "missing"
         if output.stage == "fetch":
             expected = self.plan.entries[output.wildcards["mesh"]].sha256.lower()
-            return None if file_digest(path) == expected else "damaged: its sha256 is another"
+            return None if file_digest(path) == expected else "damaged: its sha256 differs"
         try:
-            stored = self._provenance(path)
+            stored = self.provenance[output.path] = self._provenance(path)
         except PandisError as error:
             return str(error).removeprefix(f"{path}: ").split(";")[0]
         if output.stage == "summary":
@@ -185,7 +189,7 @@ class Checker:
         if output.stage == "mesh":
             source = self._source(output.wildcards["mesh"])
             if source != stored.get("source", ""):
-                return "stale: its source changed, or a file that the source names"
+                return "stale: its source changed, or a file that the source references"
         for stored_name, digest in stored["inputs"].items():
             name = stored_name.replace(RESULTS, self.plan.folder, 1)
             now = self._digest(name)
@@ -196,7 +200,7 @@ class Checker:
         return None
 
     def _source(self, mesh):
-        """Return the digest of a source as its files are now, whatever a plan remembers."""
+        """Return the current digest of a source's files, bypassing the plan's cached digests."""
         entry = self.plan.entries[mesh]
         if url_extension(entry.source):
             return entry.sha256.lower()
@@ -204,7 +208,7 @@ class Checker:
         return "" if path is None else source_digest(source_files(path))
 
     def _summary(self, path):
-        """Return what is wrong with summary.csv: it must be what the artifacts give now."""
+        """Return the fault of summary.csv, or None; it must match the current artifacts."""
         try:
             read = (
                 [read_artifact(name) for name in self.plan.results(f"{stem}.zarr.zip")]
@@ -212,12 +216,12 @@ class Checker:
             )
             text = to_csv(summarise(*read))
         except PandisError:
-            return "its input, an artifact that it sums up, is missing or damaged"
+            return "its input, an artifact that it summarises, is missing or damaged"
         same = _without_builds(path.read_bytes()) == _without_builds(text.encode())
-        return None if same else "differs from the artifacts it sums up"
+        return None if same else "differs from the artifacts it summarises"
 
     def _collection(self, path):
-        """Return what is wrong with collection.csv: the page beside it vouches for it."""
+        """Return the fault of collection.csv, or None; the page beside it stores its digest."""
         try:
             expected = read_seal(path.with_suffix(".html")).get("table")
         except (PandisError, OSError):
@@ -225,7 +229,7 @@ class Checker:
         return None if file_digest(path) == expected else "differs from the page beside it"
 
     def _companion(self, path):
-        """Return what is wrong with a file for people: it repeats its artifact's attributes."""
+        """Return the fault of a human-readable copy of an artifact's attributes, or None."""
         try:
             attributes = read_artifact(path.with_suffix(".zarr.zip")).attributes
             text = path.read_text(encoding="utf-8")
@@ -262,10 +266,10 @@ class Checker:
     def _digest(self, name):
         if name not in self._digests:
             path = Path(name)
-            # a source has no provenance, even if it ends as an export does
+            # a source has no provenance, even if it has the suffix of an export
             is_result = Path(self.plan.folder) in path.parents
             try:
-                # an export that is damaged is another fault than one that has changed
+                # open exports first, so that a damaged one is not reported as changed
                 if not is_result or self._provenance(path) is None or path.suffix != ".zip":
                     self._digests[name] = file_digest(path)
             except (PandisError, OSError):
@@ -274,13 +278,13 @@ class Checker:
 
 
 def _without_builds(data):
-    """Return the rows of a summary without build times, which no artifact vouches for."""
+    """Return the rows of a summary without build times, which no artifact confirms."""
     rows = list(csv.DictReader(data.decode("utf-8", "replace").splitlines()))
     return [{k: v for k, v in row.items() if k != "build_s"} for row in rows]
 
 
 def _differences(one, other):
-    """Return the names of the options in which two sets differ, `recipe.steps` within a recipe."""
+    """Return the names of the options that differ; those of a recipe as `recipe.steps`."""
     names = []
     for key in sorted(set(one) | set(other)):
         before, after = one.get(key), other.get(key)
