@@ -1,4 +1,4 @@
-"""The pages of the interfaces, from docstrings and from the header: what may be called, and why."""
+"""Pages of the public interfaces, made from the docstrings and from the header's comments."""
 
 import inspect
 import re
@@ -10,18 +10,17 @@ ROOT = Path(__file__).resolve().parents[2]
 PYTHON, C = ROOT / "docs/api/python.md", ROOT / "docs/api/c.md"
 _PYTHON = """# Python
 
-What `import pandis` offers, made from the docstrings: `help(pandis.Field)` says it all, with
-shapes, units and errors. Everything else is inside, but for the packages of `pandis.bridges`.
+The public names of `import pandis`, made from the docstrings. `help(pandis.Field)` shows all of a
+docstring, with shapes, units and errors. Other modules are internal, except `pandis.bridges`.
 """
 _C = """# C
 
-The functions of `pandis.h`, made from its comments: the header says what each parameter is, in
-which range it may lie, and what a bad one gives. **rt**: may be called in a loop that must keep its
-time."""
+The functions of `pandis.h`, made from its comments. The header documents each parameter, its range,
+and the result of an invalid value. **rt**: may be called in a real-time loop."""
 
 
 def python_page():
-    """Return the page of the package: each class with its methods, each function, in a sentence."""
+    """Return the package's page: a sentence for each class, method and function."""
     parts = [_PYTHON]
     for name in pandis.__all__:
         thing = getattr(pandis, name)
@@ -30,42 +29,45 @@ def python_page():
             continue
         parts.append(f"## `pandis.{name}`\n\n{_summary(thing)}\n")
         rows = [_row(name, key, member) for key, member in _members(thing)]
+        if plain := [call for call, text in rows if not text]:
+            rows = [(", ".join(plain), ""), *(row for row in rows if row[1])]
         if rows:
-            parts.append("\n".join(["| | |", "|---|---|", *rows]) + "\n")
+            parts.append("\n".join(f"- {call}{text and ': '}{text}" for call, text in rows) + "\n")
     return "\n".join(parts)
 
 
 def _members(thing):
-    """Yield the names and members of a class that a user may touch, in the order of its source."""
+    """Yield the names and members of a class's public interface, in source order."""
     for each in reversed(thing.__mro__[:-1]):
         if each.__module__.startswith("pandis."):
             yield from ((k, v) for k, v in vars(each).items() if not k.startswith("_"))
 
 
 def _row(name, key, member):
+    """Return a member's call or name as Markdown, and its sentence; fields of tuples have none."""
     plain = getattr(member, "__func__", member)
     if isinstance(plain, property):
-        return f"| `.{key}` | {_summary(plain)} |"
+        return f"`.{key}`", _summary(plain)
     if inspect.isfunction(plain):
         owner = f"{name}." if isinstance(member, classmethod | staticmethod) else "."
-        return f"| `{owner}{key}{_signature(plain)}` | {_summary(plain)} |"
-    return f"| `.{key}` | {_summary(plain) if type(plain).__name__ != '_tuplegetter' else ''} |"
+        return f"`{owner}{key}{_signature(plain)}`", _summary(plain)
+    return f"`.{key}`", _summary(plain) if type(plain).__name__ != "_tuplegetter" else ""
 
 
 def _signature(function):
     parameters = inspect.signature(function).parameters.values()
     shown = [p.replace(annotation=p.empty) for p in parameters if p.name not in ("self", "cls")]
-    return str(inspect.Signature(shown)).replace("|", "\\|")
+    return str(inspect.Signature(shown))
 
 
 def _summary(thing):
     """Return the first sentence of a docstring, as Markdown."""
     text = (inspect.getdoc(thing) or "").split("\n\n")[0].replace("\n", " ")
-    return text.replace("``", "`").replace("|", "\\|")
+    return text.replace("``", "`")
 
 
 def c_page(header):
-    """Return the page of a header: each function, by section, with the sentence above it."""
+    """Return a header's page: each function, by section, with its comment's first sentence."""
     parts, section = [_C], None
     for title, note, call in _functions(header):
         if title != section:
@@ -81,7 +83,7 @@ def _functions(header):
     """Yield section, comment and prototype of each public function of a header."""
     text, body, _ = header.partition("#if defined(PANDIS_IMPLEMENTATION)")
     if not body:
-        raise SystemExit("pandis.h: its prototypes end nowhere")
+        raise SystemExit("pandis.h: nothing marks the end of its prototypes")
     title, note = "", ""
     lines = iter(text.splitlines())
     for first in lines:
@@ -98,7 +100,7 @@ def _functions(header):
 
 
 def _until(end, text, lines):
-    """Return a text with the lines that follow it, up to the first that holds its end."""
+    """Return a text and the lines after it, up to the first that contains its end."""
     while end not in text:
         text += "\n" + next(lines)
     return text

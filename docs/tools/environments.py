@@ -1,4 +1,4 @@
-"""The environments of the rules: for each file of rules what its stages import, and no more."""
+"""Conda environments: one per rule file, with only the packages that its stages import."""
 
 import re
 from pathlib import Path
@@ -8,16 +8,16 @@ from pandis.pipeline.run.job.provenance import DISTRIBUTIONS, CodeDigests, Needs
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVS = ROOT / "workflow" / "envs"
-#: What every stage needs: the models of its options, and the names of shapes.
+#: Packages that every stage needs, for option models and for shapes in signatures.
 _ALWAYS = {"pydantic", "jaxtyping"}
-#: Stages that train, on a GPU if they are told to.
+#: Stages that train, optionally on a GPU.
 _TRAIN = {"train", "choose"}
-#: Kinds that are trained: `train` builds these, and `bake` all others.
+#: Kinds that `train` builds; `bake` builds all others.
 _TRAINED = ("network",)
 
 
 def environments():
-    """Return the text of every environment by its path, one for each file of rules with scripts."""
+    """Return each environment's text by path: one for every rule file that runs scripts."""
     digests, pins, texts = CodeDigests(ROOT / "workflow"), _pins(), {}
     for rules in sorted((ROOT / "rules").glob("*.smk")):
         names = re.findall(r'"\.\./scripts/(\w+)\.py"', rules.read_text(encoding="utf-8"))
@@ -38,7 +38,7 @@ def _needs(stage):
 
 
 def _pins():
-    """Return the lines of constraints.txt that pin a package, by its name."""
+    """Return the pinning lines of constraints.txt by package name."""
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     return {_key(line.split("==")[0]): line for line in lines if "==" in line}
 
@@ -49,8 +49,8 @@ def _key(name):
 
 def _text(rules, pins):
     lines = [
-        f"# What the stages of rules/{rules} import, from the pins of constraints.txt (made by",
-        "# `make docs`). For `snakemake --sdm conda` alone: `make all` has one .venv for all.",
+        f"# Packages that the stages of rules/{rules} import, pinned as in constraints.txt.",
+        "# Made by `make docs`, for `snakemake --sdm conda` only: `make all` uses one .venv.",
         "channels:",
         "  - conda-forge",
         "dependencies:",

@@ -1,9 +1,9 @@
-"""Generates what the documentation repeats: schema, option tables, figures, what edits cost.
+"""Generates pandis.h, the schema, the environments, and the documentation's tables and API pages.
 
-``make docs`` writes all of it; ``make figures`` first takes the figures of the
-last default run from results/ into docs/figures (``make figures RUN=sphere``:
-those of config/sphere.yaml). A test fails when a file differs from what this
-module would write.
+``make docs`` writes all of it. ``make figures`` first copies the figures of the
+last default run from results/ to docs/figures (``make figures RUN=sphere``:
+those of config/sphere.yaml). A test fails if a file differs from this module's
+output.
 """
 
 import json
@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import api
+import charts
 import tables
 from environments import environments
 from pandis.pipeline.run.ask import config, contacts, options, recipes, targets
@@ -28,7 +29,7 @@ TRAINING = ROOT / "docs" / "training.md"
 CLUSTER = ROOT / "docs" / "cluster.md"
 ENGINE = ROOT / "workflow" / "pandis" / "engine"
 HEADER = ENGINE / "pandis.h"
-#: What pandis.h is joined from, in this order: `engine/parts`.
+#: The parts of pandis.h, from `engine/parts`, in the order in which they are joined.
 PARTS = (
     *(
         "opening",
@@ -96,12 +97,12 @@ _SECTIONS = {
 
 
 def schema_text():
-    """Return the JSON schema as the text of its file."""
+    """Return the text of the JSON schema's file."""
     return json.dumps(config.json_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
 def header_text():
-    """Return the one header that users take, joined from its parts."""
+    """Return pandis.h, joined from its parts."""
     return "".join((ENGINE / "parts" / f"{part}.h").read_text("utf-8") for part in PARTS)
 
 
@@ -144,7 +145,7 @@ def _default(model, key, field):
 
 
 def with_generated(path, **parts):
-    """Return a file's text with the parts between its markers made anew."""
+    """Return a file's text with the parts between its markers replaced."""
     text = path.read_text(encoding="utf-8")
     for name, part in parts.items():
         begin = f"<!-- generated: {name} -->"
@@ -155,12 +156,14 @@ def with_generated(path, **parts):
 
 
 def _benchmarks():
-    """Return the pages of docs/benchmarks, each with its tables."""
+    """Return the pages of docs/benchmarks with their tables."""
     pages = {
         "accuracy": {
             "bunny": tables.bunny_table(),
             "fields": tables.field_table(),
             "compact": tables.compact_table(),
+        },
+        "size": {
             "small": tables.small_table(),
             "front": tables.front_table(),
         },
@@ -175,6 +178,7 @@ def _benchmarks():
             "distances": tables.distance_table(),
             "large": tables.large_table(),
             "refit": tables.refit_table(),
+            "throughput": tables.throughput_table(),
         },
         "contact": {
             "presses": tables.press_table(),
@@ -190,6 +194,7 @@ def _benchmarks():
         "ablations": {
             "order": tables.order_table(),
             "full": tables.full_table(),
+            "base": tables.base_table(),
         },
     }
     return {
@@ -199,7 +204,7 @@ def _benchmarks():
 
 
 def generated():
-    """Return every generated file and what it should hold."""
+    """Return every generated file's path and text."""
     return environments() | {
         SCHEMA: schema_text(),
         HEADER: header_text(),
@@ -208,6 +213,7 @@ def generated():
         SPHERE: with_generated(SPHERE, sphere=tables.sphere_table()),
         REPAIR: with_generated(REPAIR, repair=tables.repair_table()),
         **_benchmarks(),
+        **charts.charts(),
         api.PYTHON: api.python_page(),
         api.C: api.c_page(header_text()),
         CLUSTER: with_generated(CLUSTER, cluster=tables.cluster_table()),
@@ -218,14 +224,12 @@ def generated():
             untuned=tables.training_table("untuned"),
             budgets=tables.budget_table(),
             sweep=tables.sweep_table(),
-            base=tables.base_table(),
-            throughput=tables.throughput_table(),
         ),
     }
 
 
 def take_figures(name):
-    """Copy the summary of the last run, with command, machine and commit."""
+    """Copy the last run's summary, with command, machine and commit."""
     summary = (ROOT / "results" / "summary.csv").read_text(encoding="utf-8")
     git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()

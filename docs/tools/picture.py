@@ -15,7 +15,7 @@ from pandis.pipeline.report.render import render
 from pandis.pipeline.run.job.artifact import read_artifact
 
 HOME = ROOT / "results" / "bunny"
-#: Where the slice lies (unit frame), how finely it is asked, and how deep a probe is pushed in.
+#: z of the slice, points along each of its sides, and depth of the deepest probe (unit frame).
 SLICE, NODES, DEEP = -0.05, 500, 0.06
 
 

@@ -1,10 +1,10 @@
-"""Build the files of a release in dist/, check them, and carry out README's programs with them.
+"""Build the files of a release in dist/, check them, and run README's programs with them.
 
 Usage: make release
-In dist/ lie the wheel, the source distribution and the joined ``pandis.h``. Twine checks the first
-two; a wheel that is built from the source distribution must hold the same files as the one that is
-built here; README's programs run in an empty environment, into which the wheel alone is installed,
-and are compiled against the header of dist/. Nothing is uploaded.
+The files are the wheel, the source distribution and the joined ``pandis.h``. Twine checks the first
+two. A wheel built from the source distribution must contain the same files as the one built here.
+README's programs run in an empty environment where only the wheel is installed, and are compiled
+against the header in dist/. Nothing is uploaded.
 """
 
 import os
@@ -22,7 +22,7 @@ HEADER = ROOT / "workflow/pandis/engine/pandis.h"
 
 
 def environment(folder, *packages):
-    """Make an environment with packages in it; return its Python."""
+    """Create an environment with packages; return its Python."""
     venv.create(folder, with_pip=True)
     python = folder / "bin/python"
     run(python, "-m", "pip", "install", "-q", *packages)
@@ -30,9 +30,9 @@ def environment(folder, *packages):
 
 
 def run(*command, **extra):
-    """Run a command in the repository, or end with its message."""
+    """Run a command in the repository; exit with a message if it fails."""
     print("$", *command, flush=True)
-    # a path to this checkout would stand in for what is to be installed
+    # PYTHONPATH would put this checkout before the installed package
     shell = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(list(map(str, command)), cwd=ROOT, env=shell | extra, check=False)
     if done.returncode:
@@ -40,14 +40,14 @@ def run(*command, **extra):
 
 
 def files_of(wheel):
-    """Return the names and checksums in a wheel, but for its own list of them."""
+    """Return names and checksums of a wheel's files, except its RECORD."""
     with zipfile.ZipFile(wheel) as archive:
         infos = [info for info in archive.infolist() if not info.filename.endswith("RECORD")]
     return {info.filename: info.CRC for info in infos}
 
 
 def main():
-    """Build, check and try a release."""
+    """Build, check and test a release."""
     clean(DIST)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -60,18 +60,18 @@ def main():
         (again,) = (folder / "again").glob("*.whl")
         if files_of(again) != files_of(wheel):
             other = sorted(set(files_of(again).items()) ^ set(files_of(wheel).items()))
-            sys.exit(f"error: {source.name} does not give {wheel.name}: {other[:5]}")
+            sys.exit(f"error: a wheel from {source.name} differs from {wheel.name}: {other[:5]}")
         run(tools, "-m", "twine", "check", "--strict", source, wheel)
         shutil.copy(HEADER, DIST)
         empty = environment(folder / "empty", wheel)
         test = "tests/workflow/test_readme.py"
         run(sys.executable, "-m", "pytest", "-m", "", "-q", test,
             PANDIS_PYTHON=str(empty), PANDIS_HEADER=str(DIST))  # fmt: skip
-    print("dist/ holds", *sorted(path.name for path in DIST.iterdir()))
+    print("dist/ contains", *sorted(path.name for path in DIST.iterdir()))
 
 
 def clean(*folders):
-    """Remove what a build leaves beside the sources, which the next one would pack."""
+    """Remove a build's leftovers from the sources: the next build would pack them."""
     for folder in (ROOT / "build", *(ROOT / "workflow").glob("*.egg-info"), *folders):
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -1,9 +1,9 @@
-"""Say which stages an edit of a file makes stale, at most.
+"""Print the stages that an edit of a file can make stale.
 
 Usage: PYTHONPATH=workflow .venv/bin/python docs/tools/stale.py FILE...
-A file is a module, a script, or a source in C; comments, docstrings and layout do not count. Of the
-two losses only the one of a recipe counts, and the paper's other methods only where a mesh uses
-them.
+FILE is a module, a script or a C source. Edits of comments, docstrings and layout make nothing
+stale. An edit of a loss counts only for recipes with that loss, and one of the paper's other
+methods only for meshes that use them.
 """
 
 import sys
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def stages_by_file(root=ROOT):
-    """Return the stages that each file is a part of, as a dict of path to set of names."""
+    """Return the names of the stages that use each file, as a dict of path to set."""
     code, stages = CodeDigests(root / "workflow"), {}
     for script in sorted(code.scripts.glob("*.py")):
         stages.setdefault(script.resolve(), set()).add(script.stem)
@@ -31,7 +31,7 @@ def stages_by_file(root=ROOT):
 
 
 def _files(root, module):
-    """Yield the files of a module; those of a package are templates and C sources, too."""
+    """Yield a module's files; those of a package include templates and C sources."""
     path = root.joinpath(*module.split("."))
     if not path.is_dir():
         yield path.with_suffix(".py")
@@ -49,7 +49,7 @@ def main(paths):
     stages, missing = stages_by_file(), False
     for path in paths:
         if not Path(path).is_file():
-            print(f"{path}: there is no such file", file=sys.stderr)
+            print(f"{path}: no such file", file=sys.stderr)
             missing = True
             continue
         names = stages.get(Path(path).resolve(), ())

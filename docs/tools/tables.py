@@ -1,4 +1,4 @@
-"""Tables of the documentation, from the measured figures in docs/figures."""
+"""The documentation's tables, made from the measured figures in docs/figures."""
 
 import csv
 from pathlib import Path
@@ -14,15 +14,15 @@ def _row(cells):
 
 
 def _noted(lines, notes):
-    """Return lines as a text, and below them how they were measured."""
+    """Return lines as text, followed by notes on their measurement."""
     return "\n".join([*lines, "", f"({'; '.join(notes)}.)"])
 
 
-#: What somebody may want of a field, and the one of the default run to take.
+#: A reader's need, and the field of the default run that meets it.
 _WISHES = {
-    "the truth": "exact",
+    "exact forces": "exact",
     "a small field": "compact-auto",
-    "a force without edges": "spline-auto",
+    "a smooth force": "spline-auto",
     "a network": "pandis-exact",
     "the paper's network": "pandis",
 }
@@ -67,7 +67,7 @@ def bunny_table():
     return _noted(table, notes)
 
 
-#: Times in C of a summary: along the path, anywhere in the box, along the path with empty caches.
+#: Columns of query times in C: along the path, anywhere in the box, along it with empty caches.
 _TIMES = (
     "native_p50_us", "native_p999_us", "anywhere_p50_us", "anywhere_max_us",
     "native_cold_p50_us", "native_cold_max_us",
@@ -101,7 +101,7 @@ def _figures(name):
     return notes, list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
-#: What correct code gives on the sphere (% of the mean force), and what the paper prints.
+#: Errors of correct code on the sphere (% of the mean force), and those printed in the paper.
 _SPHERE = {
     "exact": (0, "0"),
     "nearest-100": (15, "0.097"),
@@ -119,7 +119,7 @@ _SPHERE = {
 
 
 def sphere_table():
-    """Return the table of docs/sphere.md: the paper's Table 5, made anew."""
+    """Return the table of docs/sphere.md: the paper's Table 5, reproduced."""
     notes, rows = _figures("sphere")
     table = [
         "| field | KB | mean error (k·r) | % of the mean force | expected | in the paper |",
@@ -136,7 +136,7 @@ def sphere_table():
 
 
 def repair_table():
-    """Return the table of docs/repair.md: what became of every mesh of a collection."""
+    """Return the table of docs/repair.md: the outcome for every mesh of a collection."""
     notes, rows = _figures("repair")
     table = [
         "| file | outcome | rungs kept | source to result, p99 / max (%) | result to source (%) "
@@ -159,14 +159,14 @@ def repair_table():
     valid = sum(row["outcome"] == "valid" for row in rows)
     with_option = sum(row["outcome"] == "valid with option" for row in rows)
     summary = (
-        f"Of {len(rows)} files {valid} end valid with the default options, {with_option} more with "
-        f"the option that the refusal names, {len(rows) - valid - with_option} are refused."
+        f"Of {len(rows)} files, {valid} become valid with the default options, {with_option} more "
+        f"with the option that the refusal names. {len(rows) - valid - with_option} are refused."
     )
     return _noted([summary, "", *table], notes)
 
 
 def field_table():
-    """Return the table of bytes against error: our grids, and the peers' figures beside them."""
+    """Return the table of bytes against error of our grids and splines."""
     notes, rows = _figures("fields")
     meshes = list(dict.fromkeys(row["mesh"] for row in rows))
     cells = {(row["mesh"], row["field"]): row for row in rows}
@@ -189,7 +189,7 @@ def field_table():
 
 
 def compact_table():
-    """Return the table of meshes on a lattice beside the exact one."""
+    """Return the table of compact meshes against the exact one."""
     notes, rows = _figures("compact")
     table = [
         "| mesh, faces | field | bytes a face | shallow / deep | missing | bound, largest error "
@@ -214,7 +214,7 @@ def compact_table():
 
 
 def small_table():
-    """Return the table of compact meshes and splines of few bytes."""
+    """Return the table of small compact meshes and splines."""
     notes, rows = _figures("small")
     table = [
         "| mesh | at most (KB) | `compact-auto`: faces, bits | shallow / deep | contact, missing "
@@ -249,7 +249,7 @@ def _percent(value):
 
 
 def refit_table():
-    """Return the table of meshes that move."""
+    """Return the table of meshes that deform."""
     notes, rows = _figures("refit")
     table = [
         "| mesh, faces | shapes | refit, worst (ms) | distances compared, unequal "
@@ -268,7 +268,7 @@ def refit_table():
 
 
 def worst_table():
-    """Return the table of the worst queries of meshes."""
+    """Return the table of the slowest queries of meshes."""
     notes, rows = _figures("worst")
     table = [
         "| body, faces | field | slowest query (µs) | in the box, median (µs) "
@@ -286,11 +286,10 @@ def worst_table():
 
 
 def large_table():
-    """Return the table of ten million faces."""
+    """Return the table of a mesh of ten million faces."""
     notes, rows = _figures("large")
     table = [
-        "| stage | what it does | seconds | peak of the memory (GiB) | what it makes (MB) "
-        "| bytes a face |",
+        "| stage | task | seconds | peak memory (GiB) | output (MB) | bytes a face |",
         "|---|---|--:|--:|--:|--:|",
     ]
     for row in rows:
@@ -304,7 +303,7 @@ def press_table():
     """Return the table of presses through thin places."""
     notes, rows = _figures("presses")
     table = [
-        "| shape | field | lacks of its force | largest error at the surface (mm) | presses "
+        "| shape | field | surface without force | largest error at the surface (mm) | presses "
         "| let through, proxy | let through, penalty | deepest proxy (mm) "
         "| strongest force, proxy and penalty (N) |",
         "|---|---|--:|--:|--:|--:|--:|--:|--:|",
@@ -350,9 +349,9 @@ def simulator_table():
 
 
 def cluster_table():
-    """Return the table of what rules ask a cluster for, and what they use."""
+    """Return the table of resources that rules request from a cluster, and use."""
     notes, rows = _figures("cluster")
-    table = ["| rule | jobs | cores | memory asked for, most used (MB) | time asked for (min), "
+    table = ["| rule | jobs | cores | memory requested, most used (MB) | time requested (min), "
              "longest (s) |", "|---|--:|--:|--:|--:|"]  # fmt: skip
     for row in rows:
         memory = f"{int(row['mem_mb']):,}, {float(row['max_mb']):,.0f}"
@@ -362,7 +361,7 @@ def cluster_table():
 
 
 def bridge_table():
-    """Return the table of stiffnesses of objects that MuJoCo moves."""
+    """Return the table of stiffnesses for objects that MuJoCo moves."""
     notes, rows = _figures("bridge")
     table = ["| device | box | bridge (N/m) | held for 5 ms (N/m) | ratio |"]
     table.append("|---|---|--:|--:|--:|")
@@ -382,7 +381,7 @@ def kernels_table():
     notes, rows = _figures("kernels")
     table = [
         "| field | points | device | million points per second | `pandis.h` on the same machine "
-        "| distance off by, at most | gradient |",
+        "| largest difference, distance | gradient |",
         "|---|---|---|--:|--:|--:|--:|",
     ]
     for row in rows:
@@ -394,7 +393,7 @@ def kernels_table():
 
 
 def cooked_table():
-    """Return the table of Newton's cooked distances, its own and ours."""
+    """Return the table of distances cooked for Newton, its own and ours."""
     notes, rows = _figures("cooked")
     table = [
         "| mesh | resolution | read on | nodes | MB | made in (s) | shallow error, mean and 99 % "
@@ -415,7 +414,7 @@ def cooked_table():
 
 
 def contact_table():
-    """Return the table of what a contact costs and holds."""
+    """Return the table of a contact's cost, force and depth."""
     notes, rows = _figures("contact")
     table = [
         "| field | motion | ticks | touching | queries, median and 99.9 % | µs, median and 99.9 % "
@@ -433,7 +432,7 @@ def contact_table():
 
 
 def distance_table():
-    """Return the table of speed and memory."""
+    """Return the table of exact distances: speed and memory."""
     notes, rows = _figures("distances")
     table = ["| what | case | measured | ratio or exponent |", "|---|---|--:|--:|"]
     for row in rows:
@@ -461,7 +460,7 @@ def training_table(name="training"):
     return _noted(table, notes)
 
 
-#: The columns of errors in the paper's comparison.
+#: Error columns of the paper's comparison.
 _ERRORS = ("shallow", "deep", "contact", "path")
 #: The paper's Table 4: PANDIS over Tri-i 64³, on the mesh's own box.
 _PAPER = {"bunny": 0.006 / 0.026, "armadillo": 0.022 / 0.046, "dragon": 0.068 / 0.041}
@@ -469,7 +468,7 @@ _BOXES = {"trilinear-box-64": "its own", "trilinear-64": "the cube"}
 
 
 def _over_seeds(rows, keys):
-    """Return the rows that differ in their seed alone, in lists."""
+    """Return lists of rows that differ only in their seed."""
     groups = {}
     for row in rows:
         groups.setdefault(tuple(row[key] for key in keys), []).append(row)
@@ -501,7 +500,7 @@ def full_table():
 
 
 def _trained(row):
-    """Say how a network of a table was trained."""
+    """Describe the training of a row's network."""
     if not row["steps"]:
         return ""
     words = [f"{int(row['steps']):,} steps"]
@@ -511,7 +510,7 @@ def _trained(row):
 
 
 def order_table():
-    """Return the table of PANDIS over Tri-i 64³: by scan, box and measure, beside the paper's."""
+    """Return the table of PANDIS's error over Tri-i 64³'s, by scan, box and measure."""
     notes, rows = _figures("full")
     table = [
         "| mesh | box of the grid | training | seeds | the paper's path | on the path | shallow "
@@ -533,7 +532,7 @@ def order_table():
 
 
 def ablation_table():
-    """Return the table of what each change from the paper's recipe to ours is worth."""
+    """Return the table of each change's effect, from the paper's recipe to ours."""
     notes, rows = _figures("ablation")
     table = [
         "| change | made | seeds | shallow | deep | contact | missing (%) | on the path |",
@@ -597,7 +596,7 @@ def sweep_table():
 
 
 def base_table():
-    """Return the table of what the base is worth, near the surface and away from it."""
+    """Return the table of the base's effect, near the surface and away from it."""
     notes, rows = _figures("base")
     table = [
         "| mesh | steps | base, cells | `far` | KB | shallow | deep "
@@ -634,16 +633,16 @@ def throughput_table():
 
 
 def _short(text):
-    """Format a percentage: what is below a billionth is rounding."""
+    """Format a percentage; one below a billionth is a rounding error, and is written as 0."""
     value = float(text or 0)
     return "0" if value < 1e-9 else f"{value:.2g}" if value < 99.5 else f"{value:.4g}"
 
 
 def native_table():
-    """Return the table of single queries: pandis.h and the usual ways."""
+    """Return the table of single queries: pandis.h against the usual implementations."""
     notes, rows = _figures("native")
     table = [
-        "| field | asked by | median (µs) | p99.9 (µs) | times pandis.h |",
+        "| field | queried by | median (µs) | p99.9 (µs) | times pandis.h |",
         "|---|---|--:|--:|--:|",
     ]
     for row in rows:
@@ -655,7 +654,7 @@ def native_table():
 
 
 def front_table():
-    """Return the table of the front of six meshes: time, bytes and error near the surface."""
+    """Return the table of six meshes' fronts: time, bytes and error near the surface."""
     notes, rows = _figures("front")
     meshes = list(dict.fromkeys(row["mesh"] for row in rows))
     table = [
@@ -682,7 +681,7 @@ def scene_table():
     """Return the table of scenes of many objects."""
     notes, rows = _figures("scenes")
     table = [
-        "| field | objects | median (µs) | p99.9 (µs) | asked per tick | times one in contact |",
+        "| field | objects | median (µs) | p99.9 (µs) | queries per tick | times one in contact |",
         "|---|--:|--:|--:|--:|--:|",
     ]
     for row in rows:
@@ -694,7 +693,7 @@ def scene_table():
 
 
 def touched_table():
-    """Return the table of scenes with proxies beside penalty forces."""
+    """Return the table of scenes with proxies, against penalty forces."""
     notes, rows = _figures("touched")
     table = [
         "| fields | touching | queries per tick | median, proxies and penalty (µs) | mean | p99.9 "
@@ -711,7 +710,7 @@ def touched_table():
 
 
 def servo_table():
-    """Return the table of a minute at 1 kHz."""
+    """Return the table of one-minute runs at 1 kHz."""
     notes, rows = _figures("servo")
     table = [
         "| field | load | computing, p50 (µs) | p99.9 | max | missed (%) | starts late, p99.9 (µs) "

@@ -1,4 +1,6 @@
-"""Compile web.c into pandis.wasm, which pages run: ``make wasm``, after a change of pandis.h.
+"""Compile web.c into pandis.wasm, which web pages run. Repeat it after a change of pandis.h.
+
+Usage: make wasm
 
 Needs clang with the target wasm32, and wasm-ld: Debian's packages clang and lld.
 """

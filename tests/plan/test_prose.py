@@ -146,13 +146,15 @@ PRESSES = {key: sum(int(row[key] or 0) for row in table("presses"))
 TRAINED = {}
 for _row in table("full"):
     TRAINED.setdefault((_row["mesh"], _row["field"]), []).append(float(_row["contact"]))
+SMALL = {(row["mesh"], row["kind"].removesuffix("-auto"), int(row["budget"]) // 1000):
+         float(row["contact"]) for row in table("small")}  # fmt: skip
 STEP = column("throughput_cpu", "what", "ms")
 SOUND = ("exact", "compact-auto", "spline-auto", "pandis-exact")
 #: Sentences that compare, by page, and what their tables must show.
 CLAIMS = [
     ("README.md", "`compact-auto` where bytes count",
      BYTES["compact-auto"] < min(BYTES["exact"], BYTES["spline-auto"])),
-    ("README.md", "Networks need long training and are slowest to ask",
+    ("README.md", "Networks need long training and are slowest to query",
      min(TIME["pandis"], TIME["pandis-exact"]) > max(TIME[f] for f in TIME if "pandis" not in f)),
     ("docs/benchmarks/accuracy.md", "push back on\nall of the bunny's surface",
      all(MISSING[field] == 0 for field in SOUND)),
@@ -167,6 +169,12 @@ CLAIMS = [
          for key in ("contact_mean", "shallow_mean", "deep_mean"))),
     ("docs/benchmarks/accuracy.md", "answers much faster than a network",
      10 * TIME["exact"] < min(TIME["pandis"], TIME["pandis-exact"])),
+    ("docs/benchmarks/size.md", "Up to 100 KB a spline errs less than a compact mesh on scans",
+     all(SMALL[mesh, "spline", size] < SMALL[mesh, "compact", size]
+         for mesh in ("bunny", "armadillo", "dragon") for size in (50, 100))),
+    ("docs/benchmarks/size.md", "from 400 KB on the compact mesh is ahead on all six meshes",
+     all(SMALL[mesh, "compact", size] < SMALL[mesh, "spline", size]
+         for mesh, _, size in SMALL if size >= 400)),
     ("docs/benchmarks/query-time.md", "The spline answers faster than the exact mesh",
      IN_C["spline-auto"] < IN_C["exact"]),
     ("docs/benchmarks/query-time.md", "exact answers take over a thousand times as long",
@@ -189,9 +197,14 @@ CLAIMS = [
          for mesh in ("bunny", "armadillo", "dragon"))),
     ("docs/training.md", "A query takes longer (README's table)",
      TIME["pandis-exact"] > TIME["pandis"]),
-    ("docs/training.md", "On two cores products take two thirds of a step",
+    ("docs/benchmarks/building.md", "On two cores products take two thirds of a step",
      0.6 < STEP["products of such shapes alone"] / STEP["ours, points at hand"] < 0.72),
 ]  # fmt: skip
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if p.parent.name != "config"], ids=str)
+def test_a_page_is_short(page):
+    assert page.read_text(encoding="utf-8").count("\n") <= 200
 
 
 @pytest.mark.parametrize(("page", "sentence", "holds"), CLAIMS, ids=[c[1][:40] for c in CLAIMS])

@@ -69,7 +69,7 @@ def stale(tree, name, old, new, options=None):
         ),
         ("engine/bvh/bvh.c", "\n}\n", "\n}\n// the end\n"),
         ("runtime/device/guard.h", "\n}\n", "\n}\n\n/* a wall */\n"),
-        ("base/frame.py", "where every stage computes", "and why it is one"),
+        ("base/frame.py", "in which every stage computes", "and why it is one"),
         ("pipeline/kinds/grid/interpolation.py", "\nclass", "\n\n# a grid\nclass"),
         ("base/forces.py", "(distance: Values, normal: Points", "(distance, normal"),
         ("pipeline/run/ask/options.py", 'description="', 'description="in short: '),
