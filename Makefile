@@ -1,8 +1,8 @@
-# Two commands do all the set-up:
-#   make all     install into .venv, run the workflow on config/config.yaml
-#   make test    install into .venv, lint, run the tests of what a change is likely to break
-#   make check   lint, the tests of what runs when, the fast configuration
-# Also: make test-slow (whole runs, hostile files), make test-full (everything; PART=1/4 a quarter of it),
+# Each of these installs into .venv first:
+#   make all     run the workflow on config/config.yaml
+#   make test    lint, run the tests that a change is likely to break
+#   make check   lint, run the tests of which jobs are planned
+# Also: make test-slow (whole runs, hostile files), make test-full (all tests; PART=1/4: a quarter of them),
 # make lint, make docs, make figures, make release, make clean.
 PYTHON ?= python3
 JOBS ?= 2
@@ -32,25 +32,25 @@ lint: .venv/installed
 	$(BIN)/snakefmt --check workflow/Snakefile rules
 	$(BIN)/snakemake --lint --configfile config/fast.yaml
 
-# regenerate what is generated: the schema, the option tables, the README's figures
+# write the generated files: the schema, pandis.h, environments, tables and API pages
 docs: .venv/installed
 	PYTHONPATH=workflow $(BIN)/python docs/tools/generate.py
 
-# take the figures of the last `make all` into docs/figures first (RUN=sphere: of config/sphere.yaml)
+# the same, after copying the last run's figures to docs/figures (RUN=sphere: of config/sphere.yaml)
 figures: .venv/installed
 	PYTHONPATH=workflow $(BIN)/python docs/tools/generate.py figures $(RUN)
 
 .venv/installed: constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --requirement constraints.txt
-	$(BIN)/python -m pip install --no-deps mujoco-warp==4.0.0  # needs of MuJoCo no more than its core
+	$(BIN)/python -m pip install --no-deps mujoco-warp==4.0.0  # of MuJoCo it needs the core alone
 	touch $@
 
-# compile what pages run: needs Debian's clang and lld; commit what it makes
+# compile pandis.wasm, which web pages run: needs Debian's clang and lld; commit the result
 wasm: .venv/installed
 	PYTHONPATH=workflow $(BIN)/python docs/tools/wasm.py
 
-# build wheel, source distribution and pandis.h in dist/, check them, carry out README with them
+# build wheel, source distribution and pandis.h in dist/, check them, run README's programs with them
 release: .venv/installed
 	$(BIN)/python docs/tools/release.py
 

@@ -1,4 +1,4 @@
-"""Builds the package: with its C code compiled for machines of this kind."""
+"""Builds the package, with its C code compiled for this platform."""
 
 import re
 import shutil
@@ -15,42 +15,42 @@ sys.path.insert(0, str(Path(__file__).parent / "workflow"))
 from pandis.base.errors import PandisError
 from pandis.engine.compiler import prebuild
 
-#: The oldest C library that a wheel for all Linux systems may ask for: 2.17.
+#: Minor version of glibc 2.17, the newest that a manylinux2014 wheel may need.
 OLDEST = 17
 
 
 def foreign():
-    """Return the headers of other projects by library; says which plugin the package lacks."""
+    """Return other projects' header folders by library; report a plugin that is left out."""
     found = find_spec("mujoco")
     if found is None:
-        print("no mujoco here (pip install mujoco-core): its plugin compiles on first use")
+        print("no mujoco here (pip install mujoco-core): its plugin is compiled on first use")
         return {}
     return {"pandis-mujoco": Path(found.submodule_search_locations[0]) / "include"}
 
 
 class BuildPy(build_py):
-    """Modules, and what of C they load."""
+    """Builds the modules and the C libraries that they load."""
 
     made = ()
 
     def run(self):
-        """Copy the modules; compile beside them, unless they stay where they are."""
+        """Copy the modules; compile libraries beside them, unless the install is editable."""
         super().run()
         if self.editable_mode:
             return
         folder = Path(self.build_lib) / "pandis/engine/built"
-        shutil.rmtree(folder, ignore_errors=True)  # an earlier build's are of other sources
+        shutil.rmtree(folder, ignore_errors=True)  # an earlier build had other sources
         try:
             BuildPy.made = prebuild(folder, foreign())
         except PandisError as error:
-            self.warn(f"{error}; the package will compile on first use")
+            self.warn(f"{error}; the package will compile its C code on first use")
 
 
 class Wheel(bdist_wheel):
-    """A wheel for every Python, and for the machine that its libraries are for."""
+    """A wheel for every Python 3, on the platform of its libraries."""
 
     def get_tag(self):
-        """Return the tag: any Python 3; all Linux systems, if the libraries ask for no more."""
+        """Return the tag: any Python 3, and manylinux if the libraries need no newer glibc."""
         *_, platform = super().get_tag()
         if not BuildPy.made:
             return "py3", "none", "any"
@@ -63,10 +63,10 @@ class Wheel(bdist_wheel):
 
 
 class Compiled(Distribution):
-    """What belongs to one kind of machine."""
+    """A distribution for one platform."""
 
     def has_ext_modules(self):
-        """Libraries are no extension modules, and yet of a platform."""
+        """Return True: the libraries are not extension modules, but depend on the platform."""
         return True
 
 

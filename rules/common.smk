@@ -1,4 +1,4 @@
-# The plan that all rules take their params and inputs from.
+# The plan from which all rules get their params and inputs.
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -10,27 +10,27 @@ except ModuleNotFoundError as error:
     if error.name != "pandis":
         raise
     raise WorkflowError(
-        "the library pandis lies beside its Snakefile, and this one was fetched without it: clone "
-        "the repository (git submodule add) and name the Snakefile of the clone by its path"
+        "this Snakefile was fetched without the pandis library, which must be beside it: clone "
+        "the repository (git submodule add) and give the path of the clone's Snakefile"
     ) from None
 from pandis.pipeline.run.ask.catalogue import MESH_NAME
 from pandis.pipeline.run.plan.plan import open_plan
 
-# the library of this file's own repository: another workflow may have taken it in as a module
+# the library of this repository: another workflow may have included this one as a module
 root = Path(workflow.current_basedir).parent / "workflow"
-# an object store that results go to, as `s3://bucket`, or nothing
+# the object store for the results, as `s3://bucket`, or empty
 store = workflow.storage_settings.default_storage_prefix
 stored.tell_copies(workflow.storage_settings)
 plan = open_plan(config, root, workflow.configfiles, store, workflow.is_main_process)
 
 
-# <results> in every rule: `results:` in the configuration
+# <results> in every rule is `results:` of the configuration
 pathvars:
     results=plan.folder,
 
 
-# What a rule claims that must not be disturbed. Not `workflow.cores`: that raises where no
-# number is given, as for `snakemake --report` and on a cluster.
+# Cores of a rule that must not be disturbed. `workflow.cores` would raise if no number is
+# given, as with `snakemake --report` and on a cluster.
 all_cores = workflow.resource_settings.cores or 1
 
 

@@ -67,7 +67,7 @@ rule stress:
         options=plan.options("stress"),
         code=plan.code("stress"),
     message:
-        "{wildcards.mesh}: press, shake and mislead all fields"
+        "{wildcards.mesh}: run the stress suite on all fields"
     script:
         "../scripts/stress.py"
 
@@ -88,7 +88,7 @@ rule timing:
         "<results>/benchmarks/{mesh}/timing.jsonl"
     conda:
         "../workflow/envs/evaluation.yaml"
-    # all cores: nothing else of this run may disturb the clock
+    # all cores: no other job of this run may disturb the timing
     threads: all_cores
     resources:
         mem_mb=2000,

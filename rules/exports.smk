@@ -16,7 +16,7 @@ rule export_graph:
         options=plan.options("export_graph"),
         code=plan.code("export_graph"),
     message:
-        "{wildcards.mesh}: export {wildcards.field} as {wildcards.ending} and compare it"
+        "{wildcards.mesh}: export {wildcards.field} as {wildcards.ending} and verify it"
     script:
         "../scripts/export_graph.py"
 
@@ -132,7 +132,7 @@ rule export_page:
         options=plan.options("export_page"),
         code=plan.code("export_page"),
     message:
-        "{wildcards.mesh}: write a page to touch its fields on"
+        "{wildcards.mesh}: write an interactive page for touching its fields"
     script:
         "../scripts/export_page.py"
 

@@ -13,7 +13,7 @@ rule validate:
         "<results>/benchmarks/{mesh}/validate.jsonl"
     conda:
         "../workflow/envs/hardware.yaml"
-    # all cores: nothing else of this run may disturb the clock
+    # all cores: no other job of this run may disturb the timing
     threads: all_cores
     resources:
         mem_mb=2000,

@@ -60,6 +60,6 @@ rule refuse:
         options=plan.options("refuse"),
         code=plan.code("refuse"),
     message:
-        "{wildcards.mesh}: say why it cannot be built"
+        "{wildcards.mesh}: report why it cannot be built"
     script:
         "../scripts/refuse.py"

@@ -23,7 +23,7 @@ rule summary:
         options=plan.options("summary"),
         code=plan.code("summary"),
     message:
-        "all meshes: collect the summary"
+        "all meshes: write the summary"
     script:
         "../scripts/summary.py"
 
@@ -76,7 +76,7 @@ rule collection:
         options=plan.options("collection"),
         code=plan.code("collection"),
     message:
-        "all meshes: put the collection into one table"
+        "all meshes: write the collection's table and page"
     script:
         "../scripts/collection.py"
 
@@ -93,6 +93,6 @@ rule verify:
         options=plan.options("verify"),
         code=plan.code("verify"),
     message:
-        "all meshes: check every result against configuration and code"
+        "all meshes: check every result against the configuration and the code"
     script:
         "../scripts/verify.py"

@@ -11,7 +11,7 @@ rule scene:
         "<results>/benchmarks/scenes/{scene}.jsonl"
     conda:
         "../workflow/envs/scenes.yaml"
-    # all cores: nothing else of this run may disturb the clock
+    # all cores: no other job of this run may disturb the timing
     threads: all_cores
     resources:
         mem_mb=4000,
@@ -20,6 +20,6 @@ rule scene:
         options=plan.options("scene"),
         code=plan.code("scene"),
     message:
-        "scene {wildcards.scene}: go through it and compare with asking every object"
+        "scene {wildcards.scene}: traverse it and compare the forces with those of all objects"
     script:
         "../scripts/scene.py"

@@ -1,4 +1,4 @@
-# What else can be asked for by name; see the targets in workflow/pandis/pipeline/run/plan/stages.py.
+# Targets that can be requested by name; see workflow/pandis/pipeline/run/plan/stages.py.
 rule meshes:
     input:
         plan.target("meshes"),

@@ -1,4 +1,4 @@
-"""Build what a field is answered from. Reads mesh.zarr.zip, writes {artifact}.zarr.zip."""
+"""Build a field's data. Reads mesh.zarr.zip, writes {artifact}.zarr.zip."""
 
 from pandis.pipeline.run.ask.kind import SearchTask
 from pandis.pipeline.run.ask.kinds import build_task, kind_module

@@ -1,4 +1,4 @@
-"""Time every kind of field on this machine. Writes query-times.csv, and config/query-times.csv."""
+"""Time every kind of field on this machine. Writes query-times.csv and config/query-times.csv."""
 
 from pathlib import Path
 
@@ -10,4 +10,4 @@ from pandis.pipeline.run.job.stage import stage
 with stage(snakemake, CalibrateTask) as job:
     table = calibrate(job.progress).encode()
     job.write_file(table)
-    write_atomically(Path(job.options.table), table)  # the table that choices go by
+    write_atomically(Path(job.options.table), table)  # the table that `choose` reads

@@ -1,4 +1,4 @@
-"""Put a collection of meshes into one table. Writes results/collection.html and collection.csv."""
+"""List a collection of meshes in one table. Writes results/collection.html and collection.csv."""
 
 import hashlib
 from pathlib import Path
@@ -15,9 +15,9 @@ with stage(snakemake, SummaryTask) as job:
         meshes[Path(path).relative_to(folder).parts[0]].append(path)
     rows = collect(meshes, job.threads, job.progress, job.note_digest)
     table = to_csv(rows).encode()
-    # the page vouches for the table beside it
+    # the page's seal covers the table beside it
     why = job.provenance() | {"table": hashlib.sha256(table).hexdigest()}
     job.write_file(seal(build(rows).encode(), why, ".html"))
     job.write_file(table, 1)
-    # what an earlier run had to leave out is in now
+    # no mesh is left out any more: remove the list that an earlier run wrote
     Path(job.output[0]).with_name("refused.json").unlink(missing_ok=True)

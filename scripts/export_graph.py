@@ -1,4 +1,4 @@
-"""Export one field as a graph or a program. Reads what holds it, writes export/{field}.{ending}."""
+"""Export one field as a graph or a program. Reads its artifact, writes export/{field}.{ending}."""
 
 from pandis.pipeline.run.ask.catalogue import known_field
 from pandis.pipeline.run.ask.kinds import kind_module

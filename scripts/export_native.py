@@ -1,4 +1,4 @@
-"""Export one field for pandis.h. Reads what holds it, writes export/{field}.pandis."""
+"""Export one field for pandis.h. Reads its artifact, writes export/{field}.pandis."""
 
 from pandis.pipeline.geometry.body import Body
 from pandis.pipeline.kinds.native import export_native

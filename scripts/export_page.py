@@ -1,4 +1,4 @@
-"""Put the exported fields of a mesh on a page. Reads export/*.pandis, writes export/touch.html."""
+"""Put a mesh's exported fields on a web page. Reads export/*.pandis, writes export/touch.html."""
 
 from pandis.bridges.web import STIFFEST, page, with_proxies
 from pandis.pipeline.report.seal import seal
@@ -10,6 +10,6 @@ with stage(snakemake, ExportPageTask) as job:
     fields = with_proxies([NativeField(job.note_file(path)) for path in job.input.exports], job.log)
     stiffness = min(job.options.stiffness, STIFFEST)
     if stiffness < job.options.stiffness:
-        job.log(f"the page begins with {stiffness:g} N/m, the most that it takes")
+        job.log(f"the page starts at {stiffness:g} N/m, its maximum")
     text = page(job.mesh, fields, job.options.size, stiffness)
     job.write_file(seal(text.encode(), job.provenance(), ".html"))

@@ -1,4 +1,4 @@
-"""Write the fields of a mesh as volumes. Reads export/*.pandis, writes export/fields.vdb."""
+"""Write a mesh's fields as volumes. Reads export/*.pandis, writes export/fields.vdb."""
 
 from pandis.pipeline.export.volumes import export_volumes
 from pandis.pipeline.report.seal import seal

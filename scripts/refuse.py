@@ -1,4 +1,4 @@
-"""Say why a mesh cannot be built, and fail. Writes nothing."""
+"""Report why a mesh cannot be built, and fail. Writes nothing."""
 
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.tasks import RefuseTask

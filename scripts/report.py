@@ -1,4 +1,4 @@
-"""Put everything on one page. Writes results/report.html."""
+"""Put all results on one page. Writes results/report.html."""
 
 from pathlib import Path
 
@@ -15,5 +15,5 @@ with stage(snakemake, SummaryTask) as job:
     }
     sections = mesh_sections(meshes, job.threads, job.progress, job.note_digest)
     job.write_file(seal(build(sections).encode(), job.provenance(), ".html"))
-    # what an earlier run had to leave out is in now
+    # no mesh is left out any more: remove the list that an earlier run wrote
     Path(job.output[0]).with_name("refused.json").unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Ask all fields of a mesh what they do to a device and a hand. Writes stress.zarr.zip."""
+"""Run the stress suite on all fields of a mesh. Writes stress.zarr.zip."""
 
 from pandis.base.physical import Scale
 from pandis.pipeline.judge.controls import controls

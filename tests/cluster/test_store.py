@@ -119,10 +119,10 @@ def test_a_second_folder_has_nothing_to_do(store, tmp_path):
     done = snakemake(second, *STORE, "-j2", *CONFIG, "--", "all", **names)
     assert done.returncode == 0, done.stdout
     assert "Nothing to be done" in done.stdout
-    assert "no record of what the results in s3://pandis were asked" in done.stdout
+    assert "no record of the options behind the results in s3://pandis" in done.stdout
     done = snakemake(second, *STORE, "-j2", *CONFIG, "--", "verify", **names)
     assert done.returncode != 0
-    assert "verify reads files, and these results are in s3://pandis" in done.stdout
+    assert "verify reads files, but these results are in s3://pandis" in done.stdout
     fetched(names, second)
     done = snakemake(second, "-j2", *CONFIG, "--", "verify")
     assert done.returncode == 0, done.stdout

@@ -158,7 +158,7 @@ def test_empty_section_and_merge_keys_are_accepted(tmp_path):
 def test_doubled_key_is_refused(tmp_path):
     path = tmp_path / "c.yaml"
     path.write_text("meshes:\n  bunny: {source: a.obj}\n  bunny: {source: b.obj}\n")
-    with pytest.raises(PandisError, match=r"c\.yaml, line 3: the key 'bunny' stands twice"):
+    with pytest.raises(PandisError, match=r"c\.yaml, line 3: the key 'bunny' occurs twice"):
         check_yaml(path)
 
 

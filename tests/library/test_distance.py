@@ -477,7 +477,7 @@ def test_what_single_precision_puts_aside_is_never_the_nearest(kind, count):
 def test_faces_must_name_vertices():
     vertices, faces = box_mesh()
     for bad in (faces + 1, faces[:0], -faces):
-        with pytest.raises(ValueError, match="name vertices"):
+        with pytest.raises(ValueError, match="index vertices"):
             Bvh(vertices, bad)
     with pytest.raises(ValueError, match="finite"):
         Bvh(np.where(vertices > 0.9, np.nan, vertices), faces)

@@ -108,7 +108,7 @@ def test_kissing_voxels_multiply_no_faces(seed):
 def test_a_sheet_inside_a_box_is_named_and_left_out():
     sheet = np.array([[0.2, 0.5, 0.2], [0.8, 0.5, 0.2], [0.8, 0.5, 0.8], [0.2, 0.5, 0.8]])
     said, (vertices, faces, *_) = remedied(joined(box(), (sheet, np.array([[0, 1, 2], [0, 2, 3]]))))
-    assert "1 open pieces inside of what is closed (2 of 14 faces)" in said
+    assert "1 open pieces inside closed parts (2 of 14 faces)" in said
     assert volume(vertices, faces) == pytest.approx(1)
 
 
@@ -182,7 +182,7 @@ def test_matter_that_becomes_a_cavity_is_said():
     ball = trimesh.creation.icosphere(2, 1)
     inner = ball.vertices / 2, np.asarray(ball.faces)
     _, _, record, said = mended(joined((ball.vertices, np.asarray(ball.faces)), inner))
-    assert "matter inside matter becomes a cavity" in said
+    assert "a solid inside another becomes a cavity" in said
     assert f"{ball.volume / 8:.4g} cubic mesh units" in said
     assert "`mesh: {nested: solid}` keeps it" in said
     assert record["after"]["cavities"] == 1

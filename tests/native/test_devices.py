@@ -401,7 +401,7 @@ def test_a_callback_that_hangs(stand_in, files):
     first, second = done.stdout.splitlines()
     assert first == f"{hdapi.WATCHDOG} 40"
     assert second.startswith(f"{hdapi.WATCHDOG} ")
-    assert "never come back" in second
+    assert "never returned" in second
 
 
 def test_an_interrupt_ends_the_run_and_reaches_python(stand_in, files):

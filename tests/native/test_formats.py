@@ -183,7 +183,7 @@ def test_a_volume_that_is_wrong_in_one_place_is_refused(fault, files, monkeypatc
 def test_other_bytes_are_no_volume_of_ours(files):
     data = volumes.export_volumes([files["exact"]], lambda text: None)
     for wrong in (b"", data[:100], data[: len(data) // 2], b"\0" + data[1:]):
-        with pytest.raises(PandisError, match="no volume that pandis wrote"):
+        with pytest.raises(PandisError, match="not a volume that pandis wrote"):
             read_vdb(wrong)
 
 

@@ -114,7 +114,7 @@ def test_what_is_no_shape_is_refused_and_the_old_one_stays(mesh):
 
 def test_only_an_exact_mesh_can_move(files):
     for name in ("spline", "compact", "network", "sphere"):
-        with pytest.raises(ValueError, match="only an exact mesh has vertices"):
+        with pytest.raises(ValueError, match="only an exact mesh has movable vertices"):
             NativeField(files[name]).moving()
     lib, field = library(), NativeField(files["spline"])
     exact, other = NativeField(files["exact"]), ctypes.create_string_buffer(4096)

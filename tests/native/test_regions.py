@@ -280,7 +280,7 @@ def test_a_file_with_too_many_materials_is_told_so(tmp_path):
     task = MeshTask(source=str(path), sha256=None, seed=0)
     arrays, _ = build(task, path, said.append)
     assert "region" not in arrays
-    assert any("names 320 materials; regions are kept of 255 at most" in line for line in said)
+    assert any("320 materials, too many for regions (at most 255)" in line for line in said)
 
 
 @pytest.mark.parametrize("mesh", ["balls.glb"], indirect=True)

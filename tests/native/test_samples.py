@@ -47,7 +47,7 @@ def test_a_sample_has_a_proxy_and_a_scene():
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        (("cube",), "there are sphere, torus, box, capsule"),
+        (("cube",), "choose one of sphere, torus, box, capsule"),
         (("torus", 1.0), "2 sizes"),
         (("sphere", -1.0), "above zero"),
         (("sphere", np.inf), "above zero"),

@@ -59,8 +59,8 @@ def test_bad_meshes_fail_in_plain_words_and_the_others_finish(workspace):
         "there is no file 'missing.obj'",
         "empty.obj: the file is empty; export the mesh again",
         "nofaces.obj: it has no faces; export it as a triangle mesh",
-        "nan.obj: line 1: 'nan' is no number",
-        "infinite.obj: line 1: 'inf' is no number",
+        "nan.obj: line 1: 'nan' is not a number",
+        "infinite.obj: line 1: 'inf' is not a number",
         "part.step: unknown format '.step'; known are .obj",
         "fine.obj: the file's sha256 is",
         "'analytic:spere' is unknown; closed-form shapes are analytic:sphere",
@@ -100,7 +100,7 @@ def test_name_clash(workspace):
     )
     done = snakemake(workspace, "-j2", "meshes", "--configfile", "config/bad.yaml")
     assert done.returncode != 0
-    assert "config/bad.yaml, line 4: the key 'a' stands twice" in done.stdout
+    assert "config/bad.yaml, line 4: the key 'a' occurs twice" in done.stdout
 
 
 def test_file_that_appears_later_is_taken_up(workspace):
@@ -153,7 +153,7 @@ def test_mesh_from_a_url(workspace, server):
     }
     done = run(workspace, meshes)
     assert done.returncode != 0
-    assert f"the sha256 of what came is {digest}, the configuration says 00" in done.stdout
+    assert f"file's sha256 is {digest}, but the configuration says 00" in done.stdout
     assert "none.obj: cannot be fetched (HTTP Error 404" in done.stdout
     assert (workspace / "results/fetched/mesh.zarr.zip").is_file()
     assert not list((workspace / "results/changed").glob("source*"))
@@ -191,7 +191,7 @@ def test_a_refused_mesh_costs_itself_alone_and_a_complete_run_makes_the_report_a
         "refused: odd: meshes.odd.stress.ticks: Input should be greater than or equal to 1000",
         "refused: gone: meshes.gone.source: there is no file 'gone.obj'",
         "the mesh lies in one plane",
-        "about the 1 that could be built; left out, with the reason: odd, gone, sheet",
+        "the meshes that could be built (1) and give reasons for those left out: odd, gone, sheet",
     ):
         assert message in done.stdout
     assert "Traceback" not in done.stdout
@@ -232,7 +232,7 @@ def test_a_mesh_compressed_by_an_unknown_extension_is_refused_by_its_name(worksp
     scene["extensionsRequired"] = ["KHR_draco_mesh_compression"]
     (workspace / "model.gltf").write_text(json.dumps(scene))
     done = run(workspace, {"part": {"source": "model.gltf"}})
-    assert "compressed with KHR_draco_mesh_compression, which no reader here knows" in done.stdout
+    assert "compressed with KHR_draco_mesh_compression, which is not supported" in done.stdout
 
 
 def test_ctrl_c_ends_in_a_sentence_and_keeps_the_training(workspace):

@@ -85,7 +85,7 @@ def test_every_mesh_is_accounted_for(tmp_path):
     (folder / "dot.obj").write_text("v 0 0 0\n")
     done = snakemake(folder, "-j2", "all", "--configfile", CONFIG)
     assert done.returncode != 0
-    assert "left out, with the reason: dot" in done.stdout
+    assert "give reasons for those left out: dot" in done.stdout
     rows = rows_of(folder)
     assert [(row["mesh"], row["file"]) for row in rows] == [
         ("dot", ""), ("sphere", "exact.pandis"), ("sphere", "compact-16.pandis"),

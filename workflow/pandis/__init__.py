@@ -1,8 +1,7 @@
 """Verified, reproducible force fields for haptic rendering, from any triangle mesh.
 
-What ``__all__`` lists is the public surface, and so is every package of `pandis.bridges`; the
-modules below are inside, and may change. Names are imported when they are first used, so that
-``import pandis`` costs nothing.
+The public interface is ``__all__`` and every package of `pandis.bridges`. All other modules are
+internal and may change. Names are imported on first use, so that ``import pandis`` costs nothing.
 """
 
 from importlib import import_module
@@ -30,7 +29,7 @@ __all__ = [
     "sample",
 ]  # fmt: skip
 
-#: Where each public class lies.
+#: Module and class of each public name.
 _PLACES = {
     "Answer": "runtime.field:NativeAnswer",
     "ArtifactError": "base.errors:ArtifactError",
@@ -57,7 +56,7 @@ def load(path: str | PathLike[str]) -> "Field":
     Raises
     ------
     ArtifactError
-        The file cannot be read, is damaged, or of another version.
+        The file cannot be read, is damaged or has another version.
     """
     from pandis.runtime.field import NativeField
 
@@ -65,7 +64,7 @@ def load(path: str | PathLike[str]) -> "Field":
 
 
 def sample(shape: str, *sizes: float | int) -> "Field":
-    """Return the field of a closed form, to try things on: ``sample("torus", 0.03, 0.01)``.
+    """Return the field of a closed form, for experiments: ``sample("torus", 0.03, 0.01)``.
 
     See `pandis.runtime.samples.sample`.
     """
@@ -75,7 +74,7 @@ def sample(shape: str, *sizes: float | int) -> "Field":
 
 
 def __getattr__(name: str) -> object:
-    """Import a public class when it is first asked for."""
+    """Import a public class on first access."""
     if name not in _PLACES:
         raise AttributeError(f"module 'pandis' has no attribute {name!r}")
     module, _, attribute = _PLACES[name].partition(":")

@@ -1,4 +1,4 @@
-"""The command ``pandis``: looks at files, and hands them on to other programs; NumPy is enough."""
+"""The command ``pandis``: inspects files and converts them for other programs, with NumPy only."""
 
 import argparse
 import json
@@ -12,47 +12,47 @@ from pandis.base.errors import PandisError
 
 
 def main(arguments=None):
-    """Run the command; returns its exit status."""
+    """Run the command and return its exit status."""
     parser = argparse.ArgumentParser(
-        prog="pandis", description="Looks at .pandis files, and hands them on."
+        prog="pandis", description="Inspect and convert .pandis files."
     )
     parser.add_argument("--version", action="version", version=f"pandis {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    info = commands.add_parser("info", help="say what files hold, and check them")
+    info = commands.add_parser("info", help="check files and describe them")
     info.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
-    info.add_argument("--json", action="store_true", help="for programs: a list, one for each file")
+    info.add_argument("--json", action="store_true", help="print a JSON list, one entry per file")
     info.set_defaults(run=_info)
     mjcf = commands.add_parser("mjcf", help="write a scene for MuJoCo")
     mjcf.add_argument("scene", metavar="SCENE", help="results/scenes/{scene}.json")
     mjcf.add_argument("model", metavar="MODEL", help="the file to write: ….xml")
     mjcf.set_defaults(run=_mjcf)
-    sample = commands.add_parser("sample", help="write the file of a closed form")
+    sample = commands.add_parser("sample", help="write a closed form as a file")
     sample.add_argument("shape", metavar="SHAPE", help="sphere, torus, box or capsule")
     sample.add_argument("file", metavar="FILE", help="the file to write: ….pandis")
     sample.add_argument("sizes", nargs="*", type=float, metavar="SIZE", help="see docs/format.md")
     sample.set_defaults(run=_sample)
-    volume = commands.add_parser("volume", help="write a field as a volume of OpenVDB or NanoVDB")
+    volume = commands.add_parser("volume", help="write a field as an OpenVDB or NanoVDB volume")
     volume.add_argument("file", metavar="FILE", help="a .pandis file")
     volume.add_argument("volume", metavar="VOLUME", help="the file to write: ….vdb or ….nvdb")
-    volume.add_argument("--voxel", type=float, help="its length (a two-hundredth of the object)")
-    volume.add_argument("--band", type=float, default=3.0, help="voxels on each side (3)")
-    volume.add_argument("--length", type=float, default=1.0, help="of a unit of the mesh (1)")
+    volume.add_argument("--voxel", type=float, help="voxel length (1/200 of the object)")
+    volume.add_argument("--band", type=float, default=3.0, help="band on each side, in voxels (3)")
+    volume.add_argument("--length", type=float, default=1.0, help="volume units per mesh unit (1)")
     volume.set_defaults(run=_volume)
-    csharp = commands.add_parser("csharp", help="write what programs in C# need, Unity's too")
-    csharp.add_argument("folder", metavar="FOLDER", help="in Unity Assets/Plugins")
+    csharp = commands.add_parser("csharp", help="write the files for C# programs and Unity")
+    csharp.add_argument("folder", metavar="FOLDER", help="for Unity: Assets/Plugins")
     csharp.set_defaults(run=_csharp)
-    view = commands.add_parser("view", help="touch fields of one object in a browser")
+    view = commands.add_parser("view", help="touch an object's fields in a browser")
     view.add_argument("files", nargs="+", metavar="FILE", help="a .pandis file")
-    view.add_argument("--output", metavar="PAGE", help="write the page here, and open no browser")
+    view.add_argument("--output", metavar="PAGE", help="write the page here; do not open a browser")
     view.add_argument("--size", type=float, default=0.1, help="length of the object, m (0.1)")
-    view.add_argument("--stiffness", type=float, default=400.0, help="N/m, at first (400)")
+    view.add_argument("--stiffness", type=float, default=400.0, help="initial stiffness, N/m (400)")
     view.set_defaults(run=_view)
     words = parser.parse_args(arguments)
     return words.run(words)
 
 
 def _info(words):
-    """Say what files hold: 1 if one of them cannot be read, after all others have been told."""
+    """Describe files; return 1 if any cannot be read, after describing all others."""
     from pandis.runtime.info import describe, facts
 
     status, every = 0, []
@@ -72,7 +72,7 @@ def _info(words):
 
 
 def _done(work, *arguments, **options):
-    """Do some work and return the exit status: 0, or 1 after printing why it failed."""
+    """Call a function and return the exit status: 0, or 1 after printing why it failed."""
     try:
         work(*arguments, **options)
     except (PandisError, OSError) as error:
@@ -89,7 +89,7 @@ def _mjcf(words):
 
 
 def _sample(words):
-    """Write a closed form."""
+    """Write a closed form as a file."""
     from pandis.runtime.samples import sample_bytes
 
     return _done(lambda: Path(words.file).write_bytes(sample_bytes(words.shape, *words.sizes)))
@@ -105,14 +105,14 @@ def _volume(words):
 
 
 def _csharp(words):
-    """Write the binding for C#, and say what it is."""
+    """Write the C# binding and print the paths of its files."""
     from pandis.bridges.csharp import write_csharp
 
     return _done(lambda: print(*write_csharp(words.folder), sep="\n"))
 
 
 def _view(words):
-    """Write a page to touch fields on, and open it: 1 if that cannot be."""
+    """Write a page for touching fields and open it; return 1 if it cannot be written."""
     from pandis.bridges.web import write_page
 
     path = Path(words.output or Path(tempfile.mkdtemp(prefix="pandis-")) / "touch.html")
@@ -120,7 +120,7 @@ def _view(words):
         return 1
     print(path)
     if not words.output and not webbrowser.open(path.resolve().as_uri()):
-        print("no browser could be opened: open the page by hand", file=sys.stderr)
+        print("no browser could be opened: open the page yourself", file=sys.stderr)
     return 0
 
 

@@ -1,1 +1,1 @@
-"""What everything stands on: errors, random streams, frames, the penalty law."""
+"""Foundations of all packages: errors, random streams, frames, the penalty law."""

@@ -1,11 +1,11 @@
-"""The two kinds of error a user is meant to read."""
+"""The two kinds of error that users see."""
 
 
 class PandisError(Exception):
     """Something outside the code is wrong; the message says what, where and what to do.
 
-    A stage that ends with one prints its message as a plain sentence. Any
-    other exception is a defect of pandis and prints its traceback.
+    A stage that fails with it prints only the message. Any other exception
+    is a defect of pandis, and its traceback is printed.
     """
 
 

@@ -1,4 +1,4 @@
-"""The penalty law: paper, Eq. 6, with the clamp that a contact needs."""
+"""The penalty law: Eq. 6 of the paper, clamped so that contacts only push."""
 
 import numpy as np
 
@@ -18,13 +18,13 @@ def penalty_force(distance: Values, normal: Points, stiffness=1.0) -> Points:
     Returns
     -------
     ndarray, shape (n, 3)
-        Zero outside: a contact pushes, it never pulls. Zero too where the distance is no number.
+        Zero outside, since a contact never pulls; also zero where the distance is NaN.
     """
-    inside = np.less(distance, 0.0)  # not so for NaN
+    inside = np.less(distance, 0.0)  # false for NaN
     depth = np.where(inside, -stiffness * np.asarray(distance), 0.0)
     return np.where(inside[:, None], depth[:, None] * normal, 0.0)
 
 
 def force_of(field):
-    """Return what answers the force (n, 3) of a field at points (n, 3): unit frame, k = 1."""
+    """Return a function from points (n, 3) to a field's forces (n, 3): unit frame, k = 1."""
     return lambda points: penalty_force(*field.answer(points))

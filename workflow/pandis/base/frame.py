@@ -1,7 +1,7 @@
-"""The unit frame: where every stage computes.
+"""The unit frame, in which every stage computes.
 
-Centre of the bounding box at 0, longest side 1.8, so that the shape fills
-[-0.9, 0.9] and a margin is left in the box [-1, 1]³.
+The bounding box is centred at 0 and its longest side is 1.8: the shape spans
+[-0.9, 0.9], which leaves a margin in the box [-1, 1]³.
 """
 
 from typing import NamedTuple
@@ -35,7 +35,7 @@ class Frame(NamedTuple):
         return np.asarray(points, np.float64) / self.scale + self.centre
 
     def attributes(self):
-        """Return the frame as it stands among the attributes of an artifact."""
+        """Return the frame as an entry of an artifact's attributes."""
         frame = {"centre": list(self.centre), "scale": self.scale, "unit_side": UNIT_SIDE}
         return {"frame": frame}
 

@@ -1,4 +1,4 @@
-"""How the unit frame lies in a device's workspace: lengths in metres, forces in newtons."""
+"""Scale of the unit frame in a device's workspace: lengths in metres, forces in newtons."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ class Scale(NamedTuple):
     Attributes
     ----------
     size : float
-        Metres of the object's longest side.
+        Length of the object's longest side, m.
     stiffness : float
         k, N/m.
     """
@@ -21,7 +21,7 @@ class Scale(NamedTuple):
 
     @classmethod
     def of(cls, options):
-        """Return the scale among the options of a stage (`DeviceOptions`)."""
+        """Return the scale in a stage's options (`DeviceOptions`)."""
         return cls(options.size, options.stiffness)
 
     @property
@@ -31,5 +31,5 @@ class Scale(NamedTuple):
 
     @property
     def newtons(self):
-        """Newtons per force of the unit frame at k = 1."""
+        """Newtons per unit of force in the unit frame at k = 1."""
         return self.stiffness / self.metre

@@ -1,26 +1,25 @@
-"""Streams of random numbers: what each part of a stage draws from, by name.
+"""Random streams of each stage, by name.
 
-A stage has a seed of its own (`pandis.pipeline.run.plan.stages.stage_seed`). Within a stage every
-purpose draws
-from a stream of its own, so that one that draws more leaves the others as they are. Two purposes
-of one stage never share a number; another number would give other results.
+Every stage has its own seed (`pandis.pipeline.run.plan.stages.stage_seed`). Within a stage every
+purpose has its own stream, so that drawing more for one leaves the others unchanged. Two purposes
+of one stage never share a number. Changing a number changes results.
 """
 
 import numpy as np
 
-#: evaluate. Its probe sets, shallow and deep, have 0 and 1.
+#: Stage evaluate. Its probe sets, shallow and deep, use 0 and 1.
 CONTACTS, COVERAGE = 6, 13
-#: stress.
+#: Stage stress.
 PLACES, QUESTIONS, WANDER, TICKS = 1, 2, 3, 4
-#: validate.
+#: Stage validate.
 WALLS, PRESSES = 21, 22
-#: bake_spline, bake_auto, choose. What chooses and what promises has three numbers: see
-#: `pandis.pipeline.geometry.points`.
+#: Stages bake_spline, bake_auto and choose. Streams for choosing and for promises have three
+#: numbers: see `pandis.pipeline.geometry.points`.
 SPLINE = 7
-#: train, with the number of the epoch or block; fresh points have that of their stratum first.
+#: Stage train, followed by the epoch or block. Streams of fresh points begin with their stratum.
 ORDER, BOX = 1, 2
 
 
 def generator(seed, *stream):
-    """Return the generator of a stream, named by one number or more."""
+    """Return the generator of a stream, which one or more numbers identify."""
     return np.random.default_rng([seed, *stream])

@@ -1,1 +1,1 @@
-"""Fields in other programs and libraries: one package each, each optional."""
+"""Fields in other programs and libraries: an optional package for each."""

@@ -1,4 +1,4 @@
-"""Where this machine keeps what it would otherwise make again."""
+"""This machine's cache of compiled libraries and computed values."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def cache_folder():
-    """Return the folder for libraries and digests: ``PANDIS_CACHE``, else in the user's cache."""
+    """Return the cache folder: ``PANDIS_CACHE``, else one in the user's cache."""
     if os.environ.get("PANDIS_CACHE"):
         return Path(os.environ["PANDIS_CACHE"])
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -18,9 +18,9 @@ def cache_folder():
 
 
 def keep(path, data):
-    """Put bytes into the cache, all of them or nothing, whoever else does the same.
+    """Write a file of the cache atomically, even if other processes write it, too.
 
-    A cache that cannot be written costs time alone.
+    If the cache cannot be written, later processes only repeat the work.
     """
     part = None
     try:
@@ -35,18 +35,18 @@ def keep(path, data):
 
 
 def remembered(maker, text, make):
-    """Return what `make` makes of a text, or what an earlier process has kept of it.
+    """Return the result of `make`, from the cache if an earlier process has stored it.
 
-    What was kept stands behind its own digest: if it is damaged, it is made again.
+    A stored result follows its digest; if it is damaged, it is computed again.
 
     Parameters
     ----------
     maker : path-like
-        The module that makes it (its ``__file__``): edited, it makes everything anew.
+        ``__file__`` of the module that computes it: an edit makes all its results stale.
     text : bytes
-        What the value depends on besides.
+        All else that the result depends on.
     make : callable
-        Returns something that JSON holds.
+        Returns a value that JSON can store.
     """
     path = cache_folder() / "texts" / hashlib.sha256(_identity(maker) + text).hexdigest()
     try:
@@ -66,6 +66,6 @@ def _digest(data):
 
 @cache
 def _identity(maker):
-    """Return a digest of a module and of the version of Python that runs it."""
+    """Return a digest of a module and of the Python version (major.minor)."""
     version = repr(sys.version_info[:2]).encode()
     return hashlib.sha256(version + Path(maker).read_bytes()).digest()

@@ -29,7 +29,7 @@ FLAGS = (
 
 
 def find_compiler():
-    """Return the C compiler that is used, None if there is none."""
+    """Return the C compiler to use, or None if there is none."""
     compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
     return compiler if compiler and shutil.which(compiler) else None
 
@@ -41,13 +41,13 @@ def load(source):
 
 
 def compiled(source, headers=()):
-    """Return the library of a C file, compiled beforehand, or now, or on an earlier run.
+    """Return the library of a C file: prebuilt, from the cache, or compiled now.
 
     Parameters
     ----------
     source : Path
     headers : sequence of Path
-        Folders of what it includes of other projects.
+        Folders of other projects' headers that it includes.
 
     Returns
     -------
@@ -71,14 +71,14 @@ def compiled(source, headers=()):
 
 
 def prebuild(folder, headers):
-    """Compile what a package brings along (`pandis.engine.prebuilt`) into a folder.
+    """Compile the libraries of a package (`pandis.engine.prebuilt`) into a folder.
 
     Parameters
     ----------
     folder : Path
     headers : dict of str to Path
-        By library, the folder of what it includes of another project. A library that needs some
-        and has none here is left out.
+        By library, the folder of another project's headers. A library that needs such headers and
+        has none here is left out.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def prebuild(folder, headers):
     if compiler is None:
         raise PandisError("no C compiler found: install gcc, or name one in CC")
     if machine not in prebuilt.KINDS:
-        raise PandisError(f"no library is made for machines of the kind {machine}")
+        raise PandisError(f"no libraries are built for machines of type {machine}")
     with tempfile.TemporaryDirectory() as place:
         source = Path(place) / "together.c"
         for library in prebuilt.LIBRARIES.keys() - (prebuilt.FOREIGN - headers.keys()):
@@ -107,7 +107,7 @@ def prebuild(folder, headers):
 
 
 def build(command, source, libraries, name):
-    """Compile a source once per machine, and keep what comes out.
+    """Compile a source once per machine, and cache the result.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def build(command, source, libraries, name):
     libraries : list of str
         Flags that come after the source.
     name : str
-        Name of the file to make; a digest of all that it depends on goes before its ending.
+        Name of the output file; a digest of all it depends on is inserted before the suffix.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def build(command, source, libraries, name):
         The compiler fails.
     """
     texts = [path.read_text("utf-8") for path in included(source)]
-    # what is compiled for one processor may not run on another
+    # code compiled for one processor may not run on another
     key = [*command, *libraries, platform.machine(), prebuilt.processor(), *texts]
     digest = hashlib.sha256("\0".join(key).encode()).hexdigest()[:20]
     compiled = cache_folder() / f"{Path(name).stem}-{digest}{Path(name).suffix}"
@@ -151,7 +151,7 @@ def _compile(command, compiled):
     if done.returncode:
         shutil.rmtree(folder, ignore_errors=True)
         raise PandisError(f"{' '.join(command)} failed:\n{done.stderr.strip()}")
-    part.replace(compiled)  # whole or not at all, whoever else compiles the same
+    part.replace(compiled)  # atomic, even if another process compiles it, too
     if Path(folder) != compiled.parent:
         shutil.rmtree(folder, ignore_errors=True)
     return compiled

@@ -1,4 +1,4 @@
-"""Structures of C that Python mirrors: whether both mean the same bytes."""
+"""Checks that C structures and their Python mirrors have the same layout."""
 
 import ctypes
 
@@ -6,7 +6,7 @@ from pandis.base.errors import PandisError
 
 
 class _Entry(ctypes.Structure):
-    """As ``layout.h`` has it."""
+    """Mirrors ``layout_entry`` of ``layout.h``."""
 
     _fields_ = (
         ("type", ctypes.c_char_p),
@@ -17,20 +17,20 @@ class _Entry(ctypes.Structure):
 
 
 def compare_layouts(entries, mirrors):
-    """Compare structures with those that a compiled library says it has.
+    """Compare structures with the layouts that a compiled library reports.
 
     Parameters
     ----------
     entries : callable
-        The library's function that returns the first of its ``layout_entry``.
+        The library's function that returns its array of ``layout_entry``.
     mirrors : dict of str to ctypes.Structure
-        By the names of their types in C.
+        By C type name.
 
     Raises
     ------
     PandisError
-        A field lies elsewhere, has another size, or is missing on one side: one of the two was
-        changed alone.
+        A field has another offset or size, or is missing on one side: only one of the two sides
+        was changed.
     """
     entries.restype = ctypes.POINTER(_Entry)
     native, first = {}, entries()

@@ -1,6 +1,6 @@
-"""The libraries that a package brings along, compiled: who only asks fields needs no compiler.
+"""Compiled libraries in the package: users who only query fields need no compiler.
 
-They are made when the package is built. A checkout has none, and compiles each source on first use.
+They are built with the package. A checkout has none and compiles each source on first use.
 """
 
 import hashlib
@@ -12,7 +12,7 @@ from pandis.engine.sources import included
 
 _PACKAGE = Path(__file__).parents[1]
 FOLDER = _PACKAGE / "engine/built"
-#: Libraries and their sources: what fields, contacts and scenes are asked through, and plugins.
+#: Libraries and their sources: one for fields, contacts and scenes, and plugins.
 LIBRARIES = {
     "pandis": [
         _PACKAGE / "runtime/field/field.c",
@@ -21,10 +21,10 @@ LIBRARIES = {
     ],
     "pandis-mujoco": [_PACKAGE / "bridges/mujoco/plugin.c"],
 }
-#: Libraries that include another project's headers. A package holds them if the build found those.
+#: Libraries that include another project's headers; a package has them if its build found those.
 FOREIGN = {"pandis-mujoco"}
-#: The compiler's name for the oldest processor of each machine. Hot loops are compiled for AVX2 as
-#: well, and chosen at run time. Answers are the same to the last bit.
+#: The compiler's name for the oldest processor of each machine. Hot loops are also compiled for
+#: AVX2 and selected at run time. Results are the same to the last bit.
 KINDS = {"x86_64": "x86-64", "aarch64": "armv8-a"}
 #: Omit unwind tables: C code throws nothing, and libraries get a twentieth smaller. Unroll only
 #: short loops: another seventh smaller, and no slower.
@@ -35,7 +35,7 @@ SMALLER = ("-fno-asynchronous-unwind-tables", "-fno-unwind-tables", "-fno-align-
 
 
 def find(source, flags):
-    """Return the prebuilt library that holds a source and suits this processor, or None.
+    """Return the prebuilt library that contains a source and runs on this processor, or None.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def find(source, flags):
 
 @cache
 def name(library, flags, kind):
-    """Return what a library's file is called: that of other sources has another name."""
+    """Return a library's file name, which contains a digest of its flags and sources."""
     files = dict.fromkeys(path for part in LIBRARIES[library] for path in included(part))
     texts = [path.read_text("utf-8") for path in files]
     digest = hashlib.sha256("\0".join([*flags, *texts]).encode()).hexdigest()[:12]
@@ -60,14 +60,14 @@ def name(library, flags, kind):
 
 
 def together(library):
-    """Return the text in C that holds all parts of a library."""
+    """Return C source that includes all parts of a library."""
     heads = ["#define _POSIX_C_SOURCE 199309L", "#define PANDIS_IMPLEMENTATION"]
     return "\n".join([*heads, *(f'#include "{part}"' for part in LIBRARIES[library])]) + "\n"
 
 
 @cache
 def processor():
-    """Return the line in which the system says what its processor can do."""
+    """Return the processor's features as the system lists them, else its name."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Sources in C: what they include, and what of them a compiler sees."""
+"""C sources: the files that they include, and the tokens that a compiler sees."""
 
 import hashlib
 import re
@@ -6,7 +6,7 @@ import re
 from pandis.engine.cache import remembered
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"', re.M)
-#: Comments; texts and characters; names and numbers; line ends; spaces; operators.
+#: Comments; strings and characters; names and numbers; line ends; spaces; operators.
 _TOKEN = re.compile(
     r"(?P<comment>//(?:\\\n|[^\n])*|/\*.*?\*/)"
     r"|(?P<text>\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])*')"
@@ -19,7 +19,7 @@ _TOKEN = re.compile(
 
 
 def included(source):
-    """Return a source and all files that it includes by name, each once, in order of inclusion.
+    """Return a source and all files that it includes in quotes, each once, breadth first.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ def included(source):
 
 
 def tokens(text):
-    """Return what a compiler sees of a text in C: no comments, no layout.
+    """Return the tokens of C source that a compiler sees, without comments and layout.
 
-    Line ends count where they end a directive, and a space where the name of a macro ends:
+    A line end counts if it ends a directive, and a space if it ends a macro's name:
     ``#define f (x)`` takes no argument.
     """
     seen, directive, fresh, spaced = [], False, True, False
@@ -67,7 +67,7 @@ def tokens(text):
 
 
 def digest(source):
-    """Return a digest (hex) of a source and what it includes, comments and layout aside."""
+    """Return a digest (hex) of a source and its includes, ignoring comments and layout."""
     texts = [(path.name, path.read_text("utf-8")) for path in included(source)]
 
     def of_tokens():

@@ -1,4 +1,4 @@
-"""Native code on several threads: ctypes lets go of Python's lock while it runs."""
+"""Runs native code on several threads: ctypes releases the GIL during a call."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -6,12 +6,12 @@ from itertools import pairwise
 
 #: Fewer points than this are not worth a second thread.
 SMALL = 2048
-#: Pieces for each thread: some take longer than others, and no thread should wait for the last.
+#: Pieces per thread: some take longer than others, and no thread should wait for the last one.
 _PIECES = 8
 
 
 def thread_count():
-    """Return how many threads native code may use: what the stage was given, else all cores."""
+    """Return how many threads native code may use: those of the stage, else one per core."""
     variable = os.environ.get("IGL_NUM_THREADS", "")
     return (
         int(variable) if variable.isdigit() and int(variable) > 0 else len(os.sched_getaffinity(0))
@@ -26,14 +26,14 @@ def in_threads(part, count, parts=None, small=SMALL):
     part : callable
     count : int
     parts : int, optional
-        How many pieces; by default several for each thread.
+        Number of pieces; by default several per thread.
     small : int
-        Each further thread is worth its start only for this many more.
+        Count from which a second thread is used; each further thread needs half as many more.
 
     Returns
     -------
     list
-        What the calls returned, in order.
+        Results of the calls, in order.
     """
     threads = max(1, min(thread_count(), 2 * count // small))
     parts = parts or (threads if threads == 1 else _PIECES * threads)

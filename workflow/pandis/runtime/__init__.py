@@ -1,1 +1,1 @@
-"""Everything that answers from a ``.pandis`` file: from fields and contacts to servo loops."""
+"""Everything that uses ``.pandis`` files: from fields and contacts to servo loops."""

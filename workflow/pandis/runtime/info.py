@@ -1,4 +1,4 @@
-"""What a ``.pandis`` file holds, in words: ``pandis info FILE``."""
+"""Describes ``.pandis`` files in words: ``pandis info FILE``."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from pandis.runtime.field import COMPACT, GRID, MESH, NETWORK, RULES, SHAPE, SHA
 from pandis.runtime.field.files import read_contents
 from pandis.runtime.scene import Placed
 
-#: Queries that are timed, at places drawn in the box.
+#: Timed queries, at random points of the box.
 _QUERIES = 2000
 
 
 def facts(path):
-    """Return what a ``.pandis`` file holds.
+    """Return facts about a ``.pandis`` file.
 
     Parameters
     ----------
@@ -24,15 +24,15 @@ def facts(path):
     -------
     dict
         Plain values: ``file``, ``bytes``, ``format`` (its version), ``kind`` and ``made_of`` (in
-        words), ``size`` and ``centre`` (of the object's box, mesh units; without a size where the
-        file does not say it, the longest side alone in ``longest``), ``regions``, ``proxy`` (empty,
-        or why there is none), ``faces`` (whether answers name the nearest face), ``microseconds``
-        (median of a query in the box on this machine), ``provenance``.
+        words), ``size`` and ``centre`` (of the object's box, mesh units; ``size`` is None if the
+        file does not store it), ``longest`` (longest side), ``regions``, ``proxy`` (empty, or why
+        there is none), ``faces`` (whether answers name the nearest face), ``microseconds`` (median
+        of a query in the box on this machine), ``provenance``.
 
     Raises
     ------
     pandis.base.errors.ArtifactError
-        It cannot be read, is damaged, or of another version.
+        It cannot be read, is damaged or has another version.
     """
     contents = read_contents(path)
     field = contents.field
@@ -58,7 +58,7 @@ def facts(path):
 
 
 def _made_of(contents):
-    """Return the kind of a field and what it is made of, in words."""
+    """Return a field's kind and a description of its data."""
     field, whole = contents.field, contents.wholes
     if field.kind == NETWORK:
         width, depth, outputs, cells, bits = whole[:5]
@@ -81,11 +81,11 @@ def _made_of(contents):
 
 
 def _box(contents):
-    """Return the corners of the surface's box, mesh units; None, None if the file does not say."""
+    """Return the corners of the surface's box, mesh units; None, None if not in the file."""
     part = contents.sections.get("SAFE")
     if part is None:
         return None, None
-    corners = np.frombuffer(part, "<f8", 6)  # of the unit frame; what follows are bounds
+    corners = np.frombuffer(part, "<f8", 6)  # unit frame; the section continues with bounds
     return tuple(contents.field.frame.to_mesh(corners.reshape(2, 3)))
 
 
@@ -99,7 +99,7 @@ def no_proxy(field):
 
 
 def describe(contents):
-    """Return what `facts` has found as lines of text."""
+    """Return the result of `facts` as lines of text."""
     if contents["size"]:
         size = " × ".join(f"{side:.6g}" for side in contents["size"])
     else:
@@ -115,8 +115,8 @@ def describe(contents):
         "answers": answers + ("; the nearest face of the mesh" if contents["faces"] else ""),
         "proxy": f"none: {contents['proxy']}" if contents["proxy"] else "yes (pandis_contact)",
         "regions": ", ".join(contents["regions"]) or "none",
-        "a query": f"{contents['microseconds']:.2g} µs on this machine, median of {_QUERIES:,} in "
-        "its box, one after the other",
+        "a query": f"{contents['microseconds']:.2g} µs on this machine, median of {_QUERIES:,} "
+        "single queries in its box",
         "made by": _maker(contents["provenance"]),
     }
     width = max(map(len, lines)) + 2
@@ -124,7 +124,7 @@ def describe(contents):
 
 
 def _maker(provenance):
-    """Return where a field is from, in words."""
+    """Return a field's origin in words."""
     if not provenance:
         return "the file does not say it"
     field = _text_in(provenance, "options", "field") or _text_in(provenance, "wildcards", "name")
@@ -135,7 +135,7 @@ def _maker(provenance):
 
 
 def _text_in(provenance, part, name):
-    """Return a text in a part of a provenance, empty if it is not there: anybody writes files."""
+    """Return a text from a part of a provenance; empty if missing: files may be written by hand."""
     there = provenance.get(part)
     text = there.get(name) if isinstance(there, dict) else None
     return text if isinstance(text, str) else ""

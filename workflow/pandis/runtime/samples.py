@@ -1,4 +1,4 @@
-"""Closed forms as fields: something to try a program on, without a mesh and without a run."""
+"""Closed forms as fields, for trying out a program without a mesh or a workflow run."""
 
 import numpy as np
 
@@ -17,26 +17,27 @@ def sample(shape: str, *sizes: Number) -> NativeField:
     Parameters
     ----------
     shape : {"sphere", "torus", "box", "capsule"}
-        Around the origin, torus and capsule along z.
+        Centred at the origin; the axis of torus and capsule is z.
     sizes : float, optional
-        In units of your own: the radius; ring and tube; half the sides; radius and half the axis.
+        In any unit. Sphere: radius; torus: ring and tube radius; box: half the sides; capsule:
+        radius and half the axis.
 
     Raises
     ------
     PandisError
-        There is no such shape, or it has other sizes.
+        There is no such shape, or the sizes are invalid.
     """
     return NativeField(sample_bytes(shape, *sizes))
 
 
 def sample_bytes(shape: str, *sizes: Number) -> bytes:
-    """Return what the ``.pandis`` file of a closed form holds; parameters as of `sample`."""
+    """Return the content of a closed form's ``.pandis`` file; parameters as for `sample`."""
     if shape not in SIZES:
-        raise PandisError(f"{shape}: there is no such shape; there are {', '.join(SIZES)}")
+        raise PandisError(f"{shape}: no such shape; choose one of {', '.join(SIZES)}")
     numbers = tuple(float(size) for size in sizes or SIZES[shape])
     count = len(SIZES[shape])
     if len(numbers) != count or not all(np.isfinite(size) and size > 0 for size in numbers):
-        raise PandisError(f"{shape}: it has {count} sizes, each above zero, not {numbers}")
+        raise PandisError(f"{shape}: needs {count} sizes, each above zero, not {numbers}")
     half = _half(shape, numbers)
     frame = Frame.of_bounds(-half, half)
     corners = frame.to_unit(np.stack([-half, half]))
@@ -46,7 +47,7 @@ def sample_bytes(shape: str, *sizes: Number) -> bytes:
 
 
 def _half(shape, sizes):
-    """Return half the sides of a shape's box."""
+    """Return half the sides (3,) of a shape's bounding box."""
     if shape == "torus":
         ring, tube = sizes
         return np.array([ring + tube, ring + tube, tube])

@@ -1,7 +1,7 @@
-"""Splines and networks as functions of PyTorch and of JAX, through which both differentiate.
+"""Splines and networks as differentiable functions for PyTorch and JAX.
 
-The same arithmetic for both: what they call alike is called by that name, of `xp`, which is one of
-them. Nothing here imports either before it is asked for.
+Both share the same arithmetic: `xp` is either of the two modules, and only functions with the same
+name in both are called on it. Neither is imported before it is needed.
 """
 
 from os import PathLike
@@ -19,10 +19,10 @@ _KINDS = {SPLINE: spline, NETWORK: network}
 
 
 class ArrayField:
-    """A field as a function of arrays; made by `torch_field` or `jax_field`.
+    """A field as a function of arrays; created by `torch_field` or `jax_field`.
 
-    Points (n, 3) are in mesh units and of a floating type, which is that of the answers. Splines
-    are computed in it, too; networks in single precision, as they are trained.
+    Points (n, 3) are in mesh units and have a floating-point type, which answers have, too. Splines
+    are evaluated in that type; networks in single precision, as they are trained.
     """
 
     def __init__(self, path: str | PathLike[str], xp: Any, put: Any) -> None:
@@ -35,14 +35,14 @@ class ArrayField:
         self._placed: dict = {}
 
     def distance(self, points: Any) -> Any:
-        """Return distances (n,) at points (n, 3), mesh units: differentiable, twice as well."""
+        """Return distances (n,) at points (n, 3), mesh units; they are twice differentiable."""
         return self.answer(points)[0]
 
     def answer(self, points: Any) -> tuple[Any, Any]:
-        """Return distances (n,) and normals (n, 3) at points (n, 3), as the library answers them.
+        """Return distances (n,) and normals (n, 3) at points (n, 3), as from the C library.
 
-        There are no flags: beyond the box, and beyond a spline's band, a distance is an estimate.
-        The normal of a network with one output is its gradient, which takes a second pass.
+        There are no flags: outside the box, and outside a spline's band, distances are estimates.
+        The normal of a network with one output is its gradient, which needs a second pass.
         """
         xp = self._xp
         if points.ndim != 2 or points.shape[1] != 3:
@@ -52,17 +52,17 @@ class ArrayField:
         box = xp.clip(unit, -1, 1)
         way = unit - box
         beyond = (way * way).sum(-1)
-        # no square root of zero, which has no derivative
+        # avoid the square root of zero, which has no derivative
         away = xp.where(beyond > 0, xp.sqrt(xp.where(beyond > 0, beyond, 1.0)), 0.0)
         distance, direction = self._answer(xp, data, box, away, _grad(xp))
         length = xp.sqrt((direction * direction).sum(-1, keepdims=True))
-        up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as pandis.h, where there is none
+        up = self._put(np.array([0.0, 0.0, 1.0]), points)  # as in pandis.h, without a direction
         normal = xp.where(length > 0, direction / xp.where(length > 0, length, 1.0), up)
         return distance / self.frame.scale, normal
 
     def _for(self, points):
-        """Return what the field is made of, where the points are."""
-        if self._xp.__name__ != "torch":  # where functions are traced, nothing may be kept
+        """Return the field's data on the device of the points."""
+        if self._xp.__name__ != "torch":  # JAX traces functions, so arrays must not be cached
             return self._put_all(points)
         key = points.device, points.dtype
         if key not in self._placed:
@@ -77,7 +77,7 @@ class ArrayField:
 
 
 def torch_field(path: str | PathLike[str]) -> ArrayField:
-    """Return a spline or a network as a function of tensors, on the device of its points.
+    """Return a spline or a network as a function of tensors, on the device of the points.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def torch_field(path: str | PathLike[str]) -> ArrayField:
 
 
 def jax_field(path: str | PathLike[str]) -> ArrayField:
-    """Return a spline or a network as a function of JAX arrays, which may be compiled and mapped.
+    """Return a spline or a network as a function of JAX arrays, which can be compiled and mapped.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def jax_field(path: str | PathLike[str]) -> ArrayField:
 
 
 def _grad(xp):
-    """Return what differentiates a function of points (n, 3) to (n,), each by its own point."""
+    """Return a function that evaluates and differentiates maps from points (n, 3) to (n,)."""
     if xp.__name__ == "torch":
 
         def by_torch(function, points):

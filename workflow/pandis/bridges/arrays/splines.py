@@ -2,13 +2,13 @@
 
 import numpy as np
 
-#: As in parts/spline.h: how far above a crease an answer is taken (steps), and how much of the
-#: squared gradient must be missing.
+#: As in parts/spline.h: how far above a crease a spline is evaluated (steps), and by how much the
+#: squared gradient must fall short of 1 for that.
 _LIFT, _SHORT = 0.7, 0.02
 
 
 def spline(contents):
-    """Return the function of a spline, and what it is made of."""
+    """Return a spline's function and its data."""
     wholes, reals = contents.wholes, contents.reals
     data = {"inside": reals[9], "outside": reals[10]}
     for level, (name, letter, kind) in enumerate((("coarse", "B", "<i2"), ("fine", "F", "<i1"))):
@@ -29,12 +29,12 @@ def spline(contents):
 
 
 def lattice(name, size, low):
-    """Return the numbers of a lattice of so many nodes, the first at `low`, by its name."""
+    """Return the parameters of a lattice with ``size`` nodes per axis, the first at ``low``."""
     return {f"{name}_size": size, f"{name}_low": low, f"{name}_rate": (size - 1) / (-2 * low)}
 
 
 def _blocks(sections, letter, bricks):
-    """Return where each block's coefficients begin (blocks³,); -1 where it is not kept."""
+    """Return where each block's coefficients begin (blocks³,); -1 for a block not stored."""
     brick = np.frombuffer(sections[f"{letter}BRK"], "<u2").reshape((bricks,) * 3)
     mask = np.frombuffer(sections[f"{letter}MSK"], "<u8")
     stored = np.unpackbits(mask.astype("<u8").view(np.uint8), bitorder="little").reshape(
@@ -62,7 +62,7 @@ def _answer(xp, data, box, away, _):
 
 
 def off_edge(xp, box):
-    """Return points a little off the faces of the box, which belong to its last cells."""
+    """Move points slightly off the box's faces, which belong to its last cells."""
     edge = 1 - max(1e-12, 4 * float(xp.finfo(box.dtype).eps))
     return xp.clip(box, -edge, edge)
 
@@ -74,7 +74,7 @@ def _both(xp, data, p):
 
 
 def _sharpened(xp, data, p, value, gradient):
-    """Take answers from some way up where a crease is rounded, and carry them back down."""
+    """Evaluate above a rounded crease, and extrapolate the answers back down."""
     missing = (1 - (gradient * gradient).sum(-1) - _SHORT) / (1 - _SHORT)
     lift = xp.clip(-value, 0, _LIFT / data["coarse_rate"])
     lift = lift * xp.where(missing > 0, missing * missing * (3 - 2 * missing), 0.0)
@@ -91,7 +91,7 @@ def _sharpened(xp, data, p, value, gradient):
 
 
 def _place(xp, data, name, p):
-    """Return first nodes (n, 3), weights and slopes (n, 3, 4) of points, and which lie within."""
+    """Return first nodes (n, 3), weights and slopes (n, 3, 4), and which points are within."""
     rate, size = data[f"{name}_rate"], data[f"{name}_size"]
     x = (p - data[f"{name}_low"]) * rate
     cell = xp.floor(x)
@@ -108,7 +108,7 @@ def _place(xp, data, name, p):
 
 
 def _whole(xp, x):
-    x = xp.nan_to_num(x)  # a point that is none has an answer that is none, and an index
+    x = xp.nan_to_num(x)  # NaN points need a valid index; their answers are NaN
     return x.to(xp.int64) if xp.__name__ == "torch" else x.astype(int)
 
 
@@ -126,7 +126,7 @@ def _sum(xp, c, weights, slopes):
 
 
 def _level(xp, data, name, p):
-    """Return what a lattice with gaps adds, and where it has all 64 coefficients."""
+    """Return the contribution of a sparse lattice, and where it has all 64 coefficients."""
     first, weights, slopes, within = _place(xp, data, name, p)
     values, blocks, across = data[f"{name}_values"], data[f"{name}_blocks"], data[f"{name}_across"]
     parts = []
@@ -138,14 +138,14 @@ def _level(xp, data, name, p):
                 at = start + (((x & 1) << 2) | ((y & 1) << 1) | (z & 1))
                 parts.append(xp.where(start < 0, -1, at))
     at = xp.stack(parts, -1)
-    c = values[at].reshape(-1, 4, 4, 4)  # the last one is a zero
+    c = values[at].reshape(-1, 4, 4, 4)  # index -1: the last value, a zero
     value, gradient = _sum(xp, c, weights, slopes)
     zero = xp.where(within, 1.0, 0.0)
     return value * zero, gradient * zero[:, None], within & (at >= 0).all(-1)
 
 
 def dense_sum(xp, data, name, p):
-    """Return values (n,) and gradients (n, 3) of a lattice without gaps, and which lie within."""
+    """Return values (n,) and gradients (n, 3) of a dense lattice, and which points are within."""
     first, weights, slopes, within = _place(xp, data, name, p)
     size, parts = data[f"{name}_size"], []
     for i in range(4):
@@ -163,7 +163,7 @@ def _beyond(xp, data, p):
 
 
 def _free(xp, data, p):
-    """Return which points lie in a block outside."""
+    """Return which points are in blocks marked as outside."""
     at = (p - data["coarse_low"]) * data["coarse_rate"]
     block = _whole(xp, xp.floor(xp.clip(at, 0, data["coarse_size"] - 2) / 2))
     across = data["coarse_across"]

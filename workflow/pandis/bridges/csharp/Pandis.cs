@@ -1,4 +1,4 @@
-// Fields of .pandis files in C#: distances, a probe that is kept out, and a thread that renders it.
+// Fields of .pandis files in C#: distances, a probe that is kept out of objects, and a thread that renders it.
 //
 // Needs libpandis (pandis.c beside this file) where the runtime finds native libraries: in Unity under
 // Assets/Plugins, elsewhere beside the program. Works with .NET, Mono and Unity; C# 7 or later.
@@ -10,13 +10,13 @@ using System.Threading;
 
 namespace Pandis
 {
-    /// <summary>Something went wrong: a file that cannot be opened, or a place that is none.</summary>
+    /// <summary>A file cannot be opened, a pose is invalid, or a haptic thread failed.</summary>
     public sealed class PandisException : Exception
     {
         public PandisException(string message) : base(message) { }
     }
 
-    /// <summary>Three numbers in double precision: a place, a direction or a force.</summary>
+    /// <summary>Three numbers in double precision: a position, a direction or a force.</summary>
     public struct Vector
     {
         public double X, Y, Z;
@@ -28,13 +28,13 @@ namespace Pandis
         public bool IsFinite { get { return !double.IsNaN(X + Y + Z) && !double.IsInfinity(X + Y + Z); } }
     }
 
-    /// <summary>A field of an object. Any number of threads may ask it.</summary>
+    /// <summary>A field of an object. Any number of threads may query it.</summary>
     public sealed class Field : IDisposable
     {
         internal readonly FieldHandle Handle;
 
         /// <summary>Open a file.</summary>
-        /// <exception cref="PandisException">It cannot be read, is damaged, or of a later version.</exception>
+        /// <exception cref="PandisException">It cannot be read, is damaged or has a later version.</exception>
         public Field(string path)
         {
             IntPtr error;
@@ -42,7 +42,7 @@ namespace Pandis
             if (Handle.IsInvalid) throw new PandisException(path + ": " + Marshal.PtrToStringAnsi(error));
         }
 
-        /// <summary>The box in which the surface lies, mesh units: six numbers, lowest corner first.</summary>
+        /// <summary>A box around the surface, mesh units: six numbers, lowest corner first.</summary>
         public double[] Bounds
         {
             get
@@ -55,16 +55,16 @@ namespace Pandis
             }
         }
 
-        /// <summary>Distances, normals and flags at points (x, y, z one after the other), mesh units.</summary>
+        /// <summary>Distances, normals and flags at points (x, y and z of each in turn), mesh units.</summary>
         public void Query(double[] points, double[] distances, double[] normals, byte[] flags)
         {
             int count = points.Length / 3;
             if (points.Length % 3 != 0 || distances.Length < count || normals.Length < 3 * count || flags.Length < count)
-                throw new ArgumentException("three numbers for each point and normal, one distance and one flag");
+                throw new ArgumentException("each point needs three numbers, and room for a normal, a distance and a flag");
             Native.pandis_field_query(Handle, points, count, distances, normals, flags);
         }
 
-        /// <summary>Let go of the file; probes that ask it keep it open as long as they are.</summary>
+        /// <summary>Release the file; probes of the field keep it open until they are disposed of.</summary>
         public void Dispose() { Handle.Dispose(); }
     }
 
@@ -74,13 +74,13 @@ namespace Pandis
         readonly ProbeHandle handle;
         readonly double[] place = new double[3], force = new double[3], proxy = new double[3];
 
-        /// <param name="field">Of the object.</param>
-        /// <param name="rotation">Nine numbers, by rows: a point p of the mesh lies at scale · rotation · p + translation.</param>
+        /// <param name="field">The object's field.</param>
+        /// <param name="rotation">Nine numbers, by rows: a mesh point p is at scale · rotation · p + translation.</param>
         /// <param name="translation">Three numbers, metres.</param>
-        /// <param name="scale">Metres of a unit of the mesh.</param>
+        /// <param name="scale">Metres per mesh unit.</param>
         /// <param name="stiffness">N/m.</param>
-        /// <param name="radius">Of the probe, metres.</param>
-        /// <exception cref="PandisException">The object lies nowhere, or is a grid of forces.</exception>
+        /// <param name="radius">Radius of the probe, metres.</param>
+        /// <exception cref="PandisException">The pose is invalid, or the field is a grid of forces.</exception>
         public Probe(Field field, double[] rotation, double[] translation, double scale, double stiffness, double radius)
         {
             CheckPlace(rotation, translation);
@@ -90,28 +90,28 @@ namespace Pandis
             handle.Keep(field.Handle);
         }
 
-        /// <summary>The flag of the last tick: 0 and 1 are answers, 2 is none, as of pandis.h.</summary>
+        /// <summary>The flag of the last tick (see pandis.h): 0 and 1 are answers, 2 means none.</summary>
         public int Flag { get; private set; }
 
-        /// <summary>Friction coefficients, up to which the probe sticks, and when it slides; not more.</summary>
+        /// <summary>Set the friction coefficients: static, and sliding, which is at most as large.</summary>
         public void Friction(double sticking, double sliding)
         {
             Native.pandis_probe_friction(handle, sticking, sliding);
         }
 
-        /// <summary>Put the object elsewhere.</summary>
-        /// <exception cref="PandisException">The rotation is none, or a number is not finite: it stays where it is.</exception>
+        /// <summary>Move the object.</summary>
+        /// <exception cref="PandisException">The matrix is not a rotation, or a number is not finite: it stays.</exception>
         public void Move(double[] rotation, double[] translation)
         {
             CheckPlace(rotation, translation);
             if (Native.pandis_probe_move(handle, rotation, translation) == 0)
-                throw new PandisException("the object lies nowhere: its rotation is none, or a number is not finite");
+                throw new PandisException("the pose is invalid: the matrix is not a rotation, or a number is not finite");
         }
 
-        /// <summary>A tick: the force on the hand, N, at a place of the probe. The first must be outside.</summary>
-        /// <param name="at">Metres.</param>
+        /// <summary>Move the probe and return the force on the hand, N. The first position must be outside.</summary>
+        /// <param name="at">Position of the probe, metres.</param>
         /// <param name="seconds">Since the last tick.</param>
-        /// <param name="surface">Where the probe is kept.</param>
+        /// <param name="surface">Position of the proxy, which stays outside.</param>
         public Vector Tick(Vector at, double seconds, out Vector surface)
         {
             place[0] = at.X;
@@ -127,12 +127,12 @@ namespace Pandis
         static void CheckPlace(double[] rotation, double[] translation)
         {
             if (rotation.Length != 9 || translation.Length != 3)
-                throw new ArgumentException("a rotation of nine numbers, a translation of three");
+                throw new ArgumentException("a rotation has nine numbers, a translation three");
         }
     }
 
     /// <summary>
-    /// Renders a probe at the rate of a device, on a thread of its own. In Unity: make it in OnEnable, dispose
+    /// Renders a probe at the rate of a device, on its own thread. In Unity: create it in OnEnable, dispose
     /// of it in OnDisable, and read Force and Surface in Update to draw them.
     /// </summary>
     public sealed class HapticThread : IDisposable
@@ -148,14 +148,14 @@ namespace Pandis
         long ticks, late;
         Exception failure;
 
-        /// <param name="probe">Not to be used elsewhere as long as the thread runs; but see Move.</param>
-        /// <param name="read">Where the device is, metres.</param>
-        /// <param name="write">What its motors are given, N: at the end, and after a failure, zero.</param>
+        /// <param name="probe">Do not use it elsewhere while the thread runs; to move the object, see Move.</param>
+        /// <param name="read">Returns the position of the device, metres.</param>
+        /// <param name="write">Sends a force, N, to its motors: at the end, and after a failure, zero.</param>
         /// <param name="rate">Ticks per second.</param>
-        /// <param name="largest">No force is larger, N.</param>
+        /// <param name="largest">Largest force, N; larger ones are reduced to it.</param>
         public HapticThread(Probe probe, Func<Vector> read, Action<Vector> write, double rate, double largest)
         {
-            if (!(rate >= 1 && rate <= 20000) || !(largest > 0)) throw new ArgumentException("a rate from 1 to 20,000 Hz, a force above zero");
+            if (!(rate >= 1 && rate <= 20000) || !(largest > 0)) throw new ArgumentException("rate must be from 1 to 20,000 Hz, largest above zero");
             this.probe = probe;
             this.read = read;
             this.write = write;
@@ -167,7 +167,7 @@ namespace Pandis
         /// <summary>The last force on the hand, N.</summary>
         public Vector Force { get { lock (gate) return force; } }
 
-        /// <summary>Where the probe was kept at the last tick, metres.</summary>
+        /// <summary>Position of the proxy at the last tick, metres.</summary>
         public Vector Surface { get { lock (gate) return surface; } }
 
         /// <summary>Ticks so far.</summary>
@@ -176,12 +176,12 @@ namespace Pandis
         /// <summary>Ticks that began more than a period late.</summary>
         public long Late { get { return Interlocked.Read(ref late); } }
 
-        /// <summary>What ended the thread before it was asked to stop; null if nothing did.</summary>
+        /// <summary>The error that ended the thread early; null if there was none.</summary>
         public Exception Failure { get { lock (failing) return failure; } }
 
         public void Start() { thread.Start(); }
 
-        /// <summary>Put the object elsewhere, between two ticks.</summary>
+        /// <summary>Move the object between two ticks.</summary>
         public void Move(double[] rotation, double[] translation) { lock (gate) probe.Move(rotation, translation); }
 
         void Run()
@@ -193,7 +193,7 @@ namespace Pandis
                 while (!stopping)
                 {
                     Vector at = read();
-                    if (!at.IsFinite) throw new PandisException("the device says that it is nowhere");
+                    if (!at.IsFinite) throw new PandisException("the position of the device is not finite");
                     Vector given, kept;
                     lock (gate)
                     {
@@ -201,7 +201,7 @@ namespace Pandis
                         if (probe.Flag == 2) throw new PandisException("the field has no answer there");
                         double size = given.Length, share = size > largest ? largest / size : 1;
                         given = new Vector(share * given.X, share * given.Y, share * given.Z);
-                        if (!given.IsFinite) throw new PandisException("the force is no number");
+                        if (!given.IsFinite) throw new PandisException("the force is not finite");
                         force = given;
                         surface = kept;
                     }
@@ -212,7 +212,7 @@ namespace Pandis
                     if (now > due + period)
                     {
                         Interlocked.Increment(ref late);
-                        due = now; // who is late does not catch up
+                        due = now; // do not catch up after a late tick
                     }
                     if (due - now > 2e-3) Thread.Sleep((int)(1e3 * (due - now)) - 1);
                     while (clock.Elapsed.TotalSeconds < due) Thread.SpinWait(20);
@@ -230,17 +230,17 @@ namespace Pandis
             }
         }
 
-        /// <summary>Stop, with a last force of zero; also if the device has not come back for a second.</summary>
+        /// <summary>Stop, with a final force of zero, even if the device does not return for a second.</summary>
         public void Dispose()
         {
             stopping = true;
             if (!thread.IsAlive || thread.Join(1000)) return;
-            lock (failing) failure = failure ?? new TimeoutException("the device has not come back");
+            lock (failing) failure = failure ?? new TimeoutException("the device did not return");
             write(new Vector());
         }
     }
 
-    /// <summary>A field of the library, open as long as anything uses it.</summary>
+    /// <summary>A field of the native library, open as long as anything uses it.</summary>
     sealed class FieldHandle : SafeHandle
     {
         FieldHandle() : base(IntPtr.Zero, true) { }
@@ -254,7 +254,7 @@ namespace Pandis
         }
     }
 
-    /// <summary>A probe of the library, which keeps its field open.</summary>
+    /// <summary>A probe of the native library, which keeps its field open.</summary>
     sealed class ProbeHandle : SafeHandle
     {
         FieldHandle field;

@@ -1,4 +1,4 @@
-"""Fields in C#: what Unity, .NET and Mono need of pandis, put into a folder."""
+"""Fields in C#: writes the files that Unity, .NET and Mono need."""
 
 import shutil
 from os import PathLike
@@ -12,20 +12,20 @@ SOURCE = _HERE / "pandis.c"
 
 
 def write_csharp(folder: str | PathLike[str]) -> list[Path]:
-    """Write ``Pandis.cs``, and the library that it calls for this machine, into a folder.
+    """Write ``Pandis.cs``, and the native library that it calls, into a folder.
 
-    It runs on every machine of this kind and system. For another one, compile ``pandis.c`` there
-    into a shared library called ``pandis``.
+    The library runs on machines with this architecture and operating system. For others, compile
+    ``pandis.c`` there into a shared library called ``pandis``.
 
     Parameters
     ----------
     folder : path-like
-        In Unity ``Assets/Plugins``; made if it is not there.
+        For Unity ``Assets/Plugins``; created if necessary.
 
     Returns
     -------
     list of Path
-        What was written.
+        The files written.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 /* pandis.h behind handles, for languages that call C but do not include its headers: C# and others.
  *
- * A field, and a probe that is kept out of it, are pointers that their maker lets go of. Everything else is numbers and
- * arrays of them. A field may be asked by any number of threads, a probe by one.
+ * Fields, and probes that are kept out of them, are pointers that the caller must close. All other arguments are numbers
+ * and arrays of numbers. Any number of threads may use a field, one thread a probe.
  */
 #define PANDIS_IMPLEMENTATION
 #include "../../engine/pandis.h"
@@ -20,7 +20,7 @@ typedef struct {
     pandis_material material;
 } pandis_probe;
 
-/* Open a file; NULL if it cannot be, and why in `error`, which lives as long as the program. */
+/* Open a file. Returns NULL on failure, with the reason in `error`, which stays valid as long as the program runs. */
 SHARED pandis_field *pandis_field_open(const char *path, const char **error) {
     pandis_field *field = (pandis_field *)calloc(1, sizeof *field);
     pandis_error code = field ? pandis_open_file(field, path) : PANDIS_ERROR_FILE;
@@ -34,7 +34,7 @@ SHARED void pandis_field_close(pandis_field *field) {
     free(field);
 }
 
-/* The box in which the surface lies, mesh units. */
+/* A box around the surface, mesh units. */
 SHARED void pandis_field_bounds(const pandis_field *field, double *low, double *high) { pandis_bounds(field, low, high); }
 
 /* Distances (count), normals (3 count) and flags (count) at points (3 count), mesh units. */
@@ -43,8 +43,8 @@ SHARED void pandis_field_query(const pandis_field *field, const double *points, 
     pandis_query_many(field, points, (size_t)count, distances, normals, flags);
 }
 
-/* A probe of a radius (m) that is kept out of an object: the field's, at scale times rotation (9, by rows) times a point of
- * the mesh plus translation, with a stiffness (N/m). It begins anew at the next position, which has to be outside. */
+/* Open a probe of a radius (m) that is kept out of a field's object. A mesh point p is at scale * rotation (9, by rows) * p
+ * + translation; the stiffness is in N/m. Contact begins at the next position, which must be outside. */
 SHARED pandis_probe *pandis_probe_open(const pandis_field *field, const double *rotation, const double *translation,
                                        double scale, double stiffness, double radius, const char **error) {
     pandis_probe *probe = (pandis_probe *)calloc(1, sizeof *probe);
@@ -69,7 +69,7 @@ SHARED void pandis_probe_friction(pandis_probe *probe, double sticking, double s
     probe->material.sticking = sticking, probe->material.sliding = sliding;
 }
 
-/* Put the object elsewhere: at the next tick the probe is where it was on it. 0 if that is no place: it stays where it is. */
+/* Move the object, and the probe's proxy with it. Returns 0 if the pose is invalid; the object then stays where it is. */
 SHARED int pandis_probe_move(pandis_probe *probe, const double *rotation, const double *translation) {
     if (!pandis__places(rotation, translation)) return 0;
     memcpy(probe->object.rotation, rotation, sizeof probe->object.rotation);
@@ -77,7 +77,7 @@ SHARED int pandis_probe_move(pandis_probe *probe, const double *rotation, const 
     return 1;
 }
 
-/* A tick of dt seconds: the force on the hand (N) at a position (m), and where the proxy is. Returns the flag. */
+/* Step by dt seconds to a position (m): stores the force on the hand (N) and the proxy's position. Returns the flag. */
 SHARED int pandis_probe_tick(pandis_probe *probe, const double *position, double dt, double *force, double *proxy) {
     pandis_touch touch;
     int flag = pandis_contact_step(&probe->contact, &probe->object, position, dt, &touch);

@@ -1,6 +1,6 @@
 """Fields as signed distance fields of MuJoCo: the plugin ``pandis.sdf``, and scenes as MJCF.
 
-MuJoCo finds the plugin of an installed package when it is imported. From a checkout, `register` it.
+MuJoCo finds the plugin of an installed package on import. In a checkout, call `register`.
 """
 
 import ctypes
@@ -14,20 +14,20 @@ from pandis.engine.compiler import compiled
 SOURCE = Path(__file__).with_name("plugin.c")
 #: The plugin's name in MJCF.
 NAME = "pandis.sdf"
-#: Releases of MuJoCo whose memory layout the plugin was made for: it changes from one to another.
+#: Supported releases of MuJoCo: memory layouts change between releases.
 VERSIONS = ("4.0.0", "4.0.1")
-#: What the plugin is handed of MuJoCo, in its order.
+#: Functions of MuJoCo that are passed to the plugin, in the order of its structure.
 _FUNCTIONS = ("mj_version", "mjp_defaultPlugin", "mjp_registerPlugin", "mj_getPluginConfig",
               "mju_warning")  # fmt: skip
 
 
 def library() -> Path:
-    """Return the path of the plugin, for programs in C: what ``mj_loadPluginLibrary`` takes.
+    """Return the path of the plugin, for programs in C that call ``mj_loadPluginLibrary``.
 
     Raises
     ------
     PandisError
-        It has to be compiled first, and there is no MuJoCo to compile it for, or no compiler.
+        It must be compiled first, and MuJoCo or a compiler is missing.
     """
     return compiled(SOURCE, (package() / "include",))
 
@@ -39,7 +39,7 @@ def register() -> None:
     Raises
     ------
     PandisError
-        There is no MuJoCo, or one of another version, or in single precision.
+        MuJoCo is missing, has an unsupported version, or uses single precision.
     """
     folder = package()
     import mujoco
@@ -52,12 +52,12 @@ def register() -> None:
         )
     libraries = sorted(folder.glob("libmujoco*"))
     if not libraries:
-        raise PandisError(f"{folder}: there is no libmujoco here: install mujoco-core again")
-    core = ctypes.CDLL(str(libraries[0]))  # the one that is loaded
+        raise PandisError(f"{folder}: libmujoco is missing: reinstall mujoco-core")
+    core = ctypes.CDLL(str(libraries[0]))  # already loaded by the import
     functions = [ctypes.cast(getattr(core, name), ctypes.c_void_p) for name in _FUNCTIONS]
     plugin = ctypes.CDLL(str(library()))
     if not plugin.pandis_mujoco_register((ctypes.c_void_p * len(functions))(*functions)):
-        raise PandisError(f"{NAME}: {libraries[0]} is of another version than {version}")
+        raise PandisError(f"{NAME}: the version of {libraries[0]} is not {version}")
 
 
 def package():
@@ -66,7 +66,7 @@ def package():
     Raises
     ------
     PandisError
-        There is none.
+        MuJoCo is not installed.
     """
     spec = find_spec("mujoco")
     if spec is None:

@@ -1,4 +1,4 @@
-"""Ask MuJoCo for a geom's signed distance field as its collision code does."""
+"""Queries MuJoCo for a geom's signed distances, as its collision code does."""
 
 import ctypes
 
@@ -8,7 +8,7 @@ from pandis.bridges.mujoco import package
 
 
 class Sdf(ctypes.Structure):
-    """The structure mjSDF of MuJoCo."""
+    """MuJoCo's structure mjSDF."""
 
     _fields_ = (
         ("plugin", ctypes.POINTER(ctypes.c_void_p)), ("id", ctypes.POINTER(ctypes.c_int)),
@@ -18,9 +18,10 @@ class Sdf(ctypes.Structure):
 
 
 def asker(model, geom=0):
-    """Return what answers distances (n,) and gradients (n, 3) of a model's geom.
+    """Return a function that computes distances (n,) and gradients (n, 3) of a model's geom.
 
-    At points (n, 3) of its own frame. A geom without a plugin has MuJoCo's own field of its mesh.
+    Its argument is points (n, 3) in the geom's frame. A geom without a plugin uses MuJoCo's own
+    field of its mesh.
     """
     import mujoco
 
@@ -48,7 +49,7 @@ def asker(model, geom=0):
             zip(np.ascontiguousarray(points), gradients, strict=True)
         ):
             place, into = (ctypes.c_void_p(array.ctypes.data) for array in (point, gradient))
-            if i % 3:  # sometimes the gradient alone, as MuJoCo may
+            if i % 3:  # sometimes query the gradient first, as MuJoCo may
                 core.mjc_gradient(*arguments, into, place)
             distances[i] = core.mjc_distance(*arguments, place)
             core.mjc_gradient(*arguments, into, place)

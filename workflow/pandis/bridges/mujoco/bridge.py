@@ -1,8 +1,8 @@
-"""MuJoCo moves objects at its own rate, a haptic loop renders them at its own, and forces go back.
+"""A bridge between MuJoCo, which moves objects, and a haptic loop, which renders them.
 
-The loop asks the objects' fields at every tick, through a proxy, wherever they lie by then: between
-two steps of the simulation it moves them on by their velocities, and as they answer the hand. What
-the hand gets, the objects get the other way. Neither thread waits for the other.
+Each runs at its own rate, and neither waits for the other. The loop queries the objects' fields at
+every tick, through a proxy. Between two steps of the simulation it advances the objects by their
+velocities and their response to the hand. The opposite of the hand's force acts on the objects.
 """
 
 import ctypes
@@ -20,38 +20,38 @@ from pandis.runtime.field import ArrayLike, NativeField, Number
 from pandis.runtime.scene import Placed
 from pandis.runtime.scene.poses import Poses
 
-#: Of an object: impulse and angular impulse.
+#: Numbers per object: impulse and angular impulse.
 _SUMS = 6
 #: Trial acceleration (m/s²), a tenth of g: too small to move an object that rests.
 _PROBE = 0.1 * 9.81
 
 
 class Bridge:
-    """A model whose geoms of the plugin `pandis.sdf` a hand can touch.
+    """Makes a model's geoms of the plugin `pandis.sdf` touchable.
 
     Parameters
     ----------
     model : mujoco.MjModel
     data : mujoco.MjData
     stiffness : float
-        With which a probe behind a surface is pulled back, N/m: no more than the validation has
-        called safe for the device.
+        Stiffness that pulls a probe back behind a surface, N/m: at most the value that the
+        validation found safe for the device.
     radius : float
         Radius of the probe, m.
     materials : dict of str to Material, optional
         Materials of geoms, by name; smooth and undamped otherwise.
     centre : array-like, shape (3,)
-        The place of the world, m, that lies in the middle of the device's workspace.
+        World position, m, at the centre of the device's workspace.
 
     Raises
     ------
     PandisError
-        The model has no such geom, or a material is for a geom that it does not have; or it is
-        integrated by Runge and Kutta's method, whose steps cannot be taken apart.
+        The model has no such geom, a material names an unknown geom, or the integrator is RK4,
+        whose steps cannot be split.
 
     Examples
     --------
-    One thread runs the device, and the program itself the simulation, by the clock::
+    One thread runs the device; the program itself runs the simulation in real time::
 
         bridge = Bridge(model, data, stiffness=400)
         thread = threading.Thread(target=lambda: run_device(library, name, bridge.order(...)))
@@ -83,7 +83,7 @@ class Bridge:
         if unknown := sorted(set(materials or {}) - set(names)):
             raise PandisError(f"materials: no geom of pandis.sdf is called {', '.join(unknown)}")
         if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-            raise PandisError('the model\'s integrator is RK4: take integrator="implicitfast"')
+            raise PandisError('the model\'s integrator is RK4: use integrator="implicitfast"')
         self._centre = np.array(centre, float)
         self._bodies = np.array([model.geom_bodyid[each.geom] for each in self.instances])
         self._moves = model.body_weldid[self._bodies] > 0
@@ -95,7 +95,7 @@ class Bridge:
             field, place = fields[each.file], translation - self._centre
             placed.append(Placed(field, rotation, place, each.scale, float(stiffness)))
         chosen = [(materials or {}).get(name, Material()) for name in names]
-        #: What the loop asks: `pandis.runtime.contact.TouchedScene`.
+        #: The scene that the loop queries: `pandis.runtime.contact.TouchedScene`.
         self.scene = TouchedScene(placed, float(radius), chosen)
         self.poses, count = Poses(self.scene), len(placed)
         self._library = devices()
@@ -108,11 +108,11 @@ class Bridge:
 
     @property
     def address(self) -> int:
-        """Where it lies, for the haptic loop."""
+        """Address of the C bridge, for the haptic loop."""
         return ctypes.addressof(self._bridge)
 
     def order(self, ticks: int, limits: Limits, **options: Any) -> Order:
-        """Return what `pandis.runtime.device` runs on a device, once: contacts begin anew with it.
+        """Return an order for one run of `pandis.runtime.device`; restarts all contacts.
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class Bridge:
         limits : pandis.runtime.device.Limits
             See `pandis.pipeline.judge.servo.devices.Specification.limits`.
         **options
-            More of `pandis.runtime.device.Order`.
+            Further fields of `pandis.runtime.device.Order`.
         """
         self.scene.restart()
         return Order(self.scene, ticks, limits, bridge=self, **options)
@@ -128,7 +128,7 @@ class Bridge:
     def in_step(self, ticks: int, limits: Limits, period: Number = 1e-3, **options: Any) -> Order:
         """Return an order for the simulated device that keeps the simulation in step with it.
 
-        Runs repeat to the last bit: the simulation advances one step after a fixed number of ticks.
+        Runs repeat to the last bit, because a simulation step follows a fixed number of ticks.
 
         Raises
         ------
@@ -145,23 +145,23 @@ class Bridge:
         return self.order(ticks, limits, **options)
 
     def step(self) -> None:
-        """Give the bodies what the hand did, move the simulation on, hand over where objects lie.
+        """Apply the hand's forces to the bodies, advance the simulation, and hand over the poses.
 
-        The forces are those of the time since the last step. They stand in ``data.xfrc_applied``
-        during the step alone, on top of those of others. What a hand does while the simulation is
-        more than four steps late is not kept.
+        The forces are averages since the last step. They are added to ``data.xfrc_applied`` during
+        the step only. Forces of the hand are dropped while the simulation is more than four steps
+        late.
         """
         others = self.data.xfrc_applied.copy()
         self._now = self._reactions()
         self.data.xfrc_applied[:] = others + self._now
-        # mj_step2 ends a step: after mj_step1, positions and velocities are already new
+        # mj_step2 completes a step; mj_step1 then updates everything that depends on the state
         self._mujoco.mj_step2(self.model, self.data)
         self.data.xfrc_applied[:] = others
         self._mujoco.mj_step1(self.model, self.data)
         self._hand_over()
 
     def _reactions(self):
-        """Return forces and torques (bodies, 6) by what the hand did since they were last asked."""
+        """Return the hand's forces and torques (bodies, 6) since the last call."""
         sums = np.empty_like(self._before)
         self._library.bridge_take(self._bridge, sums.ctypes.data)
         new = (sums - self._before) / self.model.opt.timestep
@@ -175,10 +175,10 @@ class Bridge:
         return self.data.xipos[self._bodies] - self._centre
 
     def _answers(self):
-        """Return how the bodies answer pushes (n, 6, 6): accelerations by force, at their middles.
+        """Return the bodies' responses (n, 6, 6) at their centres of mass: acceleration per force.
 
-        By trial, since contacts and joints have their part in it: what stands on a floor does not
-        give way downward.
+        They are found by trial, since contacts and joints contribute: an object on a floor does not
+        yield downward.
         """
         model, data, mujoco = self.model, self.data, self._mujoco
         matrices, turn = np.zeros((len(self._bodies), _SUMS, _SUMS)), np.empty((2, 3, model.nv))
@@ -199,12 +199,12 @@ class Bridge:
             force = _PROBE * max(model.body_mass[body], 1e-9)
             arm = np.sqrt(model.body_inertia[body].max() / max(model.body_mass[body], 1e-9))
             pushes = np.repeat([force, force * max(arm, 1e-6)], 3)
-            pushes = np.where(self._now[body] < 0, -pushes, pushes)  # as the hand pushes
+            pushes = np.where(self._now[body] < 0, -pushes, pushes)  # in the hand's direction
             for k in range(_SUMS):
                 data.xfrc_applied[body, k] += pushes[k]
                 matrices[i, :, k] = jacobian @ (accelerations() - still) / pushes[k]
                 data.xfrc_applied[:] = forces
-        accelerations()  # those of the trials are nobody's
+        accelerations()  # discard those of the trials
         data.qacc_warmstart[:] = warm
         return matrices
 

@@ -1,4 +1,4 @@
-"""What a compiled model says of the plugin's instances: files, scales, and where they lie."""
+"""Instances of the plugin in a compiled model: their files, scales and poses."""
 
 import ctypes
 from functools import cache
@@ -10,18 +10,18 @@ from pandis.bridges.mujoco import NAME, package
 
 
 class Instance(NamedTuple):
-    """A geom whose distances are those of a file.
+    """A geom whose distances come from a file.
 
     Attributes
     ----------
     geom, number : int
-        Numbers of the geom, and of the plugin's instance, in the model.
+        Indices of the geom, and of the plugin's instance, in the model.
     file : str
     scale : float
-        Lengths of the model per unit of the file.
+        Model lengths per file unit.
     origin, turn : ndarray, shape (3,) and (3, 3)
         A point x of the geom's frame is (origin + turn @ x) / scale in the file: MuJoCo moves the
-        origin of a mesh of a file to its centre of mass.
+        origin of a mesh read from a file to its centre of mass.
     """
 
     geom: int
@@ -32,9 +32,9 @@ class Instance(NamedTuple):
     turn: np.ndarray
 
     def placed(self, data):
-        """Return rotation (3, 3) and translation (3,) that put the object into the world.
+        """Return rotation (3, 3) and translation (3,) of the object in the world.
 
-        A point p of the file lies at ``scale * rotation @ p + translation``.
+        A point p of the file is at ``scale * rotation @ p + translation``.
         """
         rotation = data.geom_xmat[self.geom].reshape(3, 3) @ self.turn.T
         return rotation, data.geom_xpos[self.geom] - rotation @ self.origin
@@ -46,7 +46,7 @@ def instances(model):
 
     result = []
     for geom, number in enumerate(model.geom_plugin.tolist()):
-        # a plugin begins with its name
+        # the plugin's name is its first member
         if number < 0 or _core().mjp_getPluginAtSlot(int(model.plugin[number]))[0] != NAME.encode():
             continue
         mesh, origin, turn = model.geom_dataid[geom], np.zeros(3), np.eye(3).ravel()
@@ -61,7 +61,7 @@ def instances(model):
 
 @cache
 def _core():
-    """Return MuJoCo's own library, which is loaded already."""
+    """Return MuJoCo's library, which is already loaded."""
     core = ctypes.CDLL(str(sorted(package().glob("libmujoco*"))[0]))
     core.mjp_getPluginAtSlot.restype = ctypes.POINTER(ctypes.c_char_p)
     core.mj_getPluginConfig.restype = ctypes.c_char_p

@@ -1,4 +1,4 @@
-"""Scenes as MJCF, the format of MuJoCo's models."""
+"""Scenes as MJCF, MuJoCo's model format."""
 
 import json
 from pathlib import Path
@@ -13,31 +13,31 @@ from pandis.runtime.field import MESH, NativeField
 from pandis.runtime.field.files import read_contents
 from pandis.runtime.scene import Placed
 
-#: MuJoCo's own friction while something turns, or rolls: a material says nothing of it.
+#: MuJoCo's default torsional and rolling friction, which materials do not define.
 _TURNING, _ROLLING = 0.005, 0.0001
 
 
 def write_mjcf(scene, path, meshes=None):
     """Write a scene for MuJoCo: a body with one geom for every object.
 
-    The bodies stand still; with ``<freejoint/>`` in it a body moves. Each geom asks its field for
-    distances, and a mesh draws it, and gives its mass and bounds. That mesh is written beside the
+    The bodies are static; add ``<freejoint/>`` to a body to let it move. Each geom takes distances
+    from its field, and appearance, mass and bounds from a mesh. That mesh is written beside the
     model if the object's field, or ``exact.pandis`` beside it, is an exact mesh. Otherwise MuJoCo
-    makes one of the field, which lacks what is thinner than a hundredth of the object.
+    makes a mesh from the field, which lacks parts thinner than a hundredth of the object.
 
     Parameters
     ----------
     scene : path-like, or dict of str to pandis.runtime.scene.Placed
-        ``results/scenes/{scene}.json``, or fields and where they lie, by the object's name.
+        ``results/scenes/{scene}.json``, or placed fields by object name.
     path : path-like
-        ``….xml``; meshes are called like it.
+        ``….xml``; mesh files are named after it.
     meshes : dict of str to path-like, optional
-        By object, files in units of its field, instead.
+        Mesh files to use instead, by object name, in units of its field.
 
     Raises
     ------
     PandisError
-        A name in ``meshes`` is no object's; the scene, or a file that it names, cannot be read.
+        ``meshes`` names an unknown object; the scene, or a file that it names, cannot be read.
     """
     path = Path(path)
     placed, frictions = (dict(scene), {}) if isinstance(scene, dict) else _read(Path(scene))
@@ -54,17 +54,17 @@ def write_mjcf(scene, path, meshes=None):
 
 
 def mjcf_text(model, placed, meshes, frictions):
-    """Return what `write_mjcf` writes.
+    """Return the text that `write_mjcf` writes.
 
     Parameters
     ----------
     model : str
-        What it is called.
+        Name of the model.
     placed : dict of str to pandis.runtime.scene.Placed
     meshes : dict of str to path-like
-        The file of each object that has one.
+        Mesh files, by object name; an object may have none.
     frictions : dict of str to float
-        By object; of others MuJoCo has its own.
+        By object name; other objects have MuJoCo's default.
     """
     root = ElementTree.Element("mujoco", model=model)
     plugin = _under(root, "extension/plugin", plugin=NAME)
@@ -121,14 +121,14 @@ def _read(path):
 
 
 def _file(name, scene):
-    """Return a file that a scene names: from where the workflow ran, which is here, or above it."""
+    """Return a scene's file, relative to the working directory or to a folder above the scene."""
     above = scene.resolve().parents
     places = [Path(name), *(folder / name for folder in above)]
     return next((place for place in places if place.is_file()), Path(name))
 
 
 def _mesh_file(field, path, written):
-    """Write the mesh of a field, or of the exact field beside it, once; None if neither has one."""
+    """Write the mesh of a field, or of the exact field beside it, once; None if neither exists."""
     beside = field.path if field.kind == MESH else field.path.with_name("exact.pandis")
     if not beside.is_file():
         return None
@@ -143,7 +143,7 @@ def _mesh_file(field, path, written):
 
 
 def _under(parent, tags, **attributes):
-    """Add an element, or one in another one, and return it."""
+    """Add an element, or a path of nested ones, and return the innermost."""
     for tag in tags.split("/"):
         parent = ElementTree.SubElement(parent, tag)
     for key, value in attributes.items():

@@ -1,9 +1,9 @@
 /* A field of a .pandis file as a signed distance field of MuJoCo: the plugin `pandis.sdf`.
  *
- * While a model is compiled MuJoCo asks with nothing but numbers, and in a simulation with its data and an instance. So
- * files are opened once per process and stay open, and a number names each. What a thread has asked last is kept by
- * thread: MuJoCo wants distance and gradient of one point one after the other, and of points that lie next to each other. With each
- * state are kept the cells of splines that it has asked: a step asks thousands of points, most of them in a few hundred. */
+ * While MuJoCo compiles a model it passes only numbers; in a simulation it passes its data and an instance. So files are
+ * opened once per process and stay open, and each has a number. Each thread caches its last answers: MuJoCo queries
+ * distance and gradient of a point in succession, and then points next to it. Each state caches the spline cells that it
+ * has queried: a step queries thousands of points, most of them in a few hundred cells. */
 #define PANDIS_API static inline
 #define PANDIS_IMPLEMENTATION
 #include "../../engine/pandis.h"
@@ -15,11 +15,11 @@
 
 #include <mujoco/mujoco.h>
 
-/* Layouts are those of a release; these two have the same. */
+/* Memory layouts differ between releases; these two share one. */
 #define OLDEST 4000000
 #define NEWEST 4000001
 #if mjVERSION_HEADER < OLDEST || mjVERSION_HEADER > NEWEST
-#error "pandis.sdf is made for MuJoCo 4.0.0 and 4.0.1"
+#error "pandis.sdf supports only MuJoCo 4.0.0 and 4.0.1"
 #endif
 
 #define NAME "pandis.sdf"
@@ -28,8 +28,8 @@ static const char *const attributes[] = {"file", "scale"};
 
 /* ---------------------------------------------------------------- MuJoCo */
 
-/* What is asked of MuJoCo. A program that is linked with it shows these to plugins that it loads; Python does not, and
- * hands them over. */
+/* The functions of MuJoCo that the plugin needs. A program linked with MuJoCo exposes them to the plugins that it loads;
+ * Python does not, and passes them explicitly. */
 typedef struct {
     int (*version)(void);
     void (*defaults)(mjpPlugin *);
@@ -56,16 +56,16 @@ typedef struct opened {
 static opened *files;
 static pthread_mutex_t files_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* Why a file cannot be opened; NULL if it can, or if one with the same bytes is open already. */
+/* Find an open file with the same bytes, or keep the new one open. Returns NULL, or why the file cannot be opened. */
 static const char *find_or_open(const char *path, opened **found) {
     opened *made = calloc(1, sizeof *made);
-    if (!made) return "there is no memory for it";
+    if (!made) return "there is not enough memory for it";
     pandis_field *field = &made->field;
     const int error = pandis_open_file(field, path);
     const char *wrong = error ? pandis_error_text(error) : NULL;
-    if (error == PANDIS_ERROR_FILE) wrong = "it cannot be read (a relative path begins where the program was started)";
+    if (error == PANDIS_ERROR_FILE) wrong = "it cannot be read (a relative path starts from the working directory)";
     if (!error && field->kind == PANDIS_GRID && field->as.grid.rule <= PANDIS__TRILINEAR)
-        wrong = "it is a grid of forces, which knows no distance outside: take another kind of field";
+        wrong = "it is a grid of forces, which knows no distance outside: use another kind of field";
     for (*found = wrong ? NULL : files; *found; *found = (*found)->next) {
         const pandis_field *other = &(*found)->field;
         if (other->size == field->size && !memcmp(other->data, field->data, field->size)) break;
@@ -80,7 +80,7 @@ static const char *find_or_open(const char *path, opened **found) {
     return NULL;
 }
 
-/* Return a file that is open already, or open it; NULL, and why, if that cannot be. */
+/* Return an open file, opening it if necessary; NULL, and the reason, if it cannot be opened. */
 static const opened *open_file(const char *path, const char **wrong) {
     opened *found = NULL;
     pthread_mutex_lock(&files_lock);
@@ -97,7 +97,7 @@ static const opened *file_of(double number) {
     return file;
 }
 
-/* The scale that a text says: 1 if it is empty, and 0 if it is no positive number. */
+/* Parse a scale: 1 if the text is empty, 0 if it is not a positive number. */
 static double scale_of(const char *text) {
     char *end;
     if (!text || !*text) return 1;
@@ -107,26 +107,26 @@ static double scale_of(const char *text) {
 
 /* ---------------------------------------------------------------- answers */
 
-/* Where a file's object lies in the frame of a geom: its scale, and the pose that MuJoCo gives a mesh read from a file,
- * whose origin it moves to the centre of mass. Of a mesh made of the field itself it is none. */
+/* Pose of a file's object in the frame of a geom: its scale, and the pose of its mesh, because MuJoCo moves the origin of
+ * a mesh read from a file to the centre of mass. A mesh made from the field itself has no such pose. */
 typedef struct {
     const opened *file;
     double scale, origin[3], turn[9]; /* point of the file = (origin + turn * point of the geom) / scale */
     int turned, asking;
-    pandis__cells *cells; /* of a spline: what was asked of it before; NULL: none */
+    pandis__cells *cells; /* of a spline: cache of earlier queries; NULL: none */
 } placed;
 
-/* The last answers of a thread, of as many files. */
+/* The last answers of a thread, for up to KEPT files. */
 enum { KEPT = 8 };
 static __thread struct {
     const opened *file;
     double point[3];
-    int whole; /* the normal is there, too */
+    int whole; /* the answer includes the normal */
     pandis_answer answer;
     pandis_hint hint;
 } kept[KEPT];
 
-/* Answer a point of a file, in its units, if need be with the normal. */
+/* Answer a point of a file, in its units; with the normal if `whole`. */
 static const pandis_answer *ask(placed *p, const double point[3], int whole) {
     const opened *file = p->file;
     const pandis_field *field = &file->field;
@@ -135,9 +135,9 @@ static const pandis_answer *ask(placed *p, const double point[3], int whole) {
     if (again && (kept[at].whole || !whole)) return &kept[at].answer;
     if (kept[at].file != file) memset(&kept[at], 0, sizeof kept[at]), kept[at].file = file;
     memcpy(kept[at].point, point, sizeof kept[at].point);
-    kept[at].whole = whole || field->kind != PANDIS_NETWORK; /* all others answer both in the same time */
+    kept[at].whole = whole || field->kind != PANDIS_NETWORK; /* all other kinds compute both in the same time */
     if (kept[at].whole) {
-        /* MuJoCo asks one state by one thread; should it not, the second does without */
+        /* MuJoCo queries a state from one thread; if it does not, the second thread goes without the cache */
         pandis__cells *cells = p->cells && !__atomic_exchange_n(&p->asking, 1, __ATOMIC_ACQUIRE) ? p->cells : NULL;
         pandis__query_after(field, point, &kept[at].hint, cells, &kept[at].answer);
         if (cells) __atomic_store_n(&p->asking, 0, __ATOMIC_RELEASE);
@@ -161,9 +161,9 @@ static mjtNum distance_at(placed *p, const mjtNum at[3]) {
     return answer->flag == PANDIS_INVALID ? mjMAXVAL : answer->distance * p->scale;
 }
 
-/* ---------------------------------------------------------------- what MuJoCo calls */
+/* ---------------------------------------------------------------- callbacks from MuJoCo */
 
-/* Take over the pose of the mesh that stands for an object. */
+/* Store the pose of the mesh that represents an object. */
 static void take_pose(placed *p, const mjtNum at[3], const mjtNum q[4]) {
     p->turned = at[0] != 0 || at[1] != 0 || at[2] != 0 || q[0] != 1;
     const double w = q[0], x = q[1], y = q[2], z = q[3];
@@ -173,11 +173,11 @@ static void take_pose(placed *p, const mjtNum at[3], const mjtNum q[4]) {
     memcpy(p->turn, turn, sizeof turn), memcpy(p->origin, at, sizeof p->origin);
 }
 
-/* By how much of the object's longest side its mesh in the model reaches less far than the field's surface, or further.
- * MuJoCo asks for contacts only where the boxes of meshes meet. */
+/* Largest difference between the bounds of the object's mesh in the model and of the field's surface, as a share of the
+ * longest side. MuJoCo looks for contacts only where the boxes of meshes meet. */
 static double gap(const placed *p, const mjModel *m, int mesh) {
     const pandis_field *field = &p->file->field;
-    if (field->margin[0] >= 1e300) return 0; /* the file does not say where its surface lies */
+    if (field->margin[0] >= 1e300) return 0; /* the file does not store bounds of its surface */
     double low[3], high[3], box[2][3] = {{1e300, 1e300, 1e300}, {-1e300, -1e300, -1e300}}, worst = 0;
     const float *vertices = m->mesh_vert + 3 * (size_t)m->mesh_vertadr[mesh];
     for (int i = 0; i < m->mesh_vertnum[mesh]; i++) {
@@ -191,7 +191,7 @@ static double gap(const placed *p, const mjModel *m, int mesh) {
     return worst / pandis_longest_side(field);
 }
 
-/* Why an instance, whose file and scale are there, cannot be; NULL if it can. */
+/* Store the pose of an instance whose file and scale are valid. Returns NULL, or why the instance is invalid. */
 static const char *take_meshes(placed *p, const mjModel *m, int instance) {
     int mesh = -1;
     for (int g = 0; g < m->ngeom; g++) {
@@ -212,7 +212,7 @@ static const char *take_meshes(placed *p, const mjModel *m, int instance) {
 
 static placed *placed_of(const mjData *d, int instance) { return (placed *)d->plugin_data[instance]; }
 
-/* Room for what a state asks of a spline; without it answers are the same, and later. */
+/* Allocate a state's cache for a spline. Without it answers are the same, but slower. */
 static void make_room(placed *p) {
     p->asking = 0;
     p->cells = p->file->field.kind == PANDIS_SPLINE ? calloc(1, sizeof *p->cells) : NULL;
@@ -275,7 +275,7 @@ static void sdf_gradient(mjtNum gradient[3], const mjtNum at[3], const mjData *d
     }
 }
 
-/* Open the file when a model is compiled, and hand its number on. */
+/* Open the file while a model is compiled, and pass its number on. */
 static void sdf_attribute(mjtNum attribute[], const char *name[], const char *value[]) {
     const char *asked[ATTRIBUTES] = {NULL, NULL}, *wrong;
     for (int i = 0; i < ATTRIBUTES; i++) {
@@ -287,7 +287,8 @@ static void sdf_attribute(mjtNum attribute[], const char *name[], const char *va
     attribute[FILENAME] = file ? file->number : 0, attribute[SCALE] = scale_of(asked[SCALE]);
 }
 
-/* What cannot be opened is a ball while its mesh is made, for MuJoCo ends on an empty box; then `init` refuses it. */
+/* A file that cannot be opened counts as a ball while its mesh is made, since MuJoCo terminates on an empty box; later
+ * `init` refuses it. */
 static mjtNum sdf_staticdistance(const mjtNum at[3], const mjtNum *attribute) {
     placed made = {file_of(attribute[FILENAME]), attribute[SCALE], {0}, {0}, 0, 0, NULL};
     if (made.file && made.scale) return distance_at(&made, at);
@@ -306,7 +307,7 @@ static void sdf_aabb(mjtNum aabb[6], const mjtNum *attribute) {
 
 #define SHOWN __attribute__((visibility("default")))
 
-/* Register the plugin with a MuJoCo, of which these are functions. Returns 0 if it is of another version. */
+/* Register the plugin with the MuJoCo that these functions belong to. Returns 0 if its version is not supported. */
 SHOWN int pandis_mujoco_register(const pandis_mujoco *given) {
     if (given->version() < OLDEST || given->version() > NEWEST) return 0;
     mujoco = *given;
@@ -324,11 +325,11 @@ SHOWN int pandis_mujoco_register(const pandis_mujoco *given) {
     return 1;
 }
 
-/* What mj_loadPluginLibrary runs. */
+/* Runs when mj_loadPluginLibrary loads the plugin. */
 __attribute__((constructor)) static void loaded(void) {
     const pandis_mujoco there = {mj_version, mjp_defaultPlugin, mjp_registerPlugin, mj_getPluginConfig, mju_warning};
     if (!there.version || !there.defaults || !there.add || !there.config || !there.warn) return;
     if (!pandis_mujoco_register(&there)) {
-        there.warn("%s", NAME ": it is made for MuJoCo 4.0.0 and 4.0.1, and this is another version: not registered");
+        there.warn("%s", NAME ": it supports only MuJoCo 4.0.0 and 4.0.1, and this is another version: not registered");
     }
 }

@@ -1,7 +1,7 @@
-"""Fields for Newton: files of its cache of cooked distances, made from ours.
+"""Fields for Newton: files for its cache of cooked distances, made from ``.pandis`` fields.
 
-Newton looks for such a file before it bakes anything, by a name that is made of the mesh and of
-what was asked. Cooking needs NumPy alone: neither Newton nor a GPU.
+Newton looks for such a file before it bakes. The file's name is a hash of the mesh and the options.
+Cooking needs only NumPy: neither Newton nor a GPU.
 """
 
 import hashlib
@@ -16,26 +16,26 @@ from pandis.base.errors import PandisError
 from pandis.bridges.newton.cells import EMPTY, LINEAR, NODES, Grid, build
 from pandis.runtime.field import NativeField, Number
 
-#: Of Newton's cache, and the release whose code it was read from.
+#: Version of Newton's cache, and the release whose code defines it.
 VERSION, RELEASE = 2, "1.8.0"
-#: How nodes can be stored: bytes of a number, and its type.
+#: Storage formats of nodes: bytes per number, and its type.
 FORMATS = {"uint8": (1, np.uint8), "uint16": (2, np.uint16), "float32": (4, np.float32)}
 _KIND = "newton.texture_sdf"
-#: Blocks along an axis of the packed ones: their places have ten bits.
+#: Most packed blocks along an axis: their positions have ten bits.
 _MOST = 1023
-#: The mesh and the field may lie so far apart, as a share of the longest side.
+#: Largest distance between mesh and field, as a share of the longest side.
 _APART = 0.02
 
 
 def cook(field: NativeField, mesh: Any, folder: str | PathLike[str], **options: Any) -> Path:
-    """Write the file that ``mesh.build_sdf(cache_dir=folder, ...)`` of Newton reads.
+    """Write the file that Newton's ``mesh.build_sdf(cache_dir=folder, ...)`` reads.
 
     Parameters
     ----------
     field, mesh, options
         As for `cooked`.
     folder : path-like
-        Made if it is not there.
+        Created if necessary.
 
     Raises
     ------
@@ -47,10 +47,10 @@ def cook(field: NativeField, mesh: Any, folder: str | PathLike[str], **options: 
 
 
 def put(folder: str | PathLike[str], name: str, content: dict[str, Any]) -> Path:
-    """Write what `cooked` has returned into a folder of Newton's cache, in one step."""
+    """Write the result of `cooked` into Newton's cache folder, atomically."""
     path = Path(folder) / f"{name}.sdf.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{path.name}.part.npz")  # NumPy adds the ending where it is missing
+    beside = path.with_name(f"{path.name}.part.npz")  # NumPy would add a missing suffix
     np.savez(beside, **content)
     replace(beside, path)
     return path
@@ -71,21 +71,21 @@ def cooked(
     fitted: bool = True,
     progress: Any = lambda done, total: None,
 ) -> tuple[str, dict[str, Any]]:
-    """Return the name of a file of Newton's cache, and what is in it.
+    """Return the name and the content of a file in Newton's cache.
 
     Parameters
     ----------
     field : pandis.runtime.field.NativeField
-        Best one with exact distances: an exact or a compact mesh.
+        Preferably one with exact distances: an exact or a compact mesh.
     mesh : newton.Mesh
-        Or what has its attributes ``vertices``, ``indices``, ``is_solid`` and ``is_watertight``.
+        Or an object with attributes ``vertices``, ``indices``, ``is_solid``, ``is_watertight``.
     length : float
-        Metres of a unit of the field's mesh.
+        Metres per unit of the field's mesh.
     max_resolution, target_voxel_size, narrow_band_range, margin, texture_format, sign_method, scale
-        What Newton is going to be asked, in its words: the file is found only if they are the same.
+        Options for Newton, which finds the file only if it is called with the same values.
     fitted : bool
-        Choose the values of nodes so that what Newton interpolates between them errs least, instead
-        of taking the distances there.
+        Choose node values that minimise the error of Newton's interpolation, instead of the
+        distances at the nodes.
     progress : callable
         ``progress(done, total)``, in points.
 
@@ -97,7 +97,7 @@ def cooked(
     Raises
     ------
     PandisError
-        The mesh lies elsewhere than the field, an option has no such value, or the grid is too
+        Mesh and field are at different places, an option has an invalid value, or the grid is too
         fine for Newton's layout.
 
     Notes
@@ -128,7 +128,7 @@ def cooked(
         return field.query(points / metres).distance * metres
 
     if not field.has_distance:
-        raise PandisError(f"{field.path}: it is a grid of forces, which knows no distance outside")
+        raise PandisError(f"{field.path}: it is a grid of forces, which has no distance outside")
     _check_place(distance, vertices)
     grid = Grid.around(vertices, margin, max_resolution, target_voxel_size)
     band = max(abs(float(side)) for side in narrow_band_range)
@@ -146,13 +146,13 @@ def cooked(
 
 
 def arrays(coarse, blocks, values, flat, grid, texture_format):
-    """Return the arrays of a cache file under Newton's names."""
+    """Return the arrays of a cache file by Newton's names."""
     mode, kind = FORMATS[texture_format]
     places, count = blocks.places, len(blocks.places)
     side = next(n for n in range(1, count + 2) if n**3 >= count)
     if side > _MOST:
         raise PandisError(
-            "max_resolution: more blocks lie near the surface than Newton can address"
+            "max_resolution: there are more blocks near the surface than Newton can address"
         )
     # Newton counts blocks with x fastest
     order = np.lexsort(places.T)
@@ -196,7 +196,7 @@ def arrays(coarse, blocks, values, flat, grid, texture_format):
 
 
 def hashed(mesh, vertices, options):
-    """Return the name that Newton gives to what is asked of a mesh."""
+    """Return Newton's cache name for a mesh and its options."""
     indices = np.ascontiguousarray(np.asarray(mesh.indices).reshape(-1), np.int32)
     facts = {
         "kind": _KIND,
@@ -217,19 +217,19 @@ def hashed(mesh, vertices, options):
 
 
 def _sign_method(mesh, options):
-    """Return how Newton would tell sides, which is a part of the name."""
+    """Return Newton's method of finding signs, which is part of the name."""
     if options != "auto":
         return options
     return "parity" if mesh.is_watertight else "winding"
 
 
 def _check_place(distance, vertices):
-    """Refuse a mesh that lies elsewhere than the field: mostly it is in other units."""
+    """Refuse a mesh that does not match the field: usually its units differ."""
     some = vertices[:: max(1, len(vertices) // 10_000)].astype(float)
     apart = np.median(np.abs(distance(some)))
     longest = float(np.ptp(vertices, axis=0).max())
     if not apart <= _APART * longest:
         raise PandisError(
-            f"the mesh's vertices lie {apart:.3g} m from the field's surface in the median, and "
-            f"the mesh is {longest:.3g} m long: is `length` the metres of a unit of the field?"
+            f"the mesh's vertices are {apart:.3g} m from the field's surface (median), and the "
+            f"mesh is {longest:.3g} m long: is `length` the metres of a unit of the field?"
         )

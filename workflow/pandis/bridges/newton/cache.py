@@ -1,4 +1,4 @@
-"""The file that the workflow writes for Newton: a mesh in metres, and its cooked distances."""
+"""The workflow's file for Newton: a mesh in metres, and its cooked distances."""
 
 import io
 import json
@@ -18,19 +18,19 @@ _NOTE = "__pandis__"
 
 
 class CacheFile(NamedTuple):
-    """What such a file holds.
+    """Content of such a file.
 
     Attributes
     ----------
     name : str
-        What Newton calls it in its cache.
+        Its name in Newton's cache.
     content : dict of str to ndarray
-        What Newton reads.
+        The arrays that Newton reads.
     vertices : ndarray, shape (V, 3), float32
         Metres.
     indices : ndarray, shape (3 F,), int32
     options : dict
-        Options of ``build_sdf``: with others Newton would not find the distances.
+        Options of ``build_sdf``; with other options Newton does not find the distances.
     provenance : dict
     """
 
@@ -68,9 +68,9 @@ def keep(
         In units of the field's mesh.
     faces : ndarray, shape (F, 3)
     length : float
-        Metres of such a unit.
+        Metres per such unit.
     options : dict
-        Options of ``build_sdf``, with the method that tells sides.
+        Options of ``build_sdf``, including the method of finding signs.
     provenance : dict
     progress : callable
 
@@ -92,7 +92,7 @@ def read(path: str | PathLike[str]) -> CacheFile:
     Raises
     ------
     ArtifactError
-        It cannot be read, or is another one.
+        It cannot be read, or is another kind of file.
     """
     try:
         with np.load(path) as file:
@@ -102,21 +102,21 @@ def read(path: str | PathLike[str]) -> CacheFile:
                    for key, value in note["options"].items()}  # fmt: skip
         vertices, indices = content.pop("vertices"), content.pop("indices")
         return CacheFile(note["name"], content, vertices, indices, options, note["provenance"])
-    except Exception as error:  # NumPy raises whatever its zip and its pickle do
+    except Exception as error:  # includes whatever zipfile and pickle raise in NumPy
         raise ArtifactError(
             f"{path}: damaged, or not a Newton file that the workflow wrote ({error})"
         ) from error
 
 
 def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> CacheFile:
-    """Put the distances of such a file into a folder, as ``build_sdf`` looks for them.
+    """Store the distances of such a file in a folder, where ``build_sdf`` finds them.
 
     Parameters
     ----------
     path : path-like
         ``results/{mesh}/export/newton.npz``.
     folder : path-like
-        What is going to be ``cache_dir``; made if it is not there.
+        The future ``cache_dir``; created if necessary.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def unpack(path: str | PathLike[str], folder: str | PathLike[str]) -> CacheFile:
     Raises
     ------
     ArtifactError
-        It cannot be read, or is another one.
+        The file cannot be read, or is of another kind.
     """
     cache = read(path)
     put(Path(folder), cache.name, cache.content)

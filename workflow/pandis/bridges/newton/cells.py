@@ -1,6 +1,6 @@
-"""Distances on Newton's grids: a coarse one, and near surfaces blocks of 8³ cells of a fine one.
+"""Distances on Newton's grids: a coarse grid, and blocks of 8³ cells of a fine one near surfaces.
 
-The layout is that of Newton's texture of signed distances (version 2 of its cache, Newton 1.8.0).
+The layout is that of Newton's signed-distance texture (version 2 of its cache, Newton 1.8.0).
 """
 
 from itertools import product
@@ -8,27 +8,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Cells of the fine grid along a block, and nodes: neighbours keep the nodes between them twice.
+#: Cells and nodes of the fine grid along a block; neighbouring blocks both store shared nodes.
 CELLS, NODES = 8, 9
-#: Blocks that the coarse grid stands for (LINEAR), and those beyond the band (EMPTY).
+#: Marks of blocks that the coarse grid represents (LINEAR), and of blocks beyond the band (EMPTY).
 LINEAR, EMPTY = np.uint32(0xFFFFFFFE), np.uint32(0xFFFFFFFF)
-#: A block is left to the coarse grid if that is no farther off than this share of the diagonal.
+#: A block is left to the coarse grid if the error is below this share of the grid's diagonal.
 FLAT = 1e-6
-#: Fine nodes are fitted where the surface is not farther than so many cells: probes go no deeper.
+#: Fine nodes are fitted within this many cells of the surface: probes go no deeper.
 FITTED = 4.0
-#: When conjugate gradients end: the residual, as a share of the first one, and the most rounds.
+#: Stopping criteria of conjugate gradients: relative residual, and most iterations.
 _ENOUGH, _ROUNDS = 1e-4, 60
-#: Points of a call: in between, a long bake can be interrupted.
+#: Points per call; a long bake can be interrupted between calls.
 _CHUNK = 1 << 18
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
-#: Three points of Gauss along a cell, and their weights.
+#: Three Gauss points along a cell, and their weights.
 _GAUSS = 0.5 + np.array([-0.5, 0, 0.5]) * np.sqrt(0.6), np.array([5, 8, 5]) / 18
-#: How much an error outside counts; how often weights follow the errors, and how softly.
+#: Weight of errors outside; rounds of reweighting; softening, as a share of the RMS error.
 _OUTSIDE, _REWEIGHTED, _SOFTLY = 0.3, 3, 0.3
 
 
 class Grid(NamedTuple):
-    """The fine grid: its lowest corner (3,), its cells (3,), metres, and blocks along each axis."""
+    """The fine grid: lowest corner (3,), m; cell size (3,), m; number of blocks (3,)."""
 
     low: np.ndarray
     cell: np.ndarray
@@ -36,16 +36,16 @@ class Grid(NamedTuple):
 
     @classmethod
     def around(cls, vertices, margin, resolution, voxel):
-        """Return the grid that Newton lays around vertices (n, 3), by its own arithmetic.
+        """Return Newton's grid around vertices (n, 3), computed with Newton's arithmetic.
 
         Parameters
         ----------
         margin : float
-            Metres, on each side.
+            On each side, m.
         resolution : int or None
-            Cells of the longest side.
+            Cells along the longest side.
         voxel : float or None
-            The length of a cell, in metres, instead.
+            Length of a cell, m; replaces ``resolution``.
         """
         low, high = vertices.min(axis=0) - margin, vertices.max(axis=0) + margin
         extent = high - low
@@ -55,12 +55,12 @@ class Grid(NamedTuple):
         return cls(low.astype(float), extent / cells, -(-cells // CELLS))
 
     def at(self, nodes):
-        """Return where nodes (n, 3), whole numbers or not, of the fine grid lie, metres."""
+        """Return positions (n, 3), m, of nodes (n, 3) of the fine grid; nodes may be fractional."""
         return self.low + nodes * self.cell
 
     @property
     def radius(self):
-        """Half of the diagonal of a block, metres."""
+        """Half a block's diagonal, m."""
         return float(np.linalg.norm(self.cell)) * CELLS / 2
 
 
@@ -70,9 +70,9 @@ class Blocks(NamedTuple):
     Attributes
     ----------
     places : ndarray, shape (b, 3)
-        In blocks along each axis.
+        Indices of the blocks along each axis.
     nodes : ndarray, shape (u, 3)
-        Those of the fine grid, each once.
+        Their nodes in the fine grid, without duplicates.
     index : ndarray, shape (b, 9, 9, 9)
         The nodes of each block, by x, y and z.
     """
@@ -107,15 +107,15 @@ def build(distance, grid, band, fitted, progress):
     Parameters
     ----------
     distance : callable
-        Points (n, 3) in metres to distances (n,) in metres.
+        From points (n, 3) to distances (n,), both in metres.
     grid : Grid
     band : float
-        How far from the surface blocks are kept, metres.
+        Distance from the surface up to which blocks are stored, m.
     fitted : bool
-        Choose the values of nodes so that the interpolated distance is off as little as can be near
-        the surface (`fit`), instead of taking the distances there.
+        Choose node values that minimise the interpolation error near the surface (`fit`), instead
+        of the distances at the nodes.
     progress : callable
-        Told how much of the points is done: ``progress(done, total)``.
+        ``progress(done, total)``, in points.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def build(distance, grid, band, fitted, progress):
     values : ndarray, shape (u,)
         Values of the blocks' nodes.
     flat : ndarray, shape (f, 3)
-        Places of blocks that the coarse grid stands for.
+        Places of blocks that the coarse grid represents.
     """
     coarse = _ask(distance, grid.at(CELLS * _lattice(grid.blocks + 1)), lambda *_: None)
     coarse = coarse.reshape(grid.blocks + 1)
@@ -155,7 +155,7 @@ def fit(distance, grid, blocks, values, progress):
     spots, shares = (np.array(list(product(each, repeat=3))) for each in _GAUSS)
     weights = np.prod(np.where(_CORNERS, spots[:, None], 1 - spots[:, None]), axis=2)
     count, share = len(values), np.prod(shares, axis=1)
-    whole = np.bincount(corners.ravel(), minlength=count) == len(_CORNERS)  # none is left out
+    whole = np.bincount(corners.ravel(), minlength=count) == len(_CORNERS)  # has all its cells
 
     def gathered(of_cells):
         return whole * np.bincount(corners.ravel(), of_cells.ravel(), count)
@@ -219,7 +219,7 @@ def _keys(nodes, grid):
 
 
 def _bent(coarse, blocks, values):
-    """Return how far (b,) blocks are from what the coarse grid says, at most."""
+    """Return the largest deviation (b,) of each block from the coarse grid."""
     share = np.arange(NODES) / CELLS
     along = np.stack([1 - share, share])
     x, y, z = blocks.places.T

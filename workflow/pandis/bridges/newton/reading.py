@@ -1,4 +1,4 @@
-"""What Newton reads of a cooked file, in NumPy: by its sampler that interpolates in software."""
+"""Samples a cooked file in NumPy, like Newton's sampler that interpolates in software."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ def sample(content, points):
     block = whole // size
     slot = slots[tuple(block.T)]
     fine = slot < LINEAR
-    # where the eight corners lie: in the packed blocks, or in the coarse grid
+    # first of the eight corners, in the packed blocks or in the coarse grid
     start = np.stack([slot & 1023, slot >> 10 & 1023, slot >> 20 & 1023], axis=-1).astype(int)
     first = np.where(fine[:, None], start * (size + 1) + whole - block * size, block)
     share = np.where(fine[:, None], at - whole, at / size - block)

@@ -1,4 +1,4 @@
-"""Distances at the voxels near a surface, in blocks of 8³, as sparse volumes hold them."""
+"""Distances at the voxels near a surface, in blocks of 8³, as in sparse volumes."""
 
 from typing import NamedTuple
 
@@ -8,25 +8,25 @@ from pandis.base.errors import PandisError
 
 #: Voxels along a block.
 SIDE = 8
-#: Voxels along the longest side of the object, if nothing else is said.
+#: Default number of voxels along the object's longest side.
 ALONG = 200
-#: Points of a call, and the most blocks that are looked at.
+#: Points per call, and most blocks that may be examined.
 _CHUNK, _MOST = 1 << 18, 1 << 27
 
 
 class Leaves(NamedTuple):
-    """Blocks of voxels, and what lies between them.
+    """Blocks of voxels, and the side of all points outside of them.
 
     Attributes
     ----------
     origins : ndarray, shape (n, 3)
-        The first voxel of each block: multiples of 8. Voxel i lies at ``i * voxel``.
+        The first voxel of each block: multiples of 8. Voxel i is at ``i * voxel``.
     values : ndarray, shape (n, 8, 8, 8), float32
-        Distances, no larger than the background's.
+        Distances, clipped to the background.
     voxel, background : float
-        The length of a voxel, and how far the values go.
+        The length of a voxel, and the largest distance stored.
     inside : callable
-        Points (n, 3) in voxels to whether (n,) they are inside.
+        From points (n, 3) in voxels to booleans (n,): whether they are inside.
     """
 
     origins: np.ndarray
@@ -37,7 +37,7 @@ class Leaves(NamedTuple):
 
     @property
     def active(self):
-        """Which voxels (n, 8, 8, 8) are nearer to the surface than the values go."""
+        """Whether each voxel (n, 8, 8, 8) is nearer to the surface than the background."""
         return np.abs(self.values) < np.float32(self.background)
 
 
@@ -48,18 +48,18 @@ def leaves(field, voxel, band, length=1.0, whole=False):
     ----------
     field : pandis.runtime.field.NativeField
     voxel : float
-        Its length, after units have been changed.
+        Its length, in volume units.
     band : float
-        How far the values go on each side of the surface, in voxels.
+        Width of the band of distances on each side of the surface, in voxels.
     length : float
-        Lengths of the volume per unit of the field's mesh.
+        Volume units per unit of the field's mesh.
     whole : bool
-        Keep the blocks deeper inside, too.
+        Also keep the blocks deeper inside.
 
     Raises
     ------
     PandisError
-        A voxel is so small that the blocks are too many, or so large that none lies inside.
+        Voxels are so small that there are too many blocks, or so large that none is inside.
     """
     background = voxel * band
 

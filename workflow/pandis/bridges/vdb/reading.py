@@ -1,4 +1,4 @@
-"""What our ``.vdb`` files hold, read back: the order of bytes that `vdb` writes, and no other."""
+"""Reads the ``.vdb`` files that `vdb` writes; other layouts are not supported."""
 
 import struct
 from typing import NamedTuple
@@ -18,13 +18,13 @@ class Grid(NamedTuple):
     origins : ndarray, shape (n, 3)
         The first voxel of each leaf.
     values : ndarray, shape (n, 8, 8, 8), float32
-        Where no value is stored, the background with its sign.
+        Inactive voxels have the background with its sign.
     active : ndarray, shape (n, 8, 8, 8), bool
-        Where one is.
+        Whether the value of a voxel is stored.
     tiles : ndarray, shape (m, 3)
-        The middles of what no leaf holds, in voxels.
+        Centres of the tiles, in voxels: the regions without leaves.
     outside : ndarray, shape (m,), bool
-        Whether they are outside.
+        Whether the tiles are outside.
     voxel, background : float
     """
 
@@ -38,7 +38,7 @@ class Grid(NamedTuple):
 
 
 class _Reader:
-    """Bytes, and how far they are read."""
+    """Bytes, and the position of the next one to read."""
 
     def __init__(self, data):
         self.data, self.at = data, 0
@@ -62,7 +62,7 @@ class _Reader:
     def sides(self):
         (how,) = self.take("b")
         if how != BY_SIGN:
-            raise ValueError(f"values are stored in another way: {how}")
+            raise ValueError(f"unknown storage of values: {how}")
 
     def entries(self):
         (count,) = self.take("i")
@@ -70,31 +70,31 @@ class _Reader:
 
 
 def read_vdb(data):
-    """Return the grids of a file by their names.
+    """Return the grids of a file, by name.
 
     Raises
     ------
     PandisError
-        It is none of ours.
+        The file was not written by `vdb`.
     """
     reader = _Reader(data)
     try:
         magic, version = reader.take("qI")
         if (magic, version) != (MAGIC, VERSION):
-            raise ValueError("its head is another")
+            raise ValueError("its header differs")
         reader.take("IIb36s")
         reader.entries()
         (count,) = reader.take("i")
         return dict(_grid(reader) for _ in range(count))
     except (struct.error, ValueError) as error:
-        raise PandisError(f"this is no volume that pandis wrote: {error}") from error
+        raise PandisError(f"this is not a volume that pandis wrote: {error}") from error
 
 
 def _grid(reader):
     name, _, _ = reader.text(), reader.text(), reader.text()
     first, buffers, end = reader.take("3q")
     if first != reader.at:
-        raise ValueError("its grids lie elsewhere")
+        raise ValueError("its grids begin elsewhere")
     reader.take("I")
     reader.entries()
     reader.text()
@@ -108,12 +108,12 @@ def _grid(reader):
             origins.append(leaves)
             masks += [reader.bits(SIDE) for _ in leaves]
     if buffers != reader.at:
-        raise ValueError("its voxels lie elsewhere")
+        raise ValueError("its voxels begin elsewhere")
     active = np.array(masks).reshape(-1, SIDE**3)
     values = np.empty(active.shape, np.float32)
     for mask, block in zip(active, values, strict=True):
         if not np.array_equal(reader.bits(SIDE), mask):
-            raise ValueError("a leaf has other voxels than the tree says")
+            raise ValueError("a leaf's mask differs from that in the tree")
         reader.sides()
         block[:] = np.where(reader.bits(SIDE), background, -background)
         count = int(mask.sum())
@@ -135,7 +135,7 @@ def _grid(reader):
 
 
 def _children(reader, place, side, length, tiles):
-    """Return the places of a node's children, of so many voxels along a side; keep its tiles."""
+    """Return the first voxels of a node's children, each ``length`` voxels wide; add its tiles."""
     child, _ = reader.bits(side), reader.bits(side)
     reader.sides()
     outside = reader.bits(side)

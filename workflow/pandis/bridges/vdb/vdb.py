@@ -1,7 +1,7 @@
-"""The ``.vdb`` file of grids of floats: OpenVDB's version 224, packed by masks alone.
+"""Writes grids of floats as ``.vdb`` files: OpenVDB's version 224, compressed by masks only.
 
-A tree of three levels: nodes of 32³ children, of 16³ children, and leaves of 8³ voxels. What no
-leaf holds is the background, with its sign: outside or inside.
+A tree has three levels: nodes with 32³ children, nodes with 16³ children, and leaves of 8³ voxels.
+Regions without leaves have the background value, whose sign is that of the side.
 """
 
 import hashlib
@@ -13,20 +13,20 @@ import numpy as np
 from pandis.bridges.vdb.leaves import SIDE
 
 MAGIC, VERSION, _LIBRARY = 0x56444220, 224, (10, 0)
-#: Children along a node of the two inner levels, and voxels along it.
+#: Children along a node of the two inner levels, and its length in voxels.
 INNER, OUTER = (16, 16 * SIDE), (32, 32 * 16 * SIDE)
-#: Of a grid: that only active values are stored. Of a node: that a mask says which inactive value
-#: is the background outside, and which the one inside.
+#: Compression of a grid: only active values are stored. Of a node: a mask tells whether an inactive
+#: value is the background outside or the one inside.
 _BY_MASK, BY_SIGN = 2, 3
 
 
 def vdb_bytes(volumes):
-    """Return what the ``.vdb`` file of some volumes holds.
+    """Return the content of a ``.vdb`` file with some volumes.
 
     Parameters
     ----------
     volumes : dict of str to pandis.bridges.vdb.leaves.Leaves
-        By the name of each grid.
+        By grid name.
     """
     grids = {name: _grid(name, leaves) for name, leaves in volumes.items()}
     digest = hashlib.sha256(b"".join(part for parts in grids.values() for part in parts)).digest()
@@ -45,7 +45,7 @@ def vdb_bytes(volumes):
 
 
 def _grid(name, leaves):
-    """Return a grid: what it is and its tree, and what the leaves hold."""
+    """Return the parts of a grid: metadata and tree, and the values of its leaves."""
     order = _order(leaves.origins)
     origins, values = leaves.origins[order], leaves.values[order]
     active = leaves.active[order]
@@ -59,7 +59,7 @@ def _grid(name, leaves):
 
 
 def _order(origins):
-    """Return the order in which the tree has its leaves: by nodes, and in each by x, y and z."""
+    """Return the order of leaves in the tree: by node, and within a node by x, y and z."""
     keys = []
     for _, side in (OUTER, INNER):
         keys += [np.floor_divide(origins, side)[:, k] for k in range(3)]
@@ -68,7 +68,7 @@ def _order(origins):
 
 
 def _topology(origins, active, leaves):
-    """Return the tree without its voxels: what is a child, and what stands where there is none."""
+    """Return the tree without voxel values: which entries of its nodes are children or tiles."""
     outer = np.unique(np.floor_divide(origins, OUTER[1]), axis=0)
     parts = [struct.pack("<I", 1), struct.pack("<f", leaves.background)]
     parts.append(struct.pack("<II", 0, len(outer)))
@@ -85,13 +85,13 @@ def _topology(origins, active, leaves):
 
 
 def _node(place, children, count, side, leaves):
-    """Return a node: its children, no tile that is active, and the sides of those that are not."""
+    """Return a node: its children, no active tiles, and the sides of the inactive ones."""
     child = np.zeros((count,) * 3, bool)
     child[tuple(((children - place) // side).T)] = True
     tiles = np.argwhere(~child)
     middles = place + side * tiles + (side - 1) / 2
     outside = np.ones_like(child)
-    # nothing beyond the surface's own blocks is inside
+    # points beyond the surface's blocks are outside
     low, high = leaves.origins.min(axis=0), leaves.origins.max(axis=0) + SIDE
     within = ((middles > low) & (middles < high)).all(axis=1)
     outside[tuple(tiles[within].T)] = ~leaves.inside(middles[within])
@@ -107,12 +107,12 @@ def _text(text):
 
 
 def _entries(about):
-    """Return metadata: texts by name."""
+    """Return metadata: strings by name."""
     parts = [_text(name) + _text("string") + _text(text) for name, text in about.items()]
     return struct.pack("<i", len(parts)) + b"".join(parts)
 
 
 def _transform(voxel):
-    """Return the map of voxels to places: a scale, with what OpenVDB keeps of it."""
+    """Return the map from voxels to positions: a scale, with the factors that OpenVDB stores."""
     steps = voxel, voxel, 1 / voxel, 1 / voxel**2, 0.5 / voxel
     return _text("UniformScaleMap") + b"".join(struct.pack("<3d", *[value] * 3) for value in steps)

@@ -1,4 +1,4 @@
-"""The signed distance of a field as the file of a sparse volume."""
+"""Writes a field's signed distance as a sparse volume."""
 
 from os import PathLike
 from pathlib import Path
@@ -20,36 +20,36 @@ def write_volume(
     length: Number = 1.0,
     name: str = "distance",
 ) -> None:
-    """Write the signed distance of a field as a volume of OpenVDB or NanoVDB.
+    """Write a field's signed distance as an OpenVDB or NanoVDB volume.
 
     Parameters
     ----------
     field : pandis.runtime.field.NativeField
-        Any but a grid of forces, which has no distance outside.
+        Not a grid of forces, which has no distance outside.
     path : path-like
-        ``….vdb``; or ``….nvdb``, for which Warp is needed.
+        ``….vdb``; or ``….nvdb``, which needs Warp.
     voxel : float, optional
-        Its length; by default a two-hundredth of the object's longest side.
+        Length of a voxel; by default a two-hundredth of the object's longest side.
     band : float
-        How far from the surface distances go, on each side, in voxels. Beyond that a ``.vdb`` has
-        the background with its sign, as level sets have; a ``.nvdb`` has it with its sign inside,
-        and outside as it is.
+        Width of the band of distances on each side of the surface, in voxels. Beyond it a ``.vdb``
+        has the background with the sign of the side, like any level set. A ``.nvdb`` has the
+        negative background in the blocks inside; everything outside has the plain background.
     length : float
-        Lengths of the volume per unit of the field's mesh.
+        Volume units per unit of the field's mesh.
     name : str
-        Name of the grid in a ``.vdb``; a ``.nvdb`` has Warp's own.
+        Name of the grid in a ``.vdb``; a ``.nvdb`` uses Warp's name.
 
     Raises
     ------
     PandisError
-        The field is a grid of forces; the name of the file ends otherwise; a number is none; or
-        there is no Warp.
+        The field is a grid of forces; the path has another suffix; a number is not finite and
+        positive; or Warp is missing.
     """
     path = Path(path)
     if path.suffix not in (".vdb", ".nvdb"):
         raise PandisError(f"{path}: a volume is called ….vdb (OpenVDB) or ….nvdb (NanoVDB)")
     if not field.has_distance:
-        raise PandisError(f"{field.path}: it is a grid of forces, which knows no distance outside")
+        raise PandisError(f"{field.path}: it is a grid of forces, which has no distance outside")
     if voxel is None:
         low, high = field.bounds
         voxel = float((high - low).max()) * length / ALONG
@@ -64,7 +64,7 @@ def write_volume(
 
 
 def _write_nvdb(tree, path):
-    """Write a volume as Warp has it; what is in no block is outside to it."""
+    """Write a volume with Warp, which treats everything outside of the blocks as outside."""
     try:
         import warp as wp
     except ImportError as error:

@@ -21,35 +21,35 @@ from pandis.bridges.warp.data import ROOM, Answer, Field, upload
 from pandis.bridges.warp.networks import network_answer
 from pandis.bridges.warp.splines import INVALID, spline_answer
 
-#: Farther away squares overflow, and there is no answer: as in pandis.h.
+#: Beyond this squares overflow, and there is no answer, as in pandis.h.
 _FARTHEST = wp.constant(wp.float64(1e150))
 
 
 class WarpField:
-    """A spline, a compact mesh or a network, as Warp asks it.
+    """A spline, a compact mesh or a network, for queries in Warp.
 
     Parameters
     ----------
     path : path-like
         A ``.pandis`` file of one of these kinds.
     device : optional
-        Of Warp; by default its own choice.
+        Warp device; by default Warp chooses.
 
     Raises
     ------
     PandisError
-        The field is of another kind, or a compact mesh whose tree is too deep.
+        The field is of another kind, or is a compact mesh whose tree is too deep.
     ArtifactError
         The file cannot be read, or is damaged.
 
     Attributes
     ----------
     data : Field
-        What kernels are given: the first argument of `answer`, `distance` and `normal`.
+        The field's data for kernels: the first argument of `answer`.
     answer : wp.Function
         ``answer(data, point) -> Answer``: distance, unit normal and flag at a ``vec3d``; all in
-        mesh units and in double precision. No query of a compact mesh is cut, as queries of
-        pandis.h are after some hundred steps: the distance is right everywhere.
+        mesh units and in double precision. Unlike in pandis.h, which cuts queries after some
+        hundred steps, no query of a compact mesh is cut: the distance is right everywhere.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class WarpField:
         )
         if self.kind not in (SPLINE, COMPACT, NETWORK):
             raise PandisError(
-                f"{self.path}: Warp is given splines, compact meshes and networks only"
+                f"{self.path}: Warp supports splines, compact meshes and networks only"
             )
         if self.kind == COMPACT and (needed := _room(contents)) > ROOM:
             raise PandisError(
@@ -84,7 +84,7 @@ class WarpField:
         self.answer = function(self.kind, self.data.width, self.data.outputs)
 
     def query(self, points: Any) -> tuple[Any, Any, Any]:
-        """Answer points, as `pandis.runtime.field.NativeField.query` does.
+        """Answer points like `pandis.runtime.field.NativeField.query`.
 
         Parameters
         ----------
@@ -108,7 +108,7 @@ class WarpField:
 
 @cache
 def function(kind, width, outputs):
-    """Return the function of fields of a kind: (Field, vec3d) to Answer."""
+    """Return the function for a kind of field: from (Field, vec3d) to Answer."""
     if kind == NETWORK:
         inner = network_answer(width, outputs)
     else:
@@ -151,7 +151,7 @@ def _kernel(kind, width, outputs):
 
 
 def _room(contents):
-    """Return how many boxes can wait at most, by the depth of a compact mesh's tree."""
+    """Return the most boxes that can be pending, by the depth of a compact mesh's tree."""
     import numpy as np
 
     branches = np.frombuffer(contents.sections["BRCH"], "<i4").reshape(-1, 24)
@@ -159,6 +159,6 @@ def _room(contents):
     counts = branches[:, 3].view(np.uint32) >> 24
     for number, (children, count) in enumerate(zip(branches[:, 16:], counts, strict=True)):
         for child in children[:count]:
-            if child >= 0:  # branches come in the order of a walk: a parent first
+            if child >= 0:  # parents come before their children
                 depths[child] = depths[number] + 1
     return 7 * (int(depths.max()) + 1) + 1

@@ -22,9 +22,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 BY_FACE, OUTSIDE, INSIDE = wp.constant(0), wp.constant(1), wp.constant(2)
 MIDDLE = wp.constant(wp.float64(HALF))
-#: From farther away the nearest face is that of a point in the same direction.
+#: For points beyond this, the nearest face is that of a nearer point in the same direction.
 FAR = wp.constant(wp.float64(1024.0))
-#: Nearer than this the direction to the closest point has lost too many digits.
+#: Below this distance the direction to the closest point has lost too many digits.
 CLOSE = wp.constant(wp.float64(1e-9))
 WAITING = wp.constant(ROOM)
 
@@ -44,7 +44,7 @@ def two_bits(field: Field, list_at: wp.int32, number: wp.int32) -> wp.int32:
 
 @wp.func
 def what_tells(field: Field, b: Block, place: wp.int32, foot: Foot) -> wp.int32:
-    """Return what tells the side of the points with this foot."""
+    """Return how to find the side of points with this foot."""
     if b.has_sides == 0:
         return BY_FACE
     edges = b.sides + ((b.corner_count + 3) >> 2)
@@ -63,7 +63,7 @@ def ahead(
     x0: wp.uint64, y0: wp.uint64, z0: wp.uint64, x1: wp.uint64, y1: wp.uint64, z1: wp.uint64,
     place: wp.int32, origin: wp.vec3i, shift: wp.vec3i, p: wp.vec3d,
 ) -> wp.bool:  # fmt: skip
-    """Tell whether a ray from a point along x meets one of eight boxes."""
+    """Return whether a ray from a point along x meets the box ``place`` of eight."""
     return (
         p[0] <= wp.float64(origin[0] + (byte_of(x1, place) << shift[0]))
         and p[1] >= wp.float64(origin[1] + (byte_of(y0, place) << shift[1]))
@@ -75,7 +75,7 @@ def ahead(
 
 @wp.func
 def beside(a: wp.vec3d, b: wp.vec3d, p: wp.vec3d) -> wp.float64:
-    """Return twice the area that an edge and a point span along x, opposite for its opposite."""
+    """Return twice the area of an edge and a point, seen along x; it changes sign with the edge."""
     s, e, sign = a, b, wp.float64(1.0)
     if a[1] > b[1] or (a[1] == b[1] and a[2] > b[2]):
         s, e, sign = b, a, wp.float64(-1.0)
@@ -121,7 +121,7 @@ def turns_in_block(field: Field, number: wp.int32, p: wp.vec3d) -> wp.int32:
 
 @wp.func
 def winding(field: Field, p: wp.vec3d) -> wp.int32:
-    """Return the winding number: faces that a ray along x leaves, less those that it enters."""
+    """Return the winding number: faces where a ray along x leaves, minus those where it enters."""
     waiting = wp.zeros(shape=WAITING, dtype=wp.int32)
     top, turns, w = int(1), int(0), field.branches
     while top > 0:
@@ -143,7 +143,7 @@ def winding(field: Field, p: wp.vec3d) -> wp.int32:
 
 @wp.func
 def compact_answer(field: Field, point: wp.vec3d) -> Answer:
-    """Return what a compact mesh answers at a point, all in mesh units; no query is ever cut."""
+    """Return a compact mesh's answer at a point, in mesh units; queries are never cut."""
     u = (point - field.centre) * field.scale
     most, nearer, size = wp.max(wp.abs(u)), wp.float64(1.0), wp.float64(field.step)
     if most > FAR:

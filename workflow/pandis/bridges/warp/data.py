@@ -1,19 +1,19 @@
-"""Fields on a device of Warp: the sections of a ``.pandis`` file, as arrays there."""
+"""Fields on a Warp device: the sections of a ``.pandis`` file as arrays."""
 
 import numpy as np
 import warp as wp
 
 from pandis.runtime.field import COMPACT, NETWORK, SPLINE
 
-#: Steps of the lattice are counted from here: half of the longest side, in the unit frame.
+#: Lattice steps count from minus this: half of the longest side, in the unit frame.
 HALF = 0.9
-#: What one point needs for the boxes that wait to be looked at: seven for each level of the tree.
+#: Room of a query for pending boxes, of which there may be seven for each level of the tree.
 ROOM = 256
 
 
 @wp.struct
 class Lattice:
-    """Cubic B-spline coefficients, ``size`` per axis, the first at ``low`` of each axis."""
+    """A lattice of cubic B-spline coefficients: ``size`` per axis, the first at ``low``."""
 
     size: wp.int32
     bricks: wp.int32
@@ -28,15 +28,15 @@ class Lattice:
 
 @wp.struct
 class Field:
-    """What kernels are given of a field: its numbers, and the sections of its file.
+    """A field's data for kernels: its numbers, and the sections of its file.
 
-    The names are those of docs/format.md; of each kind only its own are filled.
+    The names are those of docs/format.md. Only the members of the field's kind are filled.
     """
 
     kind: wp.int32
     centre: wp.vec3d
     scale: wp.float64
-    # spline: two lattices with gaps, and one for the free space beyond them
+    # spline: two sparse lattices, and a dense one for the space beyond them
     coarse: Lattice
     fine: Lattice
     far: Lattice
@@ -46,13 +46,13 @@ class Field:
     side: wp.array(dtype=wp.uint8)
     inside: wp.float64
     outside: wp.float64
-    # compact mesh: branches, blocks and their bytes, eight bytes to a word
+    # compact mesh: branches, blocks and their bytes, in words of eight bytes
     step: wp.float64
     reach: wp.float64
     branches: wp.array(dtype=wp.uint64)
     blocks: wp.array(dtype=wp.uint64)
     packed: wp.array(dtype=wp.uint64)
-    # network, and the lattice that it corrects
+    # network, and the coarse spline that it corrects
     width: wp.int32
     depth: wp.int32
     outputs: wp.int32
@@ -66,7 +66,7 @@ class Field:
 
 @wp.struct
 class Answer:
-    """Distance and unit normal in mesh units, and the flag of `pandis.runtime.field`."""
+    """Distance in mesh units, unit normal, and flag as in `pandis.runtime.field`."""
 
     distance: wp.float64
     normal: wp.vec3d
@@ -74,14 +74,14 @@ class Answer:
 
 
 def upload(contents, device):
-    """Return the `Field` of a file's contents, its arrays on a device.
+    """Return the `Field` of a file's contents, with its arrays on a device.
 
     Parameters
     ----------
     contents : pandis.runtime.field.files.Contents
         Contents of a spline, a compact mesh or a network.
     device : str or wp.Device, optional
-        By default Warp's own choice.
+        By default Warp chooses.
     """
     fill = {SPLINE: _spline, COMPACT: _compact, NETWORK: _network}
 
@@ -129,7 +129,7 @@ def _compact(field, contents, there, to_device):
     field.step, field.reach = 2 * HALF / ((1 << contents.wholes[0]) - 1), contents.reals[0]
     field.branches, field.blocks = there("BRCH", np.uint64), there("BLCK", np.uint64)
     section = np.frombuffer(contents.sections["PACK"], np.uint8)
-    # a word may begin in any byte, and reads the next eight
+    # a word may begin at any byte, so pad for the eight bytes that it reads
     whole = np.zeros(-(-len(section) // 8) + 1, np.uint64)
     whole.view(np.uint8)[: len(section)] = section
     field.packed = to_device(whole, np.uint64)
@@ -141,7 +141,7 @@ def _network(field, contents, there, to_device):
     field.first = there("WIN ", np.float32, (3, stride))
     field.last = there("WOUT", np.float32, (field.outputs, stride))
     field.biases = there("BIAS", np.float32)
-    # rows to the next sixteen units, too, so that kernels need no end of a row
+    # pad rows, too, to a multiple of sixteen, so that kernels need no remainder loop
     whole = np.zeros((field.depth - 1, stride, stride), np.float32)
     if bits == 32:
         weights = np.frombuffer(contents.sections["WHID"], "<f4").reshape(rows, stride)

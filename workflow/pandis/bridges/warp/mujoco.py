@@ -1,4 +1,4 @@
-"""Models with fields of ours in MuJoCo Warp: what `pandis.sdf` is to MuJoCo itself."""
+"""Models with pandis fields in MuJoCo Warp: the counterpart of `pandis.sdf` in MuJoCo."""
 
 import copy
 from collections.abc import Iterable
@@ -18,20 +18,20 @@ try:
 except ImportError as error:
     raise PandisError('there is no MuJoCo Warp here: pip install "mujoco-warp==4.0.0"') from error
 
-#: What an instance's numbers begin with, by the kind of its function: the first is 76,912.
+#: First number of an instance, which identifies its function: the first function has 76,912.
 _MARK = 76_911
 #: Offsets of its other numbers: the field's address in parts of 22 bits, scale, origin, rotation.
 _ADDRESS, _SCALE, _ORIGIN, _TURN = 1, 4, 5, 8
-#: What MuJoCo takes for the distance of what is nowhere.
+#: Distance at points without an answer, as in MuJoCo.
 _NOWHERE = wp.constant(1e10)
 
-#: The functions that collisions call by now, in the order of their marks.
+#: The functions that collisions call so far, in the order of their marks.
 _known: list = []
 
 
 @wp.func
 def _field_at(attributes: vec_pluginattr) -> Field:
-    """Return the field whose address an instance's numbers hold."""
+    """Return the field at the address stored in an instance's numbers."""
     address = wp.uint64(0)
     for i in range(3):
         part = wp.uint64(attributes[_ADDRESS_OF + i])
@@ -42,7 +42,7 @@ def _field_at(attributes: vec_pluginattr) -> Field:
 
 @wp.func
 def _into_file(p: wp.vec3, attributes: vec_pluginattr) -> wp.vec3d:
-    """Put a point of a geom into the units of its file."""
+    """Transform a point of a geom into the frame and units of its file."""
     point, scale = wp.vec3d(), wp.float64(attributes[_SCALE_OF])
     for k in range(3):
         at = wp.float64(attributes[_ORIGIN_OF + k])
@@ -54,7 +54,7 @@ def _into_file(p: wp.vec3, attributes: vec_pluginattr) -> wp.vec3d:
 
 @wp.func
 def _into_geom(n: wp.vec3d, attributes: vec_pluginattr) -> wp.vec3:
-    """Turn a normal of the file into a geom's frame."""
+    """Rotate a normal of the file into a geom's frame."""
     turned = wp.vec3()
     for k in range(3):
         for i in range(3):
@@ -67,15 +67,15 @@ _ORIGIN_OF, _TURN_OF = wp.constant(_ORIGIN), wp.constant(_TURN)
 
 
 def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_warp.Model":
-    """Put a model with geoms of `pandis.sdf` onto the device: ``mujoco_warp.put_model`` for them.
+    """Copy a model with geoms of `pandis.sdf` to the device, like ``mujoco_warp.put_model``.
 
-    Their fields must be splines, compact meshes or networks. Geoms of other plugins go on with the
-    functions that were installed for them before.
+    Their fields must be splines, compact meshes or networks. Geoms of other plugins still use the
+    functions installed for them.
 
     Parameters
     ----------
     model : mujoco.MjModel
-        As the plugin has compiled it.
+        Compiled with the plugin.
     instances : iterable of pandis.bridges.mujoco.instances.Instance
         Its geoms of `pandis.sdf`: ``instances(model)``.
     **options
@@ -84,7 +84,7 @@ def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_w
     Returns
     -------
     mujoco_warp.Model
-        It keeps the fields that its geoms ask.
+        It keeps its geoms' fields alive.
 
     Raises
     ------
@@ -110,12 +110,12 @@ def put_model(model: Any, instances: Iterable[Any], **options: Any) -> "mujoco_w
             arrays += [field, data]
             row[:] = _numbers(by_geom[geom], field.answer, data.ptr)
     put.plugin_attr = wp.array(rows, dtype=vec_pluginattr, device=put.plugin_attr.device)
-    put.pandis_fields = arrays  # their memory is asked as long as the model is
+    put.pandis_fields = arrays  # keep their memory alive as long as the model
     return put
 
 
 def _numbers(instance, answer, address):
-    """Return what an instance's functions are given: an array of the length of MuJoCo Warp's."""
+    """Return an instance's numbers for its functions, as a row of MuJoCo Warp's attributes."""
     row = np.zeros(vec_pluginattr._length_, np.float32)
     row[0] = _MARK + 1 + _known.index(answer)
     row[_ADDRESS : _ADDRESS + 3] = [(address >> 22 * i) & 0x3FFFFF for i in range(3)]
@@ -125,7 +125,7 @@ def _numbers(instance, answer, address):
 
 
 def _without_texts(model, numbers):
-    """Return a copy of a model whose files are no texts any more, which MuJoCo Warp cannot read."""
+    """Return a copy of a model without file names, because MuJoCo Warp cannot read strings."""
     other = copy.copy(model)
     for number in numbers:
         ends = [*other.plugin_attradr[number + 1 :], len(other.plugin_attr)]
@@ -134,7 +134,7 @@ def _without_texts(model, numbers):
 
 
 def _install(answer):
-    """Let collisions call a function, before those that they call already."""
+    """Make collisions call a function, ahead of those installed before."""
     if answer in _known:
         return
     mark = wp.constant(float(_MARK + 1 + len(_known)))
@@ -159,5 +159,5 @@ def _install(answer):
         return _into_geom(one.normal, attributes)
 
     collision_sdf.user_sdf, collision_sdf.user_sdf_grad = user_sdf, user_sdf_grad
-    wp.get_module(collision_sdf.__name__).mark_modified()  # it may have been compiled without
+    wp.get_module(collision_sdf.__name__).mark_modified()  # it may already be compiled without them
     _known.append(answer)

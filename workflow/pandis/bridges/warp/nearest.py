@@ -1,7 +1,7 @@
 """The nearest face of a compact mesh in Warp: parts/packed.h and the searches of parts/compact.h.
 
-The search is in single precision, with the sums in the order of pandis.h, so that of faces about
-equally near the same one comes out.
+The search is in single precision, with sums in the order of pandis.h, so that both find the same
+one of several almost equally near faces.
 """
 
 import warp as wp
@@ -19,7 +19,7 @@ GROUP_BYTES, FACES_OF_A_BLOCK = wp.constant(18), wp.constant(64)
 
 @wp.struct
 class Block:
-    """Where the parts of a block lie in ``PACK`` (bytes), and what its record says."""
+    """Byte offsets of a block's parts in ``PACK``, and the contents of its record."""
 
     boxes: wp.int32
     faces: wp.int32
@@ -37,7 +37,7 @@ class Block:
 
 @wp.struct
 class Branch:
-    """The head of a branch."""
+    """The header of a branch."""
 
     origin: wp.vec3i
     shift: wp.vec3i
@@ -46,7 +46,7 @@ class Branch:
 
 @wp.func
 def word_at(packed: wp.array(dtype=wp.uint64), byte: wp.int32) -> wp.uint64:
-    """Return the eight bytes from any one on, the first of them lowest."""
+    """Return the eight bytes from any offset on, the first one lowest."""
     at, off = byte >> 3, wp.uint64((byte & 7) * 8)
     word = packed[at] >> off
     if off > wp.uint64(0):
@@ -108,7 +108,7 @@ def keys_of(
     x0: wp.uint64, y0: wp.uint64, z0: wp.uint64, x1: wp.uint64, y1: wp.uint64, z1: wp.uint64,
     count: wp.int32, shift: wp.vec3i, q: wp.vec3f,
 ) -> vec8i:  # fmt: skip
-    """Return lower bounds of the squared distances to eight boxes, as numbers that sort alike."""
+    """Return lower bounds of squared distances to eight boxes, as integers of the same order."""
     keys = vec8i()
     scale, low, high = wp.vec3f(), wp.vec3f(), wp.vec3f()
     for k in range(3):
@@ -165,14 +165,14 @@ def least_of(keys: vec8i) -> wp.int32:
 
 @wp.func
 def corner_number(field: Field, b: Block, place: wp.int32, corner: wp.int32) -> wp.int32:
-    """Return which of the block's corners a face has: six bits, eight faces to a group."""
+    """Return the block's number of a face's corner: six bits, eight faces per group."""
     codes = word_at(field.packed, b.faces + GROUP_BYTES * (place >> 3) + 6 * corner)
     return bits_of(codes, 6 * (place & 7), 6)
 
 
 @wp.func
 def corner_steps(packed: wp.array(dtype=wp.uint64), b: Block, number: wp.int32) -> wp.vec3i:
-    """Return where a corner lies, in steps from the block's origin."""
+    """Return a corner's position, in steps from the block's origin."""
     word = word_at(packed, b.corners + b.stride * number)
     x, y, z = b.bits[0], b.bits[1], b.bits[2]
     return wp.vec3i(bits_of(word, 0, x), bits_of(word, x, y), bits_of(word, x + y, z))
@@ -182,14 +182,14 @@ def corner_steps(packed: wp.array(dtype=wp.uint64), b: Block, number: wp.int32) 
 def corner_floats(
     packed: wp.array(dtype=wp.uint64), b: Block, codes: wp.uint64, i: wp.int32
 ) -> wp.vec3f:
-    """Return a corner of the face i of a group, whose corners have these numbers."""
+    """Return a corner of face i of a group; ``codes`` packs the corner numbers."""
     at = corner_steps(packed, b, bits_of(codes, 6 * i, 6))
     return wp.vec3f(float(at[0]), float(at[1]), float(at[2]))
 
 
 @wp.func
 def share(t: wp.float32) -> wp.float32:
-    """Clamp to [0, 1]; what is no number is 0."""
+    """Clamp to [0, 1]; NaN becomes 0."""
     if not (t > 0.0):
         return 0.0
     return wp.min(t, 1.0)
@@ -202,7 +202,7 @@ def dot(u: wp.vec3f, v: wp.vec3f) -> wp.float32:
 
 @wp.func
 def triangle_squared(a: wp.vec3f, b: wp.vec3f, c: wp.vec3f, q: wp.vec3f) -> wp.float32:
-    """Return the squared distance of a triangle, by pandis__eight_distances."""
+    """Return the squared distance to a triangle, as pandis__eight_distances does."""
     x, u, v = q - a, b - a, c - a
     w, e = v - u, x - u
     s = share(dot(u, x) / dot(u, u))
@@ -242,7 +242,7 @@ def triangle_squared(a: wp.vec3f, b: wp.vec3f, c: wp.vec3f, q: wp.vec3f) -> wp.f
 
 @wp.struct
 class Near:
-    """The nearest face so far: its squared distance, that as a key, and block · 64 + place."""
+    """The nearest face so far: squared distance, the same as a key, and block · 64 + place."""
 
     squared: wp.float32
     key: wp.int32
@@ -281,7 +281,7 @@ def nearest_in_block(field: Field, number: wp.int32, p: wp.vec3d, best: Near) ->
 
 @wp.func
 def nearest_face(field: Field, p: wp.vec3d) -> wp.int32:
-    """Return the nearest face of all to a point in steps of the lattice: block · 64 + place."""
+    """Return the face nearest to a point in lattice steps: block · 64 + place."""
     waiting = wp.zeros(shape=WAITING, dtype=wp.int32)
     keys_waiting = wp.zeros(shape=WAITING, dtype=wp.int32)
     best = Near()
@@ -297,7 +297,7 @@ def nearest_face(field: Field, p: wp.vec3d) -> wp.int32:
                 best = nearest_in_block(field, ~child, p, best)
             else:
                 keys = branch_keys(field, child, p)
-                for _ in range(eight):  # the farthest first, so that the nearest comes next
+                for _ in range(eight):  # push the farthest first, so that the nearest is next
                     farthest, place = int(-1), int(-1)
                     for i in range(8):
                         if keys[i] <= best.key and keys[i] > farthest:

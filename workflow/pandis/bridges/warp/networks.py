@@ -1,7 +1,7 @@
-"""Sine networks in Warp: a value, and its gradient by forward differentiation, in single precision.
+"""Sine networks in Warp: values, and gradients by forward differentiation, in single precision.
 
-A network's width is a constant of its function, for what a layer holds lies in a point's registers
-or in its local memory.
+The width is a constant of each network's function, because a thread stores its layers in registers
+or local memory.
 """
 
 from functools import cache
@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False})
 def corrected(
     field: Field, value: wp.float32, direction: wp.vec3f, box: wp.vec3d, outside: wp.float64
 ) -> Answer:
-    """Return the answer of a network: what it says and, where it has one, its coarse spline."""
+    """Return a network's answer: its outputs plus its coarse spline, if it has one."""
     d = wp.float64(value) + outside
     g = wp.vec3d(wp.float64(direction[0]), wp.float64(direction[1]), wp.float64(direction[2]))
     if field.under.size > 0:
@@ -44,7 +44,7 @@ def four_biases(field: Field, at: wp.int32) -> wp.vec4f:
 
 @cache
 def network_answer(width, outputs):
-    """Return the function of networks of a width: (Field, point) to Answer, mesh units.
+    """Return the function for networks of a width: from (Field, point) to Answer, mesh units.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def network_answer(width, outputs):
         box = into_box(u)
         outside = wp.length(u - box)
         x = wp.vec3f(float(box[0]), float(box[1]), float(box[2]))
-        # two layers in turn: values, and how they change along each axis
+        # two alternating layers: values, and their derivatives along each axis
         units = int(STRIDE)  # a variable: loops to it are not unrolled
         h = wp.zeros(shape=ROOM, dtype=wp.float32)
         dh = wp.zeros(shape=ROOM, dtype=wp.vec3f)
@@ -73,7 +73,7 @@ def network_answer(width, outputs):
         old = int(0)
         for layer in range(1, field.depth):
             new, above = STRIDE - old, (layer - 1) * STRIDE
-            for j in range(0, units, 4):  # four units at once, and four rows: sums as in pandis.h
+            for j in range(0, units, 4):  # four units and four rows at once: sums as in pandis.h
                 sums = wp.vec4f()
                 along_x, along_y, along_z = wp.vec4f(), wp.vec4f(), wp.vec4f()
                 for i in range(0, units, 4):

@@ -1,4 +1,4 @@
-"""Splines in Warp: parts/bsplines.h and parts/spline.h, in double precision as there."""
+"""Splines in Warp: as in parts/bsplines.h and parts/spline.h, in double precision."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ BOUND, INVALID = wp.constant(1), wp.constant(2)
 #: The outermost faces of the box belong to its last cells.
 EDGE = wp.constant(wp.float64(1 - 1e-12))
 NO_BRICK = wp.constant(65535)
-#: How far above a crease an answer is taken, in steps; how much of the gradient must be missing.
+#: How far above a crease a spline is evaluated, in steps; least deficit of the squared gradient.
 LIFT, SHORT = wp.constant(wp.float64(0.7)), wp.constant(wp.float64(0.02))
 TINY = wp.constant(wp.float64(1e-150))
 ZERO, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
@@ -20,7 +20,7 @@ ZERO, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
 @wp.struct
 class Sum:
-    """A value with its gradient; ``kept`` is 0 where the lattice knows none."""
+    """A value with its gradient; ``covered`` is 0 where the lattice has no value."""
 
     covered: wp.int32
     value: wp.float64
@@ -29,7 +29,7 @@ class Sum:
 
 @wp.struct
 class Axis:
-    """Where a point lies along an axis: the first of four nodes, their weights and slopes."""
+    """The cell of a point along an axis: the first of four nodes, their weights and slopes."""
 
     within: wp.int32
     first: wp.int32
@@ -64,7 +64,7 @@ def along(lattice: Lattice, at: wp.float64) -> Axis:
 
 @wp.func
 def with_row(total: Sum, x: Axis, y: Axis, z: Axis, i: wp.int32, j: wp.int32, c: wp.vec4d) -> Sum:
-    """Return a sum with four more coefficients along z, those of the row (i, j) of the cell."""
+    """Add four coefficients along z to a sum: row (i, j) of the cell."""
     flat, steep = wp.dot(c, z.weights), wp.dot(c, z.slopes)
     a, b = x.weights[i], y.weights[j]
     total.value += a * b * flat
@@ -74,7 +74,7 @@ def with_row(total: Sum, x: Axis, y: Axis, z: Axis, i: wp.int32, j: wp.int32, c:
 
 @wp.func
 def block_at(lattice: Lattice, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.int32:
-    """Return where the eight coefficients of the block of a node begin; -1 if it is not kept."""
+    """Return where the eight coefficients of a node's block begin; -1 if it is not stored."""
     n = lattice.bricks
     brick = int(lattice.brick[((x >> 3) * n + (y >> 3)) * n + (z >> 3)])
     if brick == NO_BRICK:
@@ -95,13 +95,13 @@ def restored(lattice: Lattice, stored: wp.float64) -> wp.float64:
 
 @wp.func
 def lattice_sum(lattice: Lattice, values: Any, p: wp.vec3d, whole: wp.int32) -> Sum:
-    """Return what a lattice with gaps adds: nothing at all, if it must be whole and is not."""
+    """Return a sparse lattice's sum; nothing if the cell must be whole and lacks coefficients."""
     total = Sum()
     x, y, z = along(lattice, p[0]), along(lattice, p[1]), along(lattice, p[2])
     if x.within + y.within + z.within < 3:
         return total
     total.covered = 1
-    # loops over constants are unrolled, and what lies in vectors stays in registers
+    # loops over constants are unrolled, so that vectors stay in registers
     for i in range(4):
         for j in range(4):
             nx, ny = x.first + i, y.first + j
@@ -122,7 +122,7 @@ def lattice_sum(lattice: Lattice, values: Any, p: wp.vec3d, whole: wp.int32) -> 
 
 @wp.func
 def dense_sum(lattice: Lattice, values: Any, p: wp.vec3d) -> Sum:
-    """Return what a lattice without gaps says."""
+    """Return a dense lattice's sum."""
     total = Sum()
     x, y, z = along(lattice, p[0]), along(lattice, p[1]), along(lattice, p[2])
     if x.within + y.within + z.within < 3:
@@ -140,7 +140,7 @@ def dense_sum(lattice: Lattice, values: Any, p: wp.vec3d) -> Sum:
 
 @wp.func
 def both(field: Field, p: wp.vec3d) -> Sum:
-    """Return the sum of both lattices; not kept where the coarse one is not."""
+    """Return the sum of both lattices; covered where the coarse one is."""
     total = lattice_sum(field.coarse, field.coarse_values, p, 1)
     if total.covered == 1:
         more = lattice_sum(field.fine, field.fine_values, p, 0)
@@ -151,7 +151,7 @@ def both(field: Field, p: wp.vec3d) -> Sum:
 
 @wp.func
 def sharpened(field: Field, p: wp.vec3d, total: Sum) -> Sum:
-    """Take the answer from some way up where a crease is rounded, and carry it back down."""
+    """Evaluate above a rounded crease, and extrapolate the answer back down."""
     g = total.gradient
     missing = (ONE - wp.dot(g, g) - SHORT) / (ONE - SHORT)
     if not (missing > ZERO and total.value < ZERO):
@@ -170,7 +170,7 @@ def sharpened(field: Field, p: wp.vec3d, total: Sum) -> Sum:
 
 @wp.func
 def beyond(field: Field, p: wp.vec3d, outside: wp.float64) -> Sum:
-    """Return what the third lattice says of the free space, with the side from a bit per block."""
+    """Return the third lattice's estimate beyond the band; a bit per block gives the side."""
     total = dense_sum(field.far, field.far_values, p)
     block = wp.vec3i()
     for k in range(3):
@@ -214,7 +214,7 @@ def in_mesh_units(field: Field, d: wp.float64, direction: wp.vec3d, flag: wp.int
 
 @wp.func
 def spline_answer(field: Field, point: wp.vec3d) -> Answer:
-    """Return what a spline answers at a point, all in mesh units."""
+    """Return a spline's answer at a point, in mesh units."""
     u = (point - field.centre) * field.scale
     box = into_box(u)
     outside = wp.length(u - box)

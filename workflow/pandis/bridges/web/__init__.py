@@ -1,6 +1,6 @@
-"""Fields to touch on a page: ``pandis.h`` in WebAssembly, in one file that needs nothing else.
+"""Web pages for touching fields: ``pandis.h`` in WebAssembly, in one self-contained file.
 
-The module ``pandis.wasm`` is compiled from ``web.c`` by ``make wasm`` and comes with the package.
+The module ``pandis.wasm`` is compiled from ``web.c`` by ``make wasm`` and is part of the package.
 """
 
 import base64
@@ -18,33 +18,33 @@ from pandis.runtime.info import no_proxy
 
 HERE = Path(__file__).parent
 SOURCE, MODULE = HERE / "web.c", HERE / "pandis.wasm"
-#: Files that together are larger make a page that browsers open slowly.
+#: Most bytes of fields on a page: browsers open larger pages slowly.
 LARGEST = 64_000_000
-#: The most that a page takes, m and N/m; and where the slider of the stiffness usually ends.
+#: Largest size (m) and stiffness (N/m) on a page; usual end of the stiffness slider (N/m).
 LONGEST, STIFFEST, USUAL = 10.0, 5000.0, 1500.0
-#: Whole numbers per length of the unit frame.
+#: Integer steps per unit-frame length.
 _STEPS = 32767
 
 
 def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
-    """Write a page on which fields of one object can be touched.
+    """Write a page on which an object's fields can be touched.
 
     Parameters
     ----------
     path : path-like
         ``….html``.
     files : list of path-like
-        ``.pandis`` files of one object; the first is shown, and drawn.
+        ``.pandis`` files of one object; the first is selected, and its surface is drawn.
     size : float
-        How long the object is under the hand, m.
+        Length of the object's longest side under the hand, m.
     stiffness : float
-        N/m, at first.
+        Initial stiffness, N/m.
 
     Raises
     ------
     PandisError
-        A file cannot be read, has no proxy, or is of another object; all are too large for a page;
-        size or stiffness are none.
+        A file cannot be read, has no proxy, or belongs to another object; the files are too large
+        for a page; or size or stiffness is out of range.
     """
     fields = [NativeField(file) for file in files]
     for field in fields:
@@ -55,9 +55,9 @@ def write_page(path: str | PathLike[str], files, size, stiffness) -> None:
 
 
 def page(name, fields, size, stiffness):
-    """Return a page on which fields of one object, which is called so, are touched.
+    """Return a page on which the fields of an object called ``name`` can be touched.
 
-    Parameters and errors are those of `write_page`, but that the fields are open.
+    Parameters and errors are as for `write_page`, except that the fields are open.
     """
     if not (0 < size <= LONGEST and 0 <= stiffness <= STIFFEST):
         raise PandisError(
@@ -76,12 +76,12 @@ def page(name, fields, size, stiffness):
 
 
 def with_proxies(fields, log):
-    """Return those of some fields that have a proxy, and say which have none.
+    """Return the fields that have a proxy, and log the others.
 
     Raises
     ------
     PandisError
-        None has one.
+        No field has a proxy.
     """
     touchable = []
     for field in fields:
@@ -100,7 +100,7 @@ def script(name):
 
 
 def section(fields, size, stiffness):
-    """Return the part of a page in which fields of one object are touched, as HTML."""
+    """Return the HTML section of a page for touching an object's fields."""
     corners, faces = surface_of(fields[0])
     small = len(corners) < 1 << 16
     drawn = {
@@ -112,12 +112,12 @@ def section(fields, size, stiffness):
 
 
 def loop():
-    """Return what all objects of a page share: ``pandis.h`` as a module, and what runs it."""
+    """Return data shared by all objects of a page: the module ``pandis.h`` and its haptic loop."""
     return {"wasm": _text(np.fromfile(MODULE, np.uint8), "u1"), "loop": script("loop")}
 
 
 def touched(fields, size, stiffness, more):
-    """Return what `section` does, for an object that is drawn from other data.
+    """Return the same HTML as `section`, for an object that is drawn from other data.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def touched(fields, size, stiffness, more):
     size, stiffness : float
         m, N/m.
     more : dict
-        What ``touch.js`` reads beside the fields: the solid and the loop, or ``view``, the name of
-        the figure on the page that holds the solid, while the page holds the loop.
+        Further data for ``touch.js``: the solid and the loop, or ``view``, the name of the figure
+        on the page that contains the solid, if the page contains the loop.
     """
     data = more | {
         "size": size,
@@ -145,14 +145,14 @@ def touched(fields, size, stiffness, more):
 
 
 def _check(field, first):
-    """Refuse a field that cannot be touched, or is of another object than the first."""
+    """Refuse a field that cannot be touched or belongs to another object than the first."""
     if why := no_proxy(field):
         raise ArtifactError(f"{field.path}: it cannot be touched: {why}")
     apart = np.abs(first.frame.to_unit(field.frame.centre)).max()
     if apart > 0.1 or not 0.9 < field.frame.scale / first.frame.scale < 1.1:
         raise PandisError(
-            f"{field.path}: this is another object than {first.path}, of another size or at "
-            "another place: give each object a page of its own"
+            f"{field.path}: this is another object than {first.path}, with another size or "
+            "position: write a separate page for each object"
         )
 
 

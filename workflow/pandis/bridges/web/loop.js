@@ -1,14 +1,14 @@
-// The haptic loop: a worker in which pandis.h keeps a probe out of an object, a thousand ticks per
-// second. It gets wasm, fields and targets by messages, and tells about what it does sixty times per
-// second.
+// The haptic loop: a worker in which pandis.h keeps a probe out of an object, at a thousand ticks per
+// second. It receives the module, fields and targets as messages, and reports its state about sixty
+// times per second.
 "use strict";
 
-const TICK = 1, MOST = 64, EVERY = 15, KEPT = 4096; // ms per tick, ticks at once, ms between reports, times kept
+const TICK = 1, MOST = 64, EVERY = 15, KEPT = 4096; // ms per tick, ticks at once, ms between reports, times stored
 const TARGET = 0, SIZE = 3, STIFFNESS = 4, FRICTION = 5, RADIUS = 6, PROBE = 8, PROXY = 11, FORCE = 14, NORMAL = 17,
   DEPTH = 20, STATE = 21, TICKS = 32;
 
 let pandis, numbers, running = false, last = 0, told = 0, forces = [];
-const times = new Float32Array(KEPT); // ms per tick, of each batch
+const times = new Float32Array(KEPT); // ms per tick, for each batch
 let timed = 0, spent = 0, ticks = 0, shown = true, posted = false;
 const channel = new MessageChannel();
 
@@ -22,7 +22,7 @@ function open(bytes, settings) {
   const at = pandis.web_room(bytes.byteLength);
   if (!at) return "there is not enough memory for this file";
   new Uint8Array(pandis.memory.buffer, at, bytes.byteLength).set(new Uint8Array(bytes));
-  numbers = array(); // growing has moved the memory
+  numbers = array(); // growing the memory moves it
   let error = pandis.web_open(at, bytes.byteLength);
   if (!error) {
     Object.entries({ [SIZE]: settings.size, [RADIUS]: 0 }).forEach(([k, value]) => (numbers[k] = value));
@@ -54,7 +54,7 @@ function tell() {
   postMessage({
     probe: part(PROBE), proxy: part(PROXY), force: part(FORCE), normal: part(NORMAL), depth: numbers[DEPTH],
     state: numbers[STATE], forces: Float32Array.from(forces), ticks,
-    mean: spent / Math.max(ticks, 1), slow: percentile(0.99), slowest: percentile(1), // a clock of a page is coarse
+    mean: spent / Math.max(ticks, 1), slow: percentile(0.99), slowest: percentile(1), // a page's clock is coarse
   });
   forces = [];
 }
@@ -81,7 +81,7 @@ function step() {
   next();
 }
 
-// Go on as long as there is something to do and to see: at most one message is on its way.
+// Continue while the loop runs and is visible, with at most one message in flight.
 function next() {
   if (!running || !shown || posted) return;
   posted = true;

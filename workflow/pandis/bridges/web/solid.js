@@ -1,5 +1,5 @@
-// A mesh that turns: drawn point by point with a depth buffer, so that it needs neither a library
-// nor a graphics driver.
+// A mesh that can be rotated: drawn pixel by pixel with a depth buffer, so that it needs neither a
+// library nor a graphics driver.
 "use strict";
 
 const UNIT = 32767;
@@ -9,7 +9,7 @@ function decode(text, Kind) {
   return new Kind(bytes.buffer);
 }
 
-// Positions are whole numbers, in 1/32767 of the unit frame.
+// Positions are integers, in steps of 1/32767 of a unit-frame length.
 function decodePoints(text) {
   return Float32Array.from(decode(text, Int16Array), (v) => v / UNIT);
 }
@@ -27,7 +27,7 @@ class Solid {
     [this.yaw, this.pitch, this.zoom] = [-0.42, 0.3, 1];
   }
 
-  // Turn and zoom by keys, and go back by a double click.
+  // Rotate and zoom with keys; reset with a double click.
   steer() {
     const canvas = this.canvas;
     canvas.tabIndex = 0;
@@ -70,7 +70,7 @@ class Solid {
     return [[cy, 0, sy], [sp * sy, cp, -sp * cy], [-cp * sy, sp, cp * cy]];
   }
 
-  // Pixels per length of the unit frame.
+  // Pixels per unit-frame length.
   scale() {
     return 0.46 * Math.min(this.canvas.width, this.canvas.height) * this.zoom;
   }
@@ -87,8 +87,8 @@ class Solid {
     return out;
   }
 
-  // The picture and its depth, which is -Infinity where there is nothing; colour(a, b, c, u, v, w)
-  // is that of a point between the corners a, b and c.
+  // Return the image and its depth, which is -Infinity on the background. colour(a, b, c, u, v, w)
+  // returns the colour of a point between the corners a, b and c.
   raster(colour) {
     const { width, height } = this.canvas, image = this.context.createImageData(width, height);
     const pixels = image.data, depth = new Float32Array(width * height).fill(-Infinity);
@@ -97,7 +97,7 @@ class Solid {
       const [a, b, c] = [this.faces[f], this.faces[f + 1], this.faces[f + 2]];
       const [ax, ay, bx, by, cx, cy] = [at[3 * a], at[3 * a + 1], at[3 * b], at[3 * b + 1], at[3 * c], at[3 * c + 1]];
       const area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
-      if (!(area < 0)) continue; // turned away
+      if (!(area < 0)) continue; // faces away
       const light = this.light(a, b, c);
       const left = Math.max(Math.ceil(Math.min(ax, bx, cx)), 0), right = Math.min(Math.floor(Math.max(ax, bx, cx)), width - 1);
       const top = Math.max(Math.ceil(Math.min(ay, by, cy)), 0), bottom = Math.min(Math.floor(Math.max(ay, by, cy)), height - 1);

@@ -1,4 +1,4 @@
-"""The surface of a field as a mesh to draw: surface nets on a lattice, moved onto the zero."""
+"""A field's surface as a mesh for display: surface nets on a lattice, moved onto the zero set."""
 
 from itertools import product
 
@@ -7,9 +7,9 @@ import numpy as np
 from pandis.runtime.field import MESH, NativeField
 from pandis.runtime.field.files import read_contents
 
-#: Cells along each axis of the box, and how many of these make a block.
+#: Cells along each axis of the box, and along a block.
 CELLS, BLOCK = 96, 8
-#: Faces of an exact mesh that a page still turns quickly.
+#: Most faces of an exact mesh that a page rotates smoothly.
 FACES = 100_000
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8)
@@ -19,8 +19,8 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8)
 def surface_of(field: NativeField) -> tuple[np.ndarray, np.ndarray]:
     """Return corners (V, 3), unit frame, and faces (F, 3) of a field's surface.
 
-    Those of the mesh that an exact field is, if they are not very many; else such that each corner
-    lies where the field's distance is zero.
+    An exact field with at most `FACES` faces returns its mesh. For all others the corners are on
+    the zero set of the distance.
     """
     if field.kind == MESH and field.path.is_file():
         sections = read_contents(field.path).sections
@@ -32,14 +32,14 @@ def surface_of(field: NativeField) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _values(field):
-    """Return distances (CELLS + 1)³ at the lattice; far away their sign is right, and no more."""
+    """Return distances (CELLS + 1)³ at the lattice; far from the surface only the sign is right."""
     at = np.linspace(-1, 1, CELLS + 1)
     values = np.empty((CELLS + 1,) * 3)
     step = 2 / CELLS
     middle = at[:-1].reshape(-1, BLOCK).mean(axis=1) + step / 2
     grid = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"), axis=-1)
     distance = _distance(field, grid.reshape(-1, 3)).reshape(grid.shape[:3])
-    # a distance changes by no more than one moves; networks and splines are a little steeper
+    # a distance changes no faster than the position; networks and splines are a little steeper
     near = np.abs(distance) < 1.25 * (0.5 * BLOCK + 1) * step * np.sqrt(3)
     known = np.zeros(values.shape, bool)
     for i, j, k in np.ndindex(distance.shape):
@@ -59,7 +59,7 @@ def _distance(field, points):
 
 
 def _nets(values):
-    """Return a corner for each cell that the surface passes, and two faces for each edge."""
+    """Return a corner for each cell that the surface crosses, and two faces per crossed edge."""
     inside = values < 0
     cells = tuple(n - 1 for n in values.shape)
     parts = [inside[tuple(slice(c, c + n) for c, n in zip(corner, cells, strict=True))]
@@ -98,7 +98,7 @@ def _nets(values):
 
 
 def _onto(field, corners):
-    """Move corners onto the zero of a field, by no more than a cell."""
+    """Move corners onto the zero set of a field, by at most half a cell in each of two rounds."""
     for _ in range(2):
         answer = field.query(field.frame.to_mesh(corners))
         way = -answer.distance[:, None] * answer.normal * field.frame.scale

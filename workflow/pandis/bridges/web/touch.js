@@ -1,8 +1,8 @@
-// A page to touch an object on: the pointer is a hand that holds a probe by a spring.
+// A page for touching an object: the pointer is a hand that holds a probe by a spring.
 "use strict";
 
 const SPAN = 3000; // ticks that the plot shows
-const HOVER = 0.03, ARROW = 0.25; // unit frame: above the surface, and per newton
+const HOVER = 0.03, ARROW = 0.25; // unit-frame lengths: height above the surface; arrow per newton
 const TOUCHING = 1, STICKING = 2;
 
 class Touch extends Solid {
@@ -13,7 +13,7 @@ class Touch extends Solid {
     this.plot = page.querySelector("canvas.plot").getContext("2d");
     this.select = page.querySelector("select");
     for (const { name } of held.fields) this.select.add(new Option(name));
-    this.metre = held.size / held.longest; // metres per length of the unit frame
+    this.metre = held.size / held.longest; // metres per unit-frame length
     this.forces = new Float32Array(SPAN);
     this.count = 0;
     this.inputs = Object.fromEntries([...page.querySelectorAll("input")].map((input) => [input.name, input]));
@@ -58,14 +58,14 @@ class Touch extends Solid {
     for (const input of Object.values(this.inputs)) input.addEventListener("input", () => this.set());
   }
 
-  // Where the pointer is in the unit frame: on the surface that is seen, above it, or pressed below it.
+  // Set the target (m) from the pointer: hovering above the visible surface, or pressed below it.
   point(event) {
     const { width, height } = this.canvas, box = this.canvas.getBoundingClientRect();
     const x = ((event.clientX - box.left) / box.width) * width, y = ((event.clientY - box.top) / box.height) * height;
     const [r, u, t] = this.axes(), scale = this.scale();
     const seen = this.depth[Math.min(Math.max(Math.floor(y), 0), height - 1) * width + Math.min(Math.max(Math.floor(x), 0), width - 1)];
     const over = seen > -Infinity;
-    if (over) this.near = seen; // beside the object the pointer stays in the plane it was in
+    if (over) this.near = seen; // beside the object the pointer keeps its last depth
     const press = (1e-3 * Number(this.inputs.press.value)) / this.metre;
     const away = this.pressing ? -press : HOVER;
     const z = (over || this.pressing ? this.near ?? 0 : (this.near ?? 0) + HOVER) + away;
@@ -120,7 +120,7 @@ class Touch extends Solid {
     this.over();
   }
 
-  // What moves, over the picture of the object.
+  // Draw the moving parts over the image of the object.
   over() {
     if (this.showing || !this.image) return;
     this.showing = true;
@@ -134,7 +134,7 @@ class Touch extends Solid {
       const how = state & STICKING ? "sticking" : state & TOUCHING ? "touching" : "free";
       this.page.querySelector("output.figures").value =
         `${Math.hypot(...force).toFixed(2)} N, ${(1e3 * depth).toFixed(2)} mm deep, ${how}; a tick takes ` +
-        `${(1e3 * mean).toFixed(1)} µs in the mean, 99 % of them ${Math.max(slow, 0.1).toFixed(1)} ms or less`;
+        `${(1e3 * mean).toFixed(1)} µs on average, 99 % of them ${Math.max(slow, 0.1).toFixed(1)} ms or less`;
     });
   }
 
@@ -183,7 +183,7 @@ class Touch extends Solid {
   }
 }
 
-// On a page of many objects an object's solid is that of its view, all share the loop, and each begins when it is shown.
+// On a page of many objects each uses the solid of its view, all share the loop, and each begins when it is shown.
 function begin(page) {
   const read = (from) => JSON.parse(from.querySelector("script[type='application/json']").textContent);
   let held = read(page);
@@ -201,7 +201,7 @@ for (const page of document.querySelectorAll("section.touch")) {
     });
 }
 
-// A link to a part that is folded opens it.
+// Unfold the target of a link.
 function unfold() {
   const folded = document.getElementById(decodeURIComponent(location.hash.slice(1)))?.closest("details");
   if (folded) folded.open = true;

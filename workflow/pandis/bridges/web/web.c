@@ -1,4 +1,4 @@
-/* pandis.h for a page: a field, and a probe that a hand holds, tick by tick. Compiled to WebAssembly (`make wasm`). */
+/* pandis.h for a web page: a field, and a probe that a hand holds. Compiled to WebAssembly (`make wasm`). */
 #define PANDIS_NO_FILE
 #define PANDIS_NO_DISPATCH
 #define PANDIS_API static inline
@@ -31,10 +31,10 @@ size_t strlen(const char *text) {
     return length;
 }
 
-/* Which sources this was compiled from. */
+/* Digest of the sources that this was compiled from. */
 WEB const char web_digest[] = WEB_DIGEST;
 
-/* What the page writes and reads, in one array: see the enums. */
+/* Numbers that the page writes and reads, in one array, at the places of these enums. */
 enum { TARGET = 0, SIZE = 3, STIFFNESS, FRICTION, RADIUS, IN };
 enum { PROBE = 8, PROXY = 11, FORCE = 14, NORMAL = 17, DEPTH = 20, STATE, OUT, MOST_TICKS = 64, TICKS = 32 };
 static double numbers[TICKS + MOST_TICKS];
@@ -52,7 +52,7 @@ extern unsigned char __heap_base;
 
 WEB double *web_numbers(void) { return numbers; }
 
-/* Room for the bytes of a file, which stay there as long as it is open. */
+/* Memory for the bytes of a file, which must stay there as long as it is open. */
 WEB void *web_room(uint32_t size) {
     uintptr_t start = ((uintptr_t)&__heap_base + 63) & ~(uintptr_t)63, end = start + size + PAGE;
     uintptr_t pages = (end + PAGE - 1) / PAGE, there = __builtin_wasm_memory_size(0);
@@ -68,7 +68,7 @@ WEB int web_open(const void *data, uint32_t size) {
 
 WEB const char *web_error(int error) { return pandis_error_text((pandis_error)error); }
 
-/* The object in the middle of the scene, its longest side of a size (m), and the probe at the target. */
+/* Begin a contact: the object is centred in the scene, its longest side is SIZE (m), the probe is at TARGET. */
 WEB int web_begin(void) {
     const double scale = numbers[SIZE] / pandis_longest_side(&field);
     memset(&object, 0, sizeof object), memset(&contact, 0, sizeof contact);
@@ -84,7 +84,7 @@ WEB int web_begin(void) {
     return error;
 }
 
-/* So many ticks (64 at most), in which the pointer moves on to the target. */
+/* Run `count` ticks (64 at most), in which the pointer moves to the target. */
 WEB int web_ticks(int count) {
     pandis_touch touch;
     int flag = PANDIS_INVALID;

@@ -15,8 +15,8 @@ from pandis.engine.threads import SMALL, in_threads
 PARTS = ("VERT", "VNRM", "FACE", "NEIG", "TREE", "LEAF")
 #: Bytes of a node and of a leaf.
 NODE_BYTES, LEAF_BYTES = 224, 200
-#: Branches of a tree that are opened first, and all of them, as in branches.h; of fewer faces than
-#: this, one thread builds the tree.
+#: Branches of a tree that are opened first, and all branches, as in branches.h. One thread builds
+#: trees over fewer than _MANY faces.
 _OPENED, _BRANCHES, _MANY = 1 + 8, 1 + 8 + 64, 10_000
 INVALID, TIED, OVERRULED, ON_SURFACE = 1, 2, 4, 8
 
@@ -27,16 +27,16 @@ class Labels(NamedTuple):
     Attributes
     ----------
     distance : ndarray, shape (n,)
-        Negative inside; NaN at points that are no numbers.
+        Negative inside; NaN at invalid points.
     normal : ndarray, shape (n, 3)
         Direction of steepest increase, unit length.
     face : ndarray, shape (n,), int32
-        On which the closest point lies; -1 at points that are no numbers.
+        Face with the closest point; -1 at invalid points.
     barycentrics : ndarray, shape (n, 3)
         Barycentrics of the closest point.
     flags : ndarray, shape (n,), uint8
-        Sum of INVALID, TIED (two closest points), OVERRULED (the pseudonormal's sign was wrong)
-        and ON_SURFACE (the normal is the pseudonormal).
+        Sum of INVALID (not finite, or from 1e150 on), TIED (two closest points), OVERRULED (the
+        pseudonormal's sign was wrong) and ON_SURFACE (the normal is the pseudonormal).
     """
 
     distance: np.ndarray
@@ -80,7 +80,7 @@ class Bvh:
         vertices = np.ascontiguousarray(vertices, np.float64)
         faces = np.ascontiguousarray(faces, np.int32)
         if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
-            raise ValueError("faces must name vertices, and there must be one")
+            raise ValueError("faces must not be empty, and must index vertices")
         if not np.isfinite(vertices).all():
             raise ValueError("vertices must be finite")
         self._library = library()
@@ -100,7 +100,7 @@ class Bvh:
         opened = [partial(lib.bvh_open, work, index) for index in range(_OPENED)]
         grown = [partial(lib.bvh_grow, work, index) for index in range(_BRANCHES)]
         others = [partial(task, work) for task in (lib.bvh_meet, lib.bvh_turn)]
-        # each waits for those before; what takes longest comes first
+        # each step waits for the one before; its longest tasks come first
         for tasks in (opened[:1], opened[1:], [*others, *grown]):
             in_threads(lambda low, _, tasks=tasks: tasks[low](), len(tasks), len(tasks), small)
         return lib.bvh_finish(work)
@@ -111,7 +111,7 @@ class Bvh:
             self._tree = None
 
     def label(self, points, on_surface, check=True, tie=None, feet=True):
-        """Answer exact distances and what belongs to them.
+        """Return exact distances with normals, faces and flags.
 
         Parameters
         ----------
@@ -121,10 +121,10 @@ class Bvh:
         check : bool
             Compare every sign with the winding number.
         tie : (float, float), optional
-            Flag points with a second closest point at most so much farther (relative), in a
-            direction that differs by more than this angle (radians).
+            Relative distance and angle (radians): flag points with a second closest point that is
+            farther by at most the one, in a direction that differs by more than the other.
         feet : bool
-            Answer faces and barycentrics too; else they are None.
+            Return faces and barycentrics, too; else they are None.
 
         Returns
         -------
@@ -161,7 +161,7 @@ class Bvh:
         return out
 
     def inside(self, points):
-        """Tell which points (n, 3) lie inside, by the winding number alone."""
+        """Return which points (n, 3) are inside, by the winding number alone."""
         points = np.ascontiguousarray(points, np.float64)
         inside = np.empty(len(points), np.uint8)
 
@@ -173,10 +173,10 @@ class Bvh:
         return inside.astype(bool)
 
     def look_wrong(self, beside):
-        """Tell which faces (F,) have the outside below them, or the inside above.
+        """Return which faces (F,) have the outside below them, or the inside above.
 
-        Each is looked at from both sides, in the middle and near the corners, at the distance
-        ``beside``. Faces without area look wrong.
+        Each is checked at points at the distance ``beside`` on both sides, in the middle and near
+        the corners. Faces without area count as wrong.
         """
         wrong = np.empty(self._faces, np.uint8)
 
@@ -187,12 +187,12 @@ class Bvh:
         return wrong.astype(bool)
 
     def parts(self):
-        """Return what the tree is made of, as a file for ``pandis.h`` holds it.
+        """Return the arrays of the tree, as stored in a file for ``pandis.h``.
 
         Returns
         -------
         dict of str to bytes
-            By the names of docs/format.md.
+            By their section names in docs/format.md.
         """
         arrays, size = {}, ctypes.c_int64()
         for index, name in enumerate(PARTS):
@@ -202,14 +202,14 @@ class Bvh:
 
     @property
     def reach(self):
-        """The largest coordinate."""
+        """The largest absolute coordinate."""
         return self._library.bvh_reach(self._tree)
 
     def scan(self, points):
-        """Answer distance (n,) and normal (n, 3) at points (n, 3) from all faces, without the tree.
+        """Return distance (n,) and normal (n, 3) at points (n, 3) by brute force over all faces.
 
-        The same bits as `label` without a check of signs, off the surface: what a program does
-        that has no tree, as the paper's ground truth.
+        Off the surface, the bits are those of `label` without a check of signs. A program without
+        a tree, such as the paper's ground truth, computes distances this way.
         """
         points = np.ascontiguousarray(points, np.float64)
         distance, normal = np.empty(len(points)), np.empty((len(points), 3))
@@ -220,9 +220,9 @@ class Bvh:
         return distance, normal
 
     def turns(self, points, beta):
-        """Return the winding numbers (n,) at points (n, 3) of a mesh that need not be closed.
+        """Return the winding numbers (n,) at points (n, 3); the mesh need not be closed.
 
-        Clusters of faces farther than ``beta`` times their radius count as one.
+        A cluster of faces farther away than ``beta`` times its radius counts as one dipole.
         """
         points = np.ascontiguousarray(points, np.float64)
         turns = np.empty(len(points))

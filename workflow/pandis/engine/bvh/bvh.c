@@ -1,12 +1,12 @@
 /* A bounding volume hierarchy over triangles: exact closest points and winding numbers.
  *
- * Eight-wide nodes hold boxes in float, rounded outward; leaves hold up to eight triangles, rounded to
- * 16 bits. Single precision finds which may be nearest, double precision which is. A box or a triangle is skipped
- * only if it is certainly farther than the best answer, and among equally near triangles the one with the least index wins, so the answer depends on nothing but the point
- * and the triangles: neither on the order of the points, nor on threads, nor on vector width.
+ * Eight-wide nodes hold boxes in float, rounded outward; leaves hold up to eight triangles, rounded to 16 bits. Single
+ * precision selects the triangles that may be nearest; double precision decides. A box or a triangle is skipped only if
+ * it is certainly farther than the best one so far, and of equally near triangles the one with the least index wins. So
+ * the result depends only on the point and the triangles: not on the order of the points, on threads or vector width.
  *
  * Compile without reassociation (-ffp-contract=off, no -ffast-math): then every machine with
- * IEEE arithmetic gives the same bits.
+ * IEEE arithmetic returns the same bits.
  *
  * Signs: Baerentzen and Aanaes 2005 (angle-weighted pseudonormals). Winding numbers: Barill et
  * al. 2018 (dipoles of clusters), solid angles after Van Oosterom and Strackee 1983.
@@ -27,12 +27,12 @@
 
 #define WIDTH PANDIS__WIDTH
 #define BINS 16
-#define MEDIAN_DEPTH 40 /* from here on halves, so that the depth is bounded */
+#define MEDIAN_DEPTH 40 /* from this depth on, split in halves to bound the depth */
 #define STACK PANDIS__STACK
 #define KNOWN 32
 #define ROUGH_BETA 1.4f
 #define FINE_BETA 2.5f
-#define MIDDLE_BETA 3 /* spreads of points around a middle that stands for them */
+#define MIDDLE_BETA 3 /* for clusters farther than this many spreads, the middle replaces the points */
 #define FAR_LIMIT PANDIS__FAR
 
 enum { FLAG_INVALID = 1, FLAG_TIED = 2, FLAG_OVERRULED = 4, FLAG_ON_SURFACE = 8 };
@@ -47,7 +47,7 @@ typedef struct {
 
 typedef struct {
     int32_t vertex_count, face_count, node_count, leaf_count;
-    double scale; /* largest coordinate */
+    double scale; /* largest absolute coordinate */
     double *vertices;
     int32_t *faces;
     int32_t *neighbours;    /* (F, 3): the face across the edge from corner k to k + 1, or -1 */
@@ -61,7 +61,7 @@ typedef struct {
 #define dot pandis__dot
 #define normalise pandis__normalise
 
-/* The tree as pandis.h asks it. */
+/* The tree as pandis.h reads it. */
 static pandis__mesh view(const Bvh *t) {
     return (pandis__mesh){
         .vertex_count = t->vertex_count, .face_count = t->face_count, .node_count = t->node_count,
@@ -76,7 +76,7 @@ static const double *corner(const Bvh *t, int32_t face, int k) {
 #include "build.h"
 #include "branches.h"
 
-/* Whether another closest point, in a direction that differs by the angle, is as near. */
+/* Whether another closest point is about as near, in a direction that differs by more than the angle. */
 static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const Foot *foot, double relative, double cosine) {
     int32_t stack[STACK], keys[WIDTH];
     float q[3] = {(float)p[0], (float)p[1], (float)p[2]};
@@ -114,7 +114,7 @@ static int has_tie(const Bvh *t, const pandis__mesh *m, const double *p, const F
 
 /* ---------------------------------------------------------------- answers */
 
-/* Whether the points lie inside, by the winding number alone; 0 where they are no numbers. */
+/* Whether the points are inside, by the winding number alone; 0 where they are not finite or too far away. */
 void bvh_inside(const Bvh *t, const double *points, int64_t count, uint8_t *inside) {
     for (int64_t i = 0; i < count; i++) {
         const double *p = points + 3 * i;
@@ -135,8 +135,8 @@ void bvh_winding(const Bvh *t, const double *points, int64_t count, double *roug
     }
 }
 
-/* Clusters farther than `beta` radii count as dipoles: the larger, the nearer to the exact number, at
- * a price that a tree bounds. */
+/* Winding numbers. Clusters farther away than `beta` radii count as dipoles. A larger `beta` is more exact and takes
+ * longer; the tree limits the cost. */
 void bvh_turns(const Bvh *t, const double *points, int64_t count, double beta, double *turns) {
     for (int64_t i = 0; i < count; i++) turns[i] = rough_winding(t, points + 3 * i, (float)beta);
 }
@@ -145,17 +145,17 @@ typedef struct {
     double point[3], distance, side;
 } Known;
 
-/* Answer the points order[0 .. count - 1]. Outputs are indexed as the points are; any but
- * distance and normal may be NULL. `counts` gets: signs compared with a winding number, signs
+/* Label the points order[0 .. count - 1]. Outputs are indexed like the points; face, weights and
+ * flags may be NULL. `counts` gets the number of signs compared with a winding number, and of signs
  * that the exact winding number overruled. */
 void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t count, double on_surface, int check,
                double tie_relative, double tie_cosine, double *distance, double *normal, int32_t *face,
                double *weights, uint8_t *flags, int64_t *counts) {
     pandis__mesh m = view(t);
     int32_t last = 0;
-    double closest[3]; /* of the last point; at first any point of the surface */
+    double closest[3]; /* to the last point; at first any surface point */
     memcpy(closest, corner(t, 0, 0), sizeof closest);
-    Known known[KNOWN] = {{{0}, 0, 0}}; /* the last points whose sides are certain */
+    Known known[KNOWN] = {{{0}, 0, 0}}; /* recent points whose sides are certain */
     int newest = 0;
     for (int64_t at = 0; at < count; at++) {
         int64_t i = order ? order[at] : at;
@@ -170,7 +170,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
         Foot foot;
         double n[3], clear;
         uint8_t flag = 0;
-        /* the closest point before is a bound, with room for rounding */
+        /* the previous closest point bounds the distance, with room for rounding */
         double way[3] = {p[0] - closest[0], p[1] - closest[1], p[2] - closest[2]};
         double limit = sqrt(dot(way, way)) * (1 + 1e-9) + 1e-12 * t->scale;
         last = pandis__nearest(&m, p, limit, &clear);
@@ -184,7 +184,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
             for (int j = 0; j < KNOWN && !side; j++) {
                 const Known *k = known + (newest + j) % KNOWN;
                 double x[3] = {p[0] - k->point[0], p[1] - k->point[1], p[2] - k->point[2]};
-                /* no surface inside a ball whose radius is a distance: balls that meet are on one side */
+                /* a ball as large as its centre's distance contains no surface: balls that meet are on one side */
                 double reach = foot.distance + k->distance;
                 if (dot(x, x) * (1 + 1e-12) < reach * reach) side = k->side;
             }
@@ -210,7 +210,7 @@ void bvh_label(const Bvh *t, const double *points, const int64_t *order, int64_t
     }
 }
 
-/* Where a part of the tree lies, and its bytes: what a file for pandis.h holds. */
+/* The address and the bytes of a part of the tree, as stored in a file for pandis.h. */
 const void *bvh_part(const Bvh *t, int32_t which, int64_t *bytes) {
     int64_t v = t->vertex_count, f = t->face_count;
     switch (which) {
@@ -239,7 +239,7 @@ static uint32_t spread(uint32_t x) {
     return x;
 }
 
-/* Sort points along a Morton curve through [-1, 1]^3, so that neighbours follow each other. */
+/* Sort points along a Morton curve through [-1, 1]^3, so that consecutive points are close. */
 int bvh_order(const double *points, int64_t count, int64_t *order) {
     uint32_t *key = malloc((size_t)count * 2 * sizeof *key);
     int64_t *spare = malloc((size_t)count * sizeof *spare);

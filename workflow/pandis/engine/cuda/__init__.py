@@ -1,1 +1,1 @@
-"""Exact distances on a GPU, for labels by the million. Needs Warp."""
+"""Code in Warp: exact distances for labels by the million, volumes, and training steps."""

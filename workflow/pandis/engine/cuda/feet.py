@@ -1,4 +1,4 @@
-"""Closest points of a triangle in Warp, in double precision: parts/triangles.h."""
+"""Closest points on a triangle in Warp, in double precision, as in parts/triangles.h."""
 
 import warp as wp
 
@@ -9,7 +9,7 @@ ZERO, ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
 @wp.struct
 class Foot:
-    """The way from the closest point of a face, and on which corner or edge that lies (or -1)."""
+    """The vector from a face's closest point, and the corner or edge with that point (or -1)."""
 
     offset: wp.vec3d
     corner: wp.int32
@@ -18,7 +18,7 @@ class Foot:
 
 @wp.func
 def inner_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
-    """Return the foot inside a face; edge 0 and corner 0 mean that it has none."""
+    """Return the foot inside a face; edge 0 and corner 0 mean that there is none."""
     foot = Foot()
     u, v, x = b - a, c - a, p - a
     n = wp.cross(u, v)
@@ -27,7 +27,7 @@ def inner_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
         return foot
     uu, uv, vv = wp.dot(u, u), wp.dot(u, v), wp.dot(v, v)
     s, r, rest = wp.float64(0.0), wp.float64(0.0), x
-    for _ in range(2):  # the second round mends needles
+    for _ in range(2):  # the second round refines the result on needles
         du, dv = wp.dot(u, rest), wp.dot(v, rest)
         s += (vv * du - uv * dv) / det
         r += (uu * dv - uv * du) / det
@@ -55,7 +55,7 @@ def rim_foot(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, p: wp.vec3d) -> Foot:
         if length > ZERO:
             t = wp.clamp(wp.dot(u, x) / length, ZERO, ONE)
         offset = x - t * u
-        if t > wp.float64(0.5):  # from the nearer end, where less is cancelled
+        if t > wp.float64(0.5):  # from the nearer end: less cancellation
             offset = (p - end) + (ONE - t) * u
         squared = wp.dot(offset, offset)
         if squared < best:

@@ -1,9 +1,9 @@
 """Exact distances to meshes in Warp, for labels by the million: parts/mesh.h in double precision.
 
-The tree is that of `pandis.engine.bvh`, whose boxes are rounded outward. Which boxes and which
-faces may be near is told in single precision, less what that may be wrong by, as by the host: one
-too many changes no answer. These faces are asked for their closest points in double precision, so
-that distances differ from the tree's own by rounding alone.
+The tree is that of `pandis.engine.bvh`, whose boxes are rounded outward. As on the host, single
+precision selects the boxes and faces that may be nearest, with allowance for its error: extra
+candidates change no result. Closest points on these faces are computed in double precision, so
+distances differ from the tree's own only by rounding.
 """
 
 import threading
@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 #: Capacity for one point's waiting boxes and leaves: a tree needs seven per level, plus one.
 ROOM = 448
 _ROOM = wp.constant(ROOM)
-#: More than single precision is wrong by, relatively, in a coordinate and in a sum of squares.
+#: Bound of single precision's relative error in a coordinate and in a sum of squares.
 _WRONG = wp.constant(wp.float32(1e-6))
 _WORDS = NODE_BYTES // 4
 _PLACES = LEAF_BYTES // 4
@@ -27,8 +27,8 @@ _PLACES = LEAF_BYTES // 4
 
 @wp.struct
 class Tree:
-    """A mesh and the tree over its faces: boxes (n, 48), children (n, 8), and of leaves their
-    rounded corners (l, 72), faces (l, 8) and origin, step, slack and share (l, 6).
+    """A mesh and the tree over its faces: boxes (n, 48) and children (n, 8) of the nodes; rounded
+    corners (l, 72), faces (l, 8), and origin, step, slack and share (l, 6) of the leaves.
     """
 
     boxes: wp.array2d(dtype=wp.float32)
@@ -54,7 +54,7 @@ class Nearest:
 
 @wp.func
 def face_foot(tree: Tree, face: wp.int32, p: wp.vec3d) -> Foot:
-    """Return the way from the closest point of a face, and what that lies on."""
+    """Return the foot on a face: the vector from the closest point, and its corner or edge."""
     c = tree.faces[face]
     a, b, d = tree.vertices[c[0]], tree.vertices[c[1]], tree.vertices[c[2]]
     foot = inner_foot(a, b, d, p)
@@ -73,7 +73,7 @@ def face_normal(tree: Tree, face: wp.int32) -> wp.vec3d:
 
 @wp.func
 def pseudonormal(tree: Tree, face: wp.int32, foot: Foot) -> wp.vec3d:
-    """Return the angle-weighted normal of what a foot lies on."""
+    """Return the angle-weighted normal of the corner, edge or face that a foot is on."""
     if foot.corner >= 0:
         n = tree.vertex_normals[tree.faces[face][foot.corner]]
         if wp.dot(n, n) > ZERO:
@@ -90,7 +90,7 @@ def pseudonormal(tree: Tree, face: wp.int32, foot: Foot) -> wp.vec3d:
 
 @wp.func
 def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3f) -> wp.float32:
-    """Return at most the squared distance to a child's box: infinite where there is no child."""
+    """Return a lower bound of the squared distance to a child's box; infinite without a child."""
     sum = wp.float32(0.0)
     for k in range(3):
         low = tree.boxes[node, 8 * k + place]
@@ -103,7 +103,7 @@ def box_squared(tree: Tree, node: wp.int32, place: wp.int32, p: wp.vec3f) -> wp.
 
 @wp.func
 def share_of_edge(t: wp.float32) -> wp.float32:
-    """Return a number clamped to 0 to 1; 0 for NaN."""
+    """Return a number clamped to [0, 1]; 0 for NaN."""
     if not (t > wp.float32(0.0)):
         return wp.float32(0.0)
     return wp.min(t, wp.float32(1.0))
@@ -111,7 +111,7 @@ def share_of_edge(t: wp.float32) -> wp.float32:
 
 @wp.func
 def rounded(tree: Tree, leaf: wp.int32, corner: wp.int32, place: wp.int32) -> wp.vec3f:
-    """Return a corner of a rounded triangle, in steps from the origin of its leaf."""
+    """Return a corner of a rounded triangle, in steps from its leaf's origin."""
     at = 24 * corner + place
     return wp.vec3f(
         wp.float32(tree.corners[leaf, at]),
@@ -122,7 +122,7 @@ def rounded(tree: Tree, leaf: wp.int32, corner: wp.int32, place: wp.int32) -> wp
 
 @wp.func
 def seems(tree: Tree, leaf: wp.int32, place: wp.int32, q: wp.vec3f) -> wp.float32:
-    """Return the squared distance to a rounded triangle, in steps: pandis__eight_distances."""
+    """Return the squared distance to a rounded triangle, in steps (pandis__eight_distances)."""
     a = rounded(tree, leaf, 0, place)
     u, v, x = rounded(tree, leaf, 1, place) - a, rounded(tree, leaf, 2, place) - a, q - a
     w, b = v - u, x - u
@@ -143,7 +143,7 @@ def seems(tree: Tree, leaf: wp.int32, place: wp.int32, q: wp.vec3f) -> wp.float3
 
 @wp.func
 def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
-    """Return the nearest face; of equally near ones that with the least number."""
+    """Return the nearest face; of equally near ones, the one with the least index."""
     waiting = wp.zeros(shape=_ROOM, dtype=wp.int32)
     keys = wp.zeros(shape=_ROOM, dtype=wp.float32)
     seem = wp.zeros(shape=8, dtype=wp.float32)
@@ -167,7 +167,7 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
                     seem[i] = seems(tree, leaf, i, q)
                     least = wp.min(least, seem[i])
                 one, far = wp.float32(1.0), wp.float32(wp.inf)
-                if least < far:  # else single precision cannot hold the squares
+                if least < far:  # else the squares overflow single precision
                     most = (wp.sqrt(least) * step * (one + share) + slack) * (one + _WRONG)
                     bound = wp.min(bound, most * most * (one + _WRONG))
                     far = (wp.sqrt(bound) + slack) * (one + wp.float32(2.0) * share) / step
@@ -184,7 +184,7 @@ def nearest_face(tree: Tree, p: wp.vec3d) -> Nearest:
                             bound = wp.min(bound, wp.float32(squared) * (one + _WRONG))
             else:
                 first = top
-                for i in range(eight):  # sorted as they come, so that the nearest is last
+                for i in range(eight):  # insertion sort, so that the nearest is last
                     least = box_squared(tree, child, i, near)
                     if least <= bound and least < wp.float32(wp.inf):
                         at = top
@@ -206,7 +206,7 @@ def label(
     distances: wp.array(dtype=wp.float64),
     normals: wp.array(dtype=wp.vec3d),
 ):
-    """Answer signed distances and directions, as `pandis.engine.bvh.Bvh.label` does."""
+    """Compute signed distances and directions, as `pandis.engine.bvh.Bvh.label` does."""
     i = wp.tid()
     p = points[i]
     best = nearest_face(tree, p)
@@ -222,21 +222,21 @@ def label(
 
 
 class MeshLabels:
-    """A mesh on a device of Warp, asked for labels; from several threads, one after the other.
+    """Labels points with a mesh on a Warp device; several threads take turns.
 
     Parameters
     ----------
     parts : dict of str to bytes
         Parts of the tree: `pandis.engine.bvh.Bvh.parts`.
     reach : float
-        The largest coordinate.
+        The largest absolute coordinate.
     device : optional
-        Of Warp; by default its own choice.
+        A Warp device; by default Warp's choice.
 
     Raises
     ------
     RuntimeError
-        There is no such device, or the tree is deeper than a point has room for.
+        There is no such device, or the tree is too deep for `ROOM`.
     """
 
     def __init__(self, parts, reach, device=None):
@@ -265,7 +265,7 @@ class MeshLabels:
             setattr(tree, name, self._there(values, dtype))
         tree.reach = reach
         self._tree, self._lock = tree, threading.Lock()
-        # before steps of a training, which are many and small
+        # takes precedence over training steps, which are many and small
         self._stream = wp.Stream(self.device, priority=-1) if self.device.is_cuda else None
 
     def _there(self, values, dtype):
@@ -286,7 +286,7 @@ class MeshLabels:
 
 
 def _depth(boxes, children):
-    """Return how many levels of nodes a tree has; where a box is infinite there is no child."""
+    """Return the number of node levels of a tree; an infinite box means that there is no child."""
     inner = (children >= 0) & np.isfinite(boxes[:, :8])
     level, depth = np.array([0]), 0
     while len(level):

@@ -1,8 +1,8 @@
-"""Steps of a training in Warp: what torch does in several kernels between products, in one each.
+"""Training steps between matrix products in Warp: one kernel each, where torch needs several.
 
-Arrays are torch's, of single precision, and a column is a point, as in
+Arrays are torch's, in single precision, and a column is a point, as in
 `pandis.pipeline.kinds.network.training.network`. Kernels are launched on torch's current stream, so
-that a recorded graph holds them.
+that a recorded graph contains them.
 """
 
 import warp as wp
@@ -86,7 +86,7 @@ def ready():
 
 
 def new_stream(device):
-    """Return a new stream, shared with nobody, on a torch device."""
+    """Return a new, unshared stream on a torch device."""
     return wp.stream_to_torch(wp.Stream(wp.get_device(str(device))))
 
 

@@ -1,8 +1,8 @@
 /* A device and the hand that holds it as one mass with Coulomb friction, stepped exactly under a constant push.
  *
- * The state of a linear oscillator after a step is a linear function of the state before it and of the push, whose
- * six factors the caller has from a matrix exponential. The friction acts against the motion; at rest it holds what is
- * no stronger than it, and a step in which the motion turns around ends at rest where it would have turned.
+ * The state of a linear oscillator after a step is linear in the state before it and in the push. The caller computes
+ * the six factors from a matrix exponential. Friction acts against the motion. At rest it cancels any force that is no
+ * stronger than it. A step in which the motion reverses ends at rest at the turning point.
  */
 #include <math.h>
 #include <stdint.h>
@@ -37,7 +37,7 @@ static void step(const Oscillator *o, double *position, double *speed, const dou
     for (int k = 0; k < 3; k++) position[k] = to[k], speed[k] = then[k];
 }
 
-/* Step every mass so many times under its push; arrays are (count, 3). */
+/* Advance every mass by `steps` steps under its push; arrays are (count, 3). */
 void mass_steps(const Oscillator *o, int64_t count, int64_t steps, double *position, double *speed, const double *push) {
     for (int64_t i = 0; i < count; i++)
         for (int64_t k = 0; k < steps; k++) step(o, position + 3 * i, speed + 3 * i, push + 3 * i);

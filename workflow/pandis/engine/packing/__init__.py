@@ -10,13 +10,13 @@ from pandis.base.errors import PandisError
 from pandis.engine.compiler import load
 from pandis.engine.threads import in_threads
 
-#: Bits of a coordinate of the lattice, at most.
+#: Most bits of a lattice coordinate.
 MOST_BITS = 20
 #: Bytes of a branch and of a block's record.
 BRANCH_BYTES, BLOCK_BYTES = 96, 16
-#: Faces that a block has at most.
+#: Most faces of a block.
 BLOCK_FACES = 64
-#: What tells on which side a point is: the face that it is nearest to; it is known; a ray.
+#: How a point's side is found: from its nearest face, from a stored side, or by a ray.
 BY_FACE, OUTSIDE, INSIDE, BY_RAY = 0, 1, 2, 3
 
 
@@ -26,7 +26,7 @@ class Packed(NamedTuple):
     Attributes
     ----------
     branches, blocks, packed : ndarray, uint8
-        As the sections ``BRCH``, ``BLCK`` and ``PACK`` of docs/format.md hold them.
+        Contents of the sections ``BRCH``, ``BLCK`` and ``PACK`` of docs/format.md.
     """
 
     branches: np.ndarray
@@ -35,15 +35,16 @@ class Packed(NamedTuple):
 
 
 class Sides(NamedTuple):
-    """What tells on which side of a mesh points are, by what their closest point lies on.
+    """How to find the side of a point whose closest point is on a corner, edge or face.
+
+    Each entry is BY_FACE, OUTSIDE, INSIDE or BY_RAY.
 
     Attributes
     ----------
     corners : ndarray, shape (V,), uint8
     edges : ndarray, shape (F, 3), uint8
-        From corner k to k + 1.
+        Edge k is from corner k to k + 1.
     faces : ndarray, shape (F,), uint8
-        Each BY_FACE, OUTSIDE, INSIDE or BY_RAY.
     """
 
     corners: np.ndarray
@@ -52,7 +53,7 @@ class Sides(NamedTuple):
 
 
 def find_rays(vertices, faces):
-    """Return points that tell the sides at corners and edges whose faces do not tell it.
+    """Return points that determine the sides at corners and edges where faces do not.
 
     Parameters
     ----------
@@ -62,15 +63,15 @@ def find_rays(vertices, faces):
     Returns
     -------
     points : ndarray, shape (n, 3)
-        Next to the surface, nearest to that corner, or to the middle of that edge.
+        Just off the surface; the nearest surface point is the corner, or the edge's middle.
     owners : ndarray, shape (n,), int32
-        A vertex, or V + 3 · face + the corner that the edge begins at.
+        For a corner its vertex; for an edge V + 3 · face + the corner where it begins.
     """
     vertices, faces = _checked(vertices, faces)
     library = _library()
     rays = library.packing_rays(vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces))
     if not rays:
-        raise PandisError(f"not enough memory to look at {len(faces):,} faces")
+        raise PandisError(f"not enough memory to examine {len(faces):,} faces")
     count = library.packing_ray_count(rays)
     points, owners = np.empty((count, 3)), np.empty(count, np.int32)
     if count:
@@ -85,9 +86,9 @@ def pack_mesh(vertices, faces, sides):
     Parameters
     ----------
     vertices : ndarray, shape (V, 3), integer
-        From 0 on, below 2^20.
+        From 0 to 2^20 - 1.
     faces : ndarray, shape (F, 3), integer
-        None of them with two equal corners.
+        No face may have two equal corners.
     sides : Sides
 
     Returns
@@ -97,14 +98,14 @@ def pack_mesh(vertices, faces, sides):
     Raises
     ------
     ValueError
-        Vertices are off the lattice, or a face names none, or one twice.
+        A vertex is off the lattice, or a face has an invalid or a repeated index.
     PandisError
-        There is not enough memory, or no C compiler.
+        There is not enough memory, or there is no C compiler.
     """
     vertices, faces = _checked(vertices, faces)
     tells = [np.ascontiguousarray(part, np.uint8).ravel() for part in sides]
     if [len(part) for part in tells] != [len(vertices), 3 * len(faces), len(faces)]:
-        raise ValueError("sides must be of the same vertices and faces")
+        raise ValueError("sides must match the vertices and faces")
     library = _library()
     packing = library.packing_build(
         vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces),
@@ -121,21 +122,21 @@ def pack_mesh(vertices, faces, sides):
 
 
 def distance_and_clear(arrays, bits, points, most=0):
-    """Return distances as ``pandis.h`` answers them, and how far the surface is at least.
+    """Return distances as ``pandis.h`` does, and lower bounds of the distance to the surface.
 
     Parameters
     ----------
     arrays : dict of str to ndarray
-        ``branches``, ``blocks`` and ``packed``, as `pack_mesh` makes them: nothing is checked.
+        ``branches``, ``blocks`` and ``packed``, from `pack_mesh`; not checked.
     bits : int
     points : ndarray, shape (n, 3)
     most : int
-        Groups of faces and blocks that a query may look at; 0: all.
+        Groups of faces and blocks that a query may visit; 0: no limit.
 
     Returns
     -------
     distance, clear : ndarray, shape (n,), unit frame
-        Where the latter is the smaller, the query is cut.
+        Where ``clear`` is less than ``abs(distance)``, the query was cut short.
     """
     points = np.ascontiguousarray(points, np.float64)
     parts = [np.ascontiguousarray(arrays[name]) for name in Packed._fields]

@@ -1,8 +1,8 @@
-/* Packs a mesh on a lattice into blocks and a tree: what parts/packed.h and compact.h ask.
+/* Packs a mesh on a lattice into blocks and a tree, as parts/packed.h and compact.h read them.
  *
- * Faces come in the order of the tree. Blocks are full wherever they can be, since a corner is
- * stored once in every block that it belongs to: a split goes where the surface area heuristic wants it among the
- * places that leave whole blocks (and, in a block, whole groups) on one side. */
+ * Faces are in the order of the tree. Blocks are as full as possible, because a corner is stored in every block that
+ * uses it. So a split is the best by the surface area heuristic of those that leave whole blocks (in a block, whole
+ * groups) on one side. */
 #define PANDIS_NO_FILE
 
 #include <stddef.h>
@@ -21,15 +21,15 @@
 #define cross pandis__cross
 #define WIDTH PANDIS__WIDTH
 #define BLOCK PANDIS__BLOCK
-#define MEDIAN_DEPTH 24 /* from here on halves, so that the depth is bounded */
+#define MEDIAN_DEPTH 24 /* from this depth on, split in halves to bound the depth */
 
 #include "sides.h"
 
 typedef struct {
     int32_t vertex_count, face_count;
     const int32_t *vertices, *faces;
-    const uint8_t *corner_side, *edge_side, *face_side; /* what tells the side there */
-    int32_t *order, *scratch; /* faces, as the tree has them */
+    const uint8_t *corner_side, *edge_side, *face_side; /* how the side is found there */
+    int32_t *order, *scratch; /* faces, in the order of the tree */
     uint32_t *key, *other_key;
     double *area;
     pandis__branch *branches;
@@ -57,7 +57,7 @@ static void face_box(const Packing *m, int32_t face, int32_t *low, int32_t *high
     }
 }
 
-/* Half the area of a box, and a little for its edges: what is flat is not free. */
+/* Half the area of a box, plus a little for its edges, so that flat boxes have a cost. */
 static double half_area(const int32_t *low, const int32_t *high) {
     double x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
     return x * y + y * z + z * x + x + y + z;
@@ -70,7 +70,7 @@ static Range bound(const Packing *m, int32_t start, int32_t count) {
     return r;
 }
 
-/* Sort a range by the sum of a face's corners along an axis; equal ones keep their order. */
+/* Sort a range by the sum of each face's corner coordinates along an axis. The sort is stable. */
 static void sort_range(Packing *m, const Range *r, int axis) {
     int32_t *from = m->order + r->start, *to = m->scratch + r->start;
     uint32_t *a = m->key + r->start, *b = m->other_key + r->start;
@@ -102,7 +102,7 @@ static void sort_range(Packing *m, const Range *r, int axis) {
     }
 }
 
-/* The cheapest place to cut a sorted range, at multiples of `unit`; cost of both sides. */
+/* Find the cheapest cut of a sorted range, at a multiple of `unit`. Returns the cost of both sides. */
 static double sweep(Packing *m, const Range *r, int32_t unit, int32_t *where) {
     int32_t low[3] = {INT32_MAX, INT32_MAX, INT32_MAX}, high[3] = {-1, -1, -1};
     int32_t last = (r->count - 1) / unit;
@@ -142,13 +142,14 @@ static int bit_length(int32_t value) {
     return bits;
 }
 
-/* Bits for places in a box of this extent: a far side, rounded up to what a byte can say, must fit the byte. */
+/* Bits for a box of this extent. Its far side, rounded up to the resolution of a byte coordinate, must fit a byte. */
 static int bits_for(int32_t extent) {
     int bits = bit_length(extent), shift = pandis__coarse(bits);
     return bits + ((extent + (1 << shift) - 1) >> shift > 255);
 }
 
-/* The corners of a range's faces, each once; -1 if they are too many. `local` tells a face's. */
+/* List the corners of a range's faces, each once. Returns their number, or -1 if there are too many. `local` gets the
+ * indices of each face's corners in the list. */
 static int collect(const Packing *m, const Range *r, int32_t *corners, uint8_t *local) {
     int count = 0;
     for (int32_t i = 0; i < 3 * r->count; i++) {
@@ -173,7 +174,7 @@ static void *grown(Packing *m, void *old, int64_t wanted, int64_t *room, size_t 
     return moved;
 }
 
-/* Put a block's faces into groups of eight that lie together; returns their boxes. */
+/* Sort a block's faces into groups of eight neighbours. `part` gets the groups' boxes; returns their number. */
 static int group(Packing *m, Range whole, Range *part) {
     int count = 1;
     part[0] = whole;
@@ -198,7 +199,7 @@ static void write_boxes(uint8_t *boxes, const Range *part, int count, const int3
         }
 }
 
-/* Two bits each of what tells the sides at a block's corners, edges and faces, unless every face does. */
+/* Write how sides are found at a block's corners, edges and faces, two bits each; nothing if always by the face. */
 static uint8_t *write_sides(const Packing *m, const Range *whole, const int32_t *corners, int count, uint8_t *out,
                             uint32_t *counts) {
     int any = 0, groups = (whole->count + WIDTH - 1) / WIDTH;
@@ -273,7 +274,7 @@ static int fits(const Packing *m, const Range *r) {
     return r->count <= BLOCK && collect(m, r, corners, local) >= 0;
 }
 
-/* What a range of faces is cut into multiples of, so that few branches and blocks are left half empty. */
+/* A range of faces is cut at multiples of this, so that few branches and blocks are left half empty. */
 static int32_t unit_of(int32_t count) {
     int64_t unit = BLOCK;
     if (count <= BLOCK) return count > WIDTH ? WIDTH : 1;
@@ -322,9 +323,9 @@ void packing_free(Packing *m) {
     free(m);
 }
 
-/* Pack; NULL if memory is short. Vertices (V, 3) are whole numbers from 0 on, below 2^20; no face has two equal
- * corners. What tells the sides comes with them, as in parts/packed.h: of vertices, half-edges and faces. All
- * is read until the end. */
+/* Pack a mesh; NULL if memory is short. Vertices (V, 3) are integers from 0 to 2^20 - 1; no face may have two equal
+ * corners. How sides are found at vertices, half-edges and faces is coded as in parts/packed.h. All arrays are read
+ * until this returns. */
 Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int32_t *faces, int32_t face_count,
                        const uint8_t *corner_side, const uint8_t *edge_side, const uint8_t *face_side) {
     Packing *m = calloc(1, sizeof *m);
@@ -345,7 +346,7 @@ Packing *packing_build(const int32_t *vertices, int32_t vertex_count, const int3
     return m;
 }
 
-/* Where a part lies, and its bytes: branches, blocks, what is packed. */
+/* The address and the bytes of a part: branches, blocks, packed faces and corners. */
 const void *packing_part(const Packing *m, int32_t which, int64_t *bytes) {
     switch (which) {
         case 0: return *bytes = (int64_t)sizeof *m->branches * m->branch_count, m->branches;
@@ -355,8 +356,8 @@ const void *packing_part(const Packing *m, int32_t which, int64_t *bytes) {
     }
 }
 
-/* Distances at points of the unit frame, as pandis.h answers them when it may look at so much, and how far the surface
- * is at least. */
+/* Distances at points of the unit frame, as pandis.h returns them with the budget `most`, and lower bounds of the
+ * distance to the surface. */
 void packing_distances(const void *branches, const void *blocks, const void *packed, int32_t bits, int32_t most,
                        const double *points, int64_t count, double *distance, double *clear) {
     pandis__compact t = {.bits = bits, .step = 2 * PANDIS__HALF / ((1 << bits) - 1), .reach = 1, .most = most ? most : INT32_MAX,

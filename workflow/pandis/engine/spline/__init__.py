@@ -11,10 +11,10 @@ import numpy as np
 from pandis.engine.compiler import load
 from pandis.engine.threads import in_threads
 
-#: Nodes along an axis of a block, blocks along an axis of a brick.
+#: Nodes per axis of a block, and blocks per axis of a brick.
 BLOCK, BRICK = 2, 4
 _NO_BRICK = 65535
-#: The outermost faces of the box [-1, 1]³ belong to its last cells: points are clipped to this.
+#: Points are clipped to this, so that the faces of the box [-1, 1]³ belong to its last cells.
 EDGE = 1 - 1e-12
 #: Parallel sums run over this many parts, so that the number of threads does not change the result.
 _PARTS = 2
@@ -45,7 +45,7 @@ def library():
 class Lattice:
     """The nodes of a spline: ``size`` per axis from ``low`` to ``-low``.
 
-    A point is answered where it has two nodes on either side: in [low + step, -low - step].
+    The spline is defined where a point has two nodes on either side: [low + step, -low - step].
     """
 
     def __init__(self, size, low=-1.0):
@@ -56,11 +56,11 @@ class Lattice:
 
     @classmethod
     def around_box(cls, cells):
-        """Return the lattice that answers in the box [-1, 1]³, with ``cells`` per axis there."""
+        """Return the lattice that covers the box [-1, 1]³ with ``cells`` cells per axis."""
         return cls(cells + 3, -1 - 2 / cells)
 
     def places(self, nodes):
-        """Return the places (n, 3) of flat node indices (n,)."""
+        """Return the positions (n, 3) of nodes with flat indices (n,)."""
         index = np.stack(np.unravel_index(nodes, (self.size,) * 3), axis=1)
         return self.low + self.step * index
 
@@ -87,7 +87,7 @@ class Lattice:
         return value, gradient
 
     def adjoint(self, points, value, gradient):
-        """Return the sums (size³,) of residuals of value (n,) and gradient (n, 3) per node."""
+        """Return the adjoint of `evaluate`: sums (size³,) of residuals (n,) and (n, 3) per node."""
         points, value, gradient = (
             np.ascontiguousarray(a, np.float64) for a in (points, value, gradient)
         )
@@ -108,15 +108,15 @@ class Lattice:
 
 
 class SparseSpline:
-    """A spline of which only some blocks of coefficients are kept.
+    """A spline that stores only some blocks of coefficients.
 
     Parameters
     ----------
     lattice : Lattice
     masks : ndarray, shape (bricks, bricks, bricks), uint64
-        Which of the 64 blocks of every brick are kept.
+        For each brick, a bit for each of its 64 blocks: whether it is stored.
     coefficients : ndarray, shape (blocks, 8), float32
-        In the order of the bricks and of their bits.
+        In the order of the bricks, and of the bits in each.
     """
 
     def __init__(self, lattice, masks, coefficients):
@@ -145,12 +145,12 @@ class SparseSpline:
 
     @property
     def index(self):
-        """Return which brick lies where, their masks, and how many blocks come before each."""
+        """Brick numbers by position, the bricks' masks, and the number of blocks before each."""
         return self._brick, self._mask, self._base
 
     @property
     def index_bytes(self):
-        """Bytes of what is needed to find a coefficient."""
+        """Bytes of the arrays that locate a coefficient."""
         return self._brick.nbytes + self._mask.nbytes + self._base.nbytes
 
     def add(self, points, value, gradient):
@@ -159,7 +159,7 @@ class SparseSpline:
         Returns
         -------
         ndarray, shape (n,), uint8
-            0 where no coefficient is kept, 1 where some are, 2 where all 64 are.
+            0 where no coefficient is stored, 1 where some are, 2 where all 64 are.
         """
         covered = np.empty(len(points), np.uint8)
 
@@ -175,7 +175,7 @@ class SparseSpline:
 
 
 def pack(blocks):
-    """Return the masks of bricks from blocks that are kept or not, (b, b, b) bool.
+    """Return the bricks' masks of a bool array (b, b, b) of the blocks to store.
 
     ``b`` must be a multiple of four.
     """
@@ -186,7 +186,7 @@ def pack(blocks):
 
 
 def kept_nodes(masks):
-    """Return the nodes (blocks, 8, 3) of the kept blocks, in the order of their coefficients."""
+    """Return the nodes (blocks, 8, 3) of the stored blocks, in the order of coefficients."""
     n = len(masks)
     bits = (masks.reshape(-1, 1) >> np.arange(BRICK**3, dtype=np.uint64)) & np.uint64(1)
     brick, bit = np.nonzero(bits)
@@ -197,5 +197,5 @@ def kept_nodes(masks):
 
 
 def block_count(size):
-    """Return the blocks per axis that cover ``size`` nodes in whole bricks."""
+    """Return the number of blocks per axis, in whole bricks, that covers ``size`` nodes."""
     return -(-size // (BLOCK * BRICK)) * BRICK

@@ -1,11 +1,11 @@
 /* Uniform cubic B-splines over a box: values, gradients, and their adjoint.
  *
- * Dense: coefficients at all size^3 nodes. Sparse: blocks of 2 x 2 x 2 of them are kept or not;
- * 4 x 4 x 4 blocks make a brick, whose 64 bits say which. The kept blocks of a brick lie one after
- * the other from its base on, so that a block is found by counting bits.
+ * Dense: coefficients at all size^3 nodes. Sparse: only some blocks of 2 x 2 x 2 coefficients are
+ * stored. 4 x 4 x 4 blocks make a brick, with a bit for each block: whether it is stored. A brick's
+ * stored blocks are contiguous from its base on, so a block is located by counting bits.
  *
- * Node i of an axis lies at low + i * step. A point is answered in the cells 1 to size - 3, where
- * it has two nodes on either side.
+ * Node i of an axis is at low + i * step. The spline is defined in the cells 1 to size - 3, where a
+ * point has two nodes on either side.
  */
 #define PANDIS_NO_FILE
 
@@ -34,8 +34,8 @@ void spline_dense_evaluate(int32_t size, double low, double per_step, const floa
     }
 }
 
-/* Add to `sums`, size^3 of them, what residuals of value and gradient at points mean for each
- * coefficient: the transpose of the above. */
+/* Add residuals of value and gradient at points to `sums`, one for each of the size^3 coefficients:
+ * the transpose of the above. */
 void spline_dense_adjoint(int32_t size, double low, double per_step, const double *points, int64_t count,
                           const double *value, const double *gradient, double *sums) {
     for (int64_t i = 0; i < count; i++) {
@@ -58,12 +58,12 @@ void spline_dense_adjoint(int32_t size, double low, double per_step, const doubl
 
 /* ---------------------------------------------------------------- sparse */
 
-/* Find the 64 coefficients around a point; those that are not kept get the index `blank`. Tells
- * how much is kept: 0 nothing, 1 some of it, 2 everything. */
+/* Find the 64 coefficients around a point; those that are not stored get the index `blank`.
+ * Returns 0 if none is stored, 1 if some are, 2 if all are. */
 static int locate(const pandis__layout *l, const int *first, int32_t blank, int32_t *index) {
     int found = 0, missing = 0, own[3][4], blocks[3];
     int32_t start[3][3][3];
-    for (int k = 0; k < 3; k++) { /* which of the two or three blocks of an axis a node is in */
+    for (int k = 0; k < 3; k++) { /* a node's block, of the two or three per axis */
         for (int i = 0; i < 4; i++) own[k][i] = ((first[k] + i) >> 1) - (first[k] >> 1);
         blocks[k] = own[k][3] + 1;
     }
@@ -85,8 +85,8 @@ static int locate(const pandis__layout *l, const int *first, int32_t blank, int3
     return missing ? 1 : 2;
 }
 
-/* Add values and gradients at points; what is not kept counts as zero. `kept` tells how much of it
- * was kept, as above; coefficients[blank] must be 0. */
+/* Add values and gradients at points; coefficients that are not stored count as zero. `kept` gets
+ * the result of locate for each point; coefficients[blank] must be 0. */
 void spline_evaluate(const Layout *l, const float *coefficients, int32_t blank, const double *points, int64_t count,
                      double *value, double *gradient, uint8_t *kept) {
     for (int64_t i = 0; i < count; i++) {

@@ -1,4 +1,4 @@
-"""Sines and cosines of a network's layer on the CPU: the binding of ``waves.c``."""
+"""Sines and cosines of a network layer on the CPU: the binding of ``waves.c``."""
 
 import ctypes
 from concurrent.futures import ThreadPoolExecutor
@@ -20,21 +20,21 @@ def library():
 
 @cache
 def _pool(threads):
-    """Return threads that stay: starting them takes as long as the work."""
+    """Return a pool of threads to reuse: starting threads takes as long as the work."""
     return ThreadPoolExecutor(threads)
 
 
 def sines(z, bias, cosine, rows, columns, threads):
-    """Replace z by sin(z + bias) and write cos(z + bias), both to 1.2e-7 for up to 1e4.
+    """Replace z by sin(z + bias) and store cos(z + bias), within 1.2e-7 for |z + bias| <= 1e4.
 
     Parameters
     ----------
     z, cosine : int
-        Addresses of rows x columns float32, row after row.
+        Addresses of rows x columns float32, in row-major order.
     bias : int
-        Address of rows float32.
+        Address of one float32 per row.
     rows, columns, threads : int
-        What comes out does not depend on the number of threads.
+        The number of threads does not change the result.
     """
     work = library().waves_sines
     if threads == 1:

@@ -1,6 +1,6 @@
-/* Sine and cosine of a layer in one pass: what a step of a sine network needs besides products.
+/* Sine and cosine of a layer in one pass: all that a step of a sine network needs besides matrix products.
  *
- * Arrays are rows x columns, float32, row after row; a row is a unit, a column a point.
+ * Arrays are rows x columns, float32, in row-major order; a row is a unit, a column a point.
  */
 #define PANDIS_NO_FILE
 

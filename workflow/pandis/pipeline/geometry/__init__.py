@@ -1,1 +1,1 @@
-"""A body in its frame: exact distance, points on and below it, thickness, a probe's path."""
+"""A body in its frame: exact distance, points on and below it, thickness, probe paths."""

@@ -1,7 +1,7 @@
 """The body: one object with its frame, its exact distance and its surface.
 
-Whoever needs the truth about an object takes a `Body`, opened from the mesh stage's artifact or
-made from plain arrays. Only here is it asked whether the object is a mesh or a closed form.
+Code that needs exact data of an object uses a `Body`, opened from the mesh stage's artifact or made
+from plain arrays. Its members are the same for a mesh and for a closed form.
 """
 
 from functools import cached_property
@@ -16,7 +16,7 @@ from pandis.pipeline.geometry.shapes import find_shape
 
 
 class Regions(NamedTuple):
-    """Which material each face has: a number for each, shape (F,), and what the materials are."""
+    """Materials of the faces: an index for each face, shape (F,), and the materials' names."""
 
     of_face: np.ndarray
     names: tuple
@@ -30,9 +30,9 @@ class Body:
     vertices : ndarray, shape (V, 3), float64, mesh units
     faces : ndarray, shape (F, 3), integer
     frame : Frame, optional
-        That of the bounding box, unless given.
+        By default that of the bounding box.
     shape : str, optional
-        The name of the closed form (`pandis.pipeline.geometry.shapes`) that the mesh approximates.
+        Name of the closed form (`pandis.pipeline.geometry.shapes`) that the mesh approximates.
     regions : Regions, optional
     """
 
@@ -56,37 +56,37 @@ class Body:
 
     @cached_property
     def distance(self):
-        """What answers the exact distance: a `MeshDistance`, or a `ShapeDistance`."""
+        """The exact distance: a `MeshDistance` or a `ShapeDistance`."""
         if self.shape:
             return ShapeDistance(find_shape(self.shape), self.frame)
         return MeshDistance(self.corners, self.faces)
 
     @cached_property
     def surface(self):
-        """The `Surface` that points are drawn on; of a closed form they lie on it exactly."""
+        """The `Surface` from which points are drawn; on a closed form they are exact."""
         if self.shape:
             return Surface(self.corners, self.faces, self.distance)
         return Surface(self.distance.vertices, self.distance.faces)
 
     @property
     def bytes(self):
-        """What an exact answer needs in memory, as pandis.h holds it: a formula needs nothing."""
+        """Memory that pandis.h needs for exact answers; a formula needs none."""
         return 0 if self.shape else self.distance.tree_bytes
 
     @property
     def size(self):
-        """How many pieces an exact answer chooses from: the faces; a formula is one."""
+        """Number of faces; 1 for a closed form."""
         return 1 if self.shape else len(self.faces)
 
     def scan(self, points):
-        """Answer distance (n,) and normal (n, 3), mesh units, by looking at every face.
+        """Return distance (n,) and normal (n, 3), mesh units, by brute force over all faces.
 
-        Only where `can_be_scanned`.
+        Requires `can_be_scanned`.
         """
         distance, normal = self.distance.scan(self.frame.to_unit(points))
         return distance / self.frame.scale, normal
 
     @property
     def can_be_scanned(self):
-        """Whether there are faces to look at: a closed form has none."""
+        """Whether there are faces to scan: a closed form has none."""
         return not self.shape

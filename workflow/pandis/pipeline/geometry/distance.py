@@ -1,13 +1,12 @@
-"""Exact signed distance and direction, in float64: the truth that everything is judged by.
+"""Exact signed distance and direction in float64, the reference for all fields.
 
-An engine answers in the unit frame. For a mesh it is a tree over its faces
-(`pandis.engine.bvh`): closest point, and the sign of the angle-weighted
-pseudonormal there (Bærentzen & Aanæs 2005). The sign is compared with the
-winding number at every point; where they differ the exact winding number
-decides, and more than a few such points stop the stage: the mesh is not what
-it was taken for. The direction is from the closest point to the query (turned
-outward inside), on the surface the pseudonormal. For a closed-form shape all
-of it is the formula.
+An engine works in the unit frame. For a mesh it searches a tree over the faces
+(`pandis.engine.bvh`) for the closest point. The sign is that of the angle-weighted
+pseudonormal there (Bærentzen & Aanæs 2005). At every point it is compared with the
+winding number. Where they differ, the exact winding number decides; more than a few
+such points stop the stage, because the mesh is unsound. The direction is from the
+closest point to the query (reversed inside); on the surface it is the pseudonormal.
+For a closed-form shape everything comes from its formula.
 """
 
 import numpy as np
@@ -18,18 +17,18 @@ from pandis.engine.bvh import INVALID, ON_SURFACE, TIED, Bvh, Labels
 
 #: Closer than this (unit frame) the quotient (q - c) / d has lost too many digits.
 SURFACE_DISTANCE = 1e-9
-#: Two closest points tie if they are equally far to this share of the distance …
+#: Two closest points tie if their distances differ by at most this share …
 TIE_DISTANCE = 1e-3
-#: … and lie in directions that differ by more than this (radians).
+#: … and their directions by more than this (radians).
 TIE_ANGLE = np.radians(10)
 #: Share of signs that the winding number may overrule before the mesh counts as unsound.
 MAX_OVERRULED = 1e-5
-#: Points answered at once: what bounds the memory of a call.
+#: Points per batch, to bound the memory of a call.
 CHUNK = 1 << 20
 
 
 class MeshDistance:
-    """Exact distances to a closed, outward mesh.
+    """Exact distances to a closed mesh whose faces are oriented outward.
 
     Parameters
     ----------
@@ -39,7 +38,7 @@ class MeshDistance:
     Raises
     ------
     PandisError
-        No C compiler is at hand: the tree is compiled on first use.
+        There is no C compiler: the tree's code is compiled on first use.
     """
 
     def __init__(self, vertices, faces):
@@ -49,12 +48,12 @@ class MeshDistance:
         self._checked = 0
 
     def label(self, points: Points, ties=True, check=True):
-        """Answer everything there is to know at points.
+        """Return all labels of points.
 
         Parameters
         ----------
         points : ndarray, shape (n, 3), unit frame
-            At points that are no finite numbers the answers are NaN, and flagged.
+            Points that are not finite are flagged, and their distances are NaN.
         ties : bool
             Look for second closest points.
         check : bool
@@ -79,19 +78,19 @@ class MeshDistance:
             raise PandisError(
                 f"the signs of {self._tree.overruled:,} of {self._checked:,} points by the mesh's "
                 "pseudonormals contradict its winding number: it is not closed, or folds over "
-                "itself where the repair did not see it; let the repair rebuild it (mesh.rungs: "
+                "itself, and the repair missed it; let the repair rebuild it (mesh.rungs: "
                 "[remesh])"
             )
         return labels
 
     def distance_and_normal(self, points: Points, progress=None, check=True):
-        """Answer the signed distance and the direction of steepest increase.
+        """Return the signed distance and the direction of steepest increase.
 
         Parameters
         ----------
         points : ndarray, shape (n, 3), unit frame
         progress : Progress, optional
-            Told how many points are done.
+            Receives the number of points done.
         check : bool
             As for `label`.
 
@@ -99,7 +98,7 @@ class MeshDistance:
         -------
         distance : ndarray, shape (n,), float64, negative inside
         normal : ndarray, shape (n, 3), float64, unit length
-            NaN, as the distance, at points that are no finite numbers.
+            NaN, like the distance, at points that are not finite.
         """
         points = np.ascontiguousarray(points, np.float64)
         if len(points) <= CHUNK:
@@ -113,30 +112,30 @@ class MeshDistance:
         return distance, normal
 
     def tree_parts(self):
-        """Return what the tree is made of: see `pandis.engine.bvh.Bvh.parts`."""
+        """Return the arrays of the tree: see `pandis.engine.bvh.Bvh.parts`."""
         return self._tree.parts()
 
     @property
     def tree_bytes(self):
-        """How large all of that is."""
+        """Size of the tree's arrays in bytes."""
         return sum(map(len, self.tree_parts().values()))
 
     @property
     def reach(self):
-        """The largest coordinate."""
+        """The largest absolute coordinate."""
         return self._tree.reach
 
     @property
     def bounds(self):
-        """Lowest and highest corner (2, 3) of the box around the surface."""
+        """Lowest and highest corner (2, 3) of the surface's bounding box."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def scan(self, points: Points):
-        """Answer distance (n,) and normal (n, 3) by looking at every face: brute force."""
+        """Return distance (n,) and normal (n, 3) by brute force over all faces."""
         return self._tree.scan(points)
 
     def inside(self, points: Points) -> Flags:
-        """Tell which points (n, 3) lie inside; none that is no finite number does."""
+        """Return which points (n, 3) are inside; points that are not finite are not."""
         return self._tree.inside(points)
 
 
@@ -146,7 +145,7 @@ class ShapeDistance:
     Parameters
     ----------
     shape : object
-        From `pandis.pipeline.geometry.shapes`.
+        One of `pandis.pipeline.geometry.shapes`.
     frame : Frame
     """
 
@@ -154,10 +153,10 @@ class ShapeDistance:
         self.shape, self.frame = shape, frame
 
     def label(self, points: Points, ties=True, check=True):
-        """Answer as `MeshDistance.label` does; a formula has no faces.
+        """Return labels as `MeshDistance.label` does; a formula has no faces.
 
-        Points next to which the direction turns by more than `TIE_ANGLE` within
-        `TIE_DISTANCE` of the distance are those with two closest points.
+        A point has two closest points if the direction turns by more than `TIE_ANGLE`
+        within a step of `TIE_DISTANCE` times the distance.
         """
         distance, normal = self.distance_and_normal(points)
         flags = np.where(np.isnan(distance), INVALID, 0).astype(np.uint8)
@@ -183,8 +182,8 @@ class ShapeDistance:
         )
 
     def distance_and_normal(self, points: Points, progress=None, check=True):
-        """Answer as `MeshDistance.distance_and_normal` does."""
-        del progress, check  # a formula takes no time, and has but one sign
+        """Return distances and directions as `MeshDistance.distance_and_normal` does."""
+        del progress, check  # a formula is fast, and its sign needs no check
         points = np.asarray(points, np.float64)
         bad = ~(np.abs(points) < 1e150).all(axis=1)
         distance, normal = self.shape.distance_and_normal(
@@ -197,10 +196,10 @@ class ShapeDistance:
 
     @property
     def bounds(self):
-        """Lowest and highest corner (2, 3) of the box around the surface: of the closed form."""
+        """Lowest and highest corner (2, 3) of the closed form's bounding box."""
         half = np.array(self.shape.half_extent, np.float64)
         return self.frame.to_unit(np.stack([-half, half]))
 
     def inside(self, points: Points) -> Flags:
-        """Tell which points (n, 3) lie inside."""
+        """Return which points (n, 3) are inside."""
         return self.distance_and_normal(points)[0] < 0

@@ -1,10 +1,11 @@
-"""How far two meshes lie apart at most: bounded by branch and bound, not sampled.
+"""Upper bounds of the distance between two meshes, by branch and bound instead of sampling.
 
-The distance to one triangle is a convex function, so on another triangle it is largest at a corner.
-A triangle is therefore nowhere farther from a mesh than its three corners are from any one of the
-mesh's faces. Where that says too little, the triangle is cut along the prism over the face that is
-nearest to its middle: what lies over the face is as far as its corners, and the rest is looked at
-with the faces beside it, however small they are. What no prism cuts is cut into four.
+The distance to a triangle is a convex function, so on another triangle it is largest at a corner.
+No point of a triangle is therefore farther from a mesh than the farthest of its corners is from any
+one face of the mesh. Where that bound is too loose, the triangle is cut along the prism over the
+face nearest to its centroid. The part over the face is bounded by its corners, and the rest is
+compared with the neighbouring faces, however small they are. A triangle that no prism cuts is split
+into four.
 """
 
 from typing import NamedTuple
@@ -13,21 +14,21 @@ import numpy as np
 
 from pandis.engine.threads import SMALL, in_threads
 
-#: The bound is at most this many times the largest distance that was computed: the smaller factor
-#: holds as long as few triangles were looked at.
+#: The bound is at most this many times the largest computed distance. The smaller factor applies
+#: until _FEW triangles have been examined.
 _TIGHT, _LOOSE, _FEW = 1.1, 1.8, 200_000
-#: Prisms are so much wider than their faces, by shares of that distance: with one and the other.
+#: Margin of a prism around its face, as a share of that distance, by factor.
 _WIDER = {_TIGHT: 0.25, _LOOSE: 1.0}
-#: So small a distance (unit frame) is not divided any further.
+#: Triangles with bounds below this (unit frame) are not divided any further.
 _FLOOR = 1e-7
-#: Triangles that are looked at before the bound is taken as it is.
+#: Most triangles to examine; after that the bound is returned as it is.
 _MOST = 4_000_000
-#: Triangles that a thread looks at together: so few that it asks for their distances alone.
+#: Triangles per task: few enough that their distance query starts no threads.
 _CHUNK = SMALL - 1
 
 
 def farthest(vertices, faces, engine):
-    """Bound how far a surface lies from a mesh: the one-sided Hausdorff distance.
+    """Bound the one-sided Hausdorff distance of a surface to a mesh.
 
     Parameters
     ----------
@@ -41,7 +42,8 @@ def farthest(vertices, faces, engine):
     -------
     float
         No point of the surface is farther from the mesh (unit frame). Some point is more than half
-        as far, in most cases nine tenths, unless the bound is below 1e-7, or cutting had to end.
+        as far, in most cases nine tenths, unless the bound is below 1e-7 or too many triangles had
+        to be examined.
     """
     left = np.asarray(vertices, np.float64)[faces]
     used = np.asarray(vertices, np.float64)[np.unique(faces)]
@@ -66,7 +68,7 @@ def farthest(vertices, faces, engine):
         most = max(most, float(above[settled].max(initial=0.0)))
         wider = _WIDER[times] * max(least, _FLOOR)
         over, beside = _cut_over(left[~settled], faces_below[~settled], wider)
-        # what lies over a face is done, unless another one is nearer
+        # parts over a face are settled, unless they are far from it: another one may be nearer
         far = over.above > enough
         most = max(most, float(over.above[~far].max(initial=0.0)))
         left = np.concatenate([beside, _quarters(over.triangles[far])])
@@ -74,9 +76,10 @@ def farthest(vertices, faces, engine):
 
 
 def _bounds(triangles, engine):
-    """Return upper bounds (n,) of how far triangles (n, 3, 3) lie from a mesh, and lower ones.
+    """Bound the largest distances of triangles (n, 3, 3) to a mesh.
 
-    And the mesh's faces (n, 3, 3) that are nearest to their middles.
+    Returns upper bounds (n,), lower bounds (n,), and the mesh's faces (n, 3, 3) nearest to the
+    triangles' centroids.
     """
     labels = engine.label(triangles.mean(axis=1), ties=False, check=False)
     nearest = engine.vertices[engine.faces[labels.face]]
@@ -84,13 +87,13 @@ def _bounds(triangles, engine):
 
 
 def _corners_apart(triangles, faces):
-    """Return how far (n,) the farthest corner of each triangle lies from the face beside it."""
+    """Return each triangle's largest corner distance (n,) to the face of the same index."""
     apart = [distance_to_triangles(triangles[:, k], faces) for k in range(3)]
     return np.max(apart, axis=0) if len(triangles) else np.empty(0)
 
 
 class _Over(NamedTuple):
-    """Triangles that lie over one face each, and how far they are from it at most."""
+    """Triangles over one face each, and upper bounds of their distances to it."""
 
     triangles: np.ndarray
     above: np.ndarray
@@ -99,14 +102,14 @@ class _Over(NamedTuple):
 def _cut_over(triangles, faces, wider):
     """Cut triangles (n, 3, 3) along prisms over faces (n, 3, 3).
 
-    The prisms are wider than the faces by a length, but not longer at their corners: next to a
-    convex edge there is surface over none of its faces.
+    The prisms are wider than the faces by a margin, because next to a convex edge some surface is
+    over neither face. Extra planes keep the margin from growing at sharp corners.
 
     Returns
     -------
     over : _Over
-        What lies within the prisms; nothing of a triangle whose middle lies beside its own, for
-        that is cut into four.
+        Parts inside the prisms. A triangle whose centroid is outside its prism has none: it is
+        split into four.
     beside : ndarray, shape (m, 3, 3)
         The rest.
     """
@@ -133,13 +136,13 @@ def _unit(vectors):
 
 
 def _split(triangles, height):
-    """Cut triangles (n, 3, 3) where a height, given at their corners (n, 3), is zero.
+    """Cut triangles (n, 3, 3) where a height, given at the corners (n, 3), is zero.
 
     Returns
     -------
     above, below : ndarray, shape (m, 3, 3)
     owner : ndarray
-        For each of those above, the triangle that it is of.
+        For each of those above, the index of the triangle it was cut from.
     """
     high = height >= 0
     count = high.sum(axis=1)
@@ -161,7 +164,7 @@ def _split(triangles, height):
 
 
 def _quarters(triangles):
-    """Return the four quarters of each triangle."""
+    """Split each triangle into four."""
     a, b, c = (triangles[:, k] for k in range(3))
     d, e, f = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, d, f), (d, b, e), (f, e, c), (d, e, f)]
@@ -169,7 +172,7 @@ def _quarters(triangles):
 
 
 def distance_to_triangles(points, triangles):
-    """Return the distance (n,) of each of the points (n, 3) to the triangle (n, 3, 3) beside it."""
+    """Return the distance (n,) of each point (n, 3) to the triangle (n, 3, 3) of the same index."""
     best = np.full(len(points), np.inf)
     for k in range(3):
         start, side = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
@@ -180,7 +183,7 @@ def distance_to_triangles(points, triangles):
     u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     away, normal = points - triangles[:, 0], np.cross(u, v)
     area = np.maximum(_dot(normal, normal), 1e-300)
-    solid = _dot(normal, normal) > 1e-24 * _dot(u, u) * _dot(v, v)  # else it is its sides alone
+    solid = _dot(normal, normal) > 1e-24 * _dot(u, u) * _dot(v, v)  # else use its edges only
     s, t = _dot(np.cross(away, v), normal) / area, _dot(np.cross(u, away), normal) / area
     height = np.abs(_dot(normal, away)) / np.sqrt(area)
     inside = solid & (s >= 0) & (t >= 0) & (s + t <= 1)

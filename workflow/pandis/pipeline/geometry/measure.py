@@ -1,10 +1,9 @@
-"""The measure of force error: points that a probe can reach, and how much surface is missing.
+"""Measures force errors at points that a probe can reach, and how much surface is missing.
 
-A probe pressed onto a wall thinner than twice its depth comes out on the other side, where every
-field is right. So points lie no deeper below the surface than nine tenths of the largest ball
-inside that touches it there, however thin the part. And because a mean hides a field that is wrong
-in one place, the share of the surface is counted on which the force is *missing*, and on which the
-difference can be *felt*.
+Pressed deeper than half the thickness of a wall, a probe comes out on the other side, where every
+field is right. So points are at most nine tenths of the inscribed radius below the surface, however
+thin the part. A mean hides a field that is wrong in one place. So two shares of the surface are
+measured as well: where the force is *missing*, and where the difference can be *felt*.
 """
 
 from typing import NamedTuple
@@ -16,9 +15,9 @@ from pandis.pipeline.geometry.sampling import PROBE_DEPTHS, blue_noise
 from pandis.pipeline.geometry.shares import THINNEST, Probes, differences, shares
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 
-#: Points lie no deeper than this share of the inscribed radius: short of where the force turns.
+#: Largest depth of points, as a share of the inscribed radius: just before the force reverses.
 OF_RADIUS = 0.9
-#: What the contact sets are called in tables.
+#: Largest depths (unit frame) of the contact sets, by their names in tables.
 SETS = {f"contact-{name}": depth for name, depth in PROBE_DEPTHS.items()}
 
 
@@ -28,11 +27,11 @@ class ContactSet(NamedTuple):
     Attributes
     ----------
     sets : dict of str to Probes
-        By the names of `SETS`: depths uniform in [0, min(D, 0.9 r)].
+        By name in `SETS`, with depths uniform in [0, min(D, 0.9 r)].
     pressed : Probes
         Below the same surface points, at the depth min(0.04, 0.9 r).
     left_out : float
-        Share of the area whose walls are thinner than `pandis.pipeline.geometry.shares.THINNEST`.
+        Share of the area on walls thinner than `pandis.pipeline.geometry.shares.THINNEST`.
     """
 
     sets: dict
@@ -50,10 +49,10 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
     scale : pandis.base.physical.Scale
     count : int
-        Surface points; those left out are not replaced.
+        Number of surface points; those left out are not replaced.
     rng : numpy.random.Generator
     even : bool
-        Blue noise: no two surface points closer than they must be.
+        Draw blue noise: surface points that keep apart.
 
     Returns
     -------
@@ -83,7 +82,7 @@ def draw_contacts(surface, engine, scale, count, rng, even=False):
 
 
 def too_thin(radius: Values, wall: Flags, scale) -> Flags:
-    """Tell which places (n,) are walls too thin to be judged, by their inscribed radii."""
+    """Return which places (n,) are walls too thin to be judged, by their inscribed radii."""
     return wall & (2 * radius < THINNEST * scale.metre)
 
 
@@ -100,22 +99,22 @@ def contact_errors(force_at, contacts):
     Parameters
     ----------
     force_at : callable
-        Answers the force (n, 3) at points (n, 3), k = 1, unit frame.
+        Returns the force (n, 3) at points (n, 3), k = 1, unit frame.
     contacts : ContactSet
 
     Returns
     -------
     dict of str to dict
-        By the names of `SETS`: ``mean``, ``p99`` and ``max`` of ‖F − F_exact‖ (unit frame),
-        ``relative`` (the mean over that of the exact force), ``newtons`` (the mean in newtons),
-        what `shares` counts at the pressed points, and, of `differences` in this set,
-        ``strongly_felt``.
+        For each name in `SETS`: ``mean``, ``p99`` and ``max`` of ‖F − F_exact‖ (unit frame),
+        ``relative`` (the mean divided by the mean exact force), ``newtons`` (the mean in newtons),
+        the result of `shares` at the pressed points, and ``strongly_felt`` from `differences` on
+        this set.
     """
     counted, table = shares(force_at(contacts.pressed.points), contacts.pressed), {}
     for name, probes in contacts.sets.items():
         exact, force = probes.force, force_at(probes.points)
         error = np.linalg.norm(force - exact, axis=1)
-        if not len(error):  # everything is thinner than a probe can tell: nothing is known
+        if not len(error):  # all of the surface is too thin to be judged
             error = np.array([np.nan])
         mean = float(error.mean())
         table[name] = {
@@ -136,17 +135,17 @@ def promise(force_at, contacts):
     Parameters
     ----------
     force_at, contacts
-        As for `contact_errors`. What is promised must not be measured on the points that a field
-        was chosen by.
+        As for `contact_errors`. For a promise, these must not be the points on which the field was
+        chosen.
 
     Returns
     -------
     figures : dict
-        ``mean``, ``p99``, ``missing``: as measured; ``left_out``, the share of the area that is too
+        ``mean``, ``p99``, ``missing``: as measured; ``left_out``: the share of the area that is too
         thin to be judged.
     upper : dict
-        The same at two standard errors above, so that another draw of points will hardly show
-        more.
+        The same plus two standard errors, so that another draw of points is unlikely to exceed
+        them.
     """
     probes, pressed = contacts.sets["contact-deep"], contacts.pressed
     error = np.sort(np.linalg.norm(force_at(probes.points) - probes.force, axis=1))

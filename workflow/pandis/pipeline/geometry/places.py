@@ -1,4 +1,4 @@
-"""Surface points of which every thickness has as many: where devices and hands press."""
+"""Surface points, equally many of every thickness, where devices and hands press."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -9,28 +9,28 @@ from pandis.pipeline.geometry.measure import OF_RADIUS, too_thin
 from pandis.pipeline.geometry.shares import JUDGED
 from pandis.pipeline.geometry.thickness import are_walls, inscribed_radius
 
-#: Bounds, by share of area, of the classes of inscribed radius that stratified points are drawn
-#: from: the thinnest half of a percent has as many points as the thick half of the surface.
+#: Bounds, by share of area, of the classes of inscribed radius from which stratified points are
+#: drawn: the thinnest 0.5 % of the surface gets as many points as the thickest 60 %.
 _CLASSES = (0.0, 0.005, 0.02, 0.1, 0.4, 1.0)
-#: Radii are told apart up to this (unit frame): a press of 4 N on an object of 10 cm at 400 N/m.
+#: Radii are capped at this (unit frame): enough for 4 N on an object of 10 cm at 400 N/m.
 THICKEST = 0.2
-#: Candidates that stratified points are picked from.
+#: Candidates from which stratified points are picked.
 _POOL = 20_000
 
 
 class Stratified(NamedTuple):
-    """Surface points of which every class of inscribed radius has as many.
+    """Surface points, equally many from every class of inscribed radius.
 
     Attributes
     ----------
     feet, outward : ndarray, shape (n, 3)
-        On the surface, and the unit normals there; unit frame.
+        Points on the surface, and the unit normals there; unit frame.
     radius : ndarray, shape (n,)
-        Inscribed radii, up to `THICKEST`.
+        Inscribed radii, at most `THICKEST`.
     weight : ndarray, shape (n,)
-        Share of the area drawn from that each stands for; they sum to 1.
+        Share of the sampled area that each point represents; they sum to 1.
     wall : ndarray, shape (n,)
-        Which of them are walls.
+        Whether each point is on a wall.
     """
 
     feet: np.ndarray
@@ -40,7 +40,7 @@ class Stratified(NamedTuple):
     wall: np.ndarray
 
     def depth(self, deepest):
-        """Return how deep (n,) a probe presses there: 0.9 r, or ``deepest`` if that is less."""
+        """Return the depth (n,) of a press there: 0.9 r, at most ``deepest``."""
         return np.minimum(OF_RADIUS * self.radius, deepest)
 
 
@@ -52,16 +52,17 @@ def stratify(surface, engine, scale, count, rng, among="pushing"):
     surface, engine, scale, rng
         As for `draw_contacts`.
     count : int
-        About how many; a multiple of the number of classes.
+        About how many; rounded down to a multiple of the number of classes.
     among : {"pushing", "judged", "all"}
-        Draw from the area where a press to 0.9 of the inscribed radius makes 0.05 N or more, so
-        that a penalty force can hold a hand; from all that is judged, thin walls, too; or from all
-        area but walls too thin to be judged: through a proxy a hand presses anywhere.
+        Draw from the area where a press to 0.9 of the inscribed radius gives 0.05 N or more, so
+        that a penalty force can resist a hand; from all judged area, which includes thin walls; or
+        from all area, because a proxy lets a hand press anywhere. Walls too thin to be judged are
+        always left out.
 
     Returns
     -------
     Stratified
-        Where there is nothing to draw from, of the thickest hundredth: something has to be pressed.
+        If there is no such area, points of the thickest hundredth: some points must be pressed.
     """
     feet, outward, _, _ = surface.draw(_POOL, rng)
     radius = inscribed_radius(engine, feet, outward, THICKEST)

@@ -1,7 +1,7 @@
 """Points on which fields are chosen, and separate points on which the choice is judged.
 
-A field chosen as the best on some points looks better on them than elsewhere, so no promise rests
-on the choosing points.
+The field that is best on some points looks better there than elsewhere. So no promise rests on the
+points of the choice.
 """
 
 from functools import cached_property
@@ -14,25 +14,25 @@ from pandis.pipeline.geometry.measure import draw_contacts, promise
 from pandis.pipeline.geometry.sampling import HELD_OUT
 from pandis.pipeline.run.ask.budget import Limits, describe_figures, describe_force
 
-#: Points that a promise rests on.
+#: Number of points that a promise rests on.
 PROMISED = 2 * HELD_OUT
-#: Streams of random numbers. Training points have streams of two numbers after the seed, and a
-#: trailing zero changes no stream: these have three, the last of which is none.
+#: Streams of random numbers. Streams of training points have two numbers after the seed, and a
+#: trailing zero does not change a stream. So these have three, and the last is not zero.
 _CHOOSING, _PROMISING = (11, 0, 1), (12, 0, 1)
 
 
 class Measured(NamedTuple):
-    """What was found of a candidate.
+    """Errors of a candidate, compared with the limits.
 
     Attributes
     ----------
     figures : dict
-        ``mean``, ``p99``, ``missing``: measured on the points that promises rest on, or, where it
-        was turned down before, on those that choose.
+        ``mean``, ``p99``, ``missing``: measured on the points that promises rest on, or, if the
+        candidate was rejected on the points of the choice, on those.
     why : str
         Why it does not meet the limits; empty if it does.
     excess : float
-        By how many times it exceeds them at worst; 1 or less if it meets them.
+        Largest ratio of an error to its limit; 1 or less if it meets them.
     """
 
     figures: dict
@@ -41,7 +41,7 @@ class Measured(NamedTuple):
 
 
 class Points:
-    """The points that fields of one mesh are chosen by, and those that promises rest on.
+    """Points on which fields of one mesh are chosen, and points that promises rest on.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Points:
 
     @cached_property
     def choosing(self):
-        """The contact set that fields are chosen by."""
+        """The contact set on which fields are chosen."""
         return self._draw(HELD_OUT, _CHOOSING)
 
     @cached_property
@@ -71,7 +71,7 @@ class Points:
 
     @cached_property
     def mean_force(self):
-        """The exact force's mean on the deep contact set, unit frame."""
+        """Mean exact force on the deep contact set, unit frame."""
         force = np.linalg.norm(self.promising.sets["contact-deep"].force, axis=1)
         return float(force.mean()) if len(force) else 0.0
 
@@ -80,22 +80,22 @@ class Points:
         return Limits.of(target, self.scale.newtons, self.mean_force)
 
     def describe(self, figures):
-        """Say what was measured of a field, in millinewtons and percent first."""
+        """Describe a field's errors, in millinewtons and percent first."""
         return describe_figures(figures, self.scale.newtons, self.mean_force)
 
     def describe_limits(self, limits):
-        """Say what is asked for."""
+        """Describe limits."""
         mean = describe_force(limits.mean, self.scale.newtons, self.mean_force)
         tail = f"{1e3 * self.scale.newtons * limits.tail:.3g} mN at p99"
         return f"{mean} on average, {tail}, {100 * limits.missed:.2g} % of the surface missing"
 
     def measure(self, force_at, limits=None):
-        """Measure a field, and hold it against limits.
+        """Measure a field, and compare it with limits.
 
         Parameters
         ----------
         force_at : callable
-            Answers the force (n, 3) at points (n, 3), unit frame, k = 1.
+            Returns the force (n, 3) at points (n, 3), unit frame, k = 1.
         limits : pandis.pipeline.run.ask.budget.Limits, optional
 
         Returns
@@ -110,5 +110,5 @@ class Points:
         if limits is None:
             return Measured(figures, "", 0.0)
         excess = limits.excess(upper)
-        close = "" if limits.excess(figures) > 1 else ", too close to what is asked to promise it"
+        close = "" if limits.excess(figures) > 1 else ", too close to the limits to be promised"
         return Measured(figures, self.describe(figures) + close if excess > 1 else "", excess)

@@ -1,8 +1,8 @@
 """Points on a surface, and the probe sets that errors are measured on.
 
-Points are stratified by area along a space-filling order of the faces; probe
-sets are blue noise besides: no two closer than they must be. Every point can
-be made again from the seed, its face and its barycentrics.
+Points are stratified by area along a space-filling order of the faces. Probe
+sets are also blue noise: their points keep apart. Every point can be recomputed
+from the seed, its face and its barycentrics.
 """
 
 from functools import cached_property
@@ -14,18 +14,18 @@ from pandis.base.streams import generator
 
 #: Depths below the surface of the two probe sets (unit frame).
 PROBE_DEPTHS = {"shallow": 0.01, "deep": 0.04}
-#: Faces count as bent by the angles between them and their neighbours, per this length.
+#: A face's weight for bent sampling is its mean curvature times this length (unit frame).
 BEND_LENGTH = 0.05
-#: A face where the surface bends gets at most so many times the points of a flat one.
+#: Largest weight of a face for bent sampling; a flat face has 1.
 BEND_FACTOR = 8.0
-#: Points that fields are sized on, and networks of a given error.
+#: Points on which fields and networks are sized to meet a given error.
 HELD_OUT = 20_000
 #: Candidates per point of a blue-noise set.
 _CANDIDATES = 4
 
 
 class Surface:
-    """The surface of a mesh as something to draw points from.
+    """The surface of a mesh, from which points are drawn.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Surface:
     faces : ndarray, shape (F, 3)
     engine : object, optional
         If given, points are moved onto its zero level (for closed-form
-        shapes, whose tessellation lies inside of them).
+        shapes, whose tessellation is inside them).
     """
 
     def __init__(self, vertices, faces, engine=None):
@@ -55,9 +55,9 @@ class Surface:
         count : int
         rng : numpy.random.Generator
         start, total : int, optional
-            Draw the points from ``start`` on of a set of ``total`` points.
+            Draw part of a set of ``total`` points: those from ``start`` on.
         bent : bool
-            Draw more of them where the surface bends.
+            Draw more points where the surface bends.
 
         Returns
         -------
@@ -89,7 +89,7 @@ class Surface:
 
     @cached_property
     def bent_share(self):
-        """Cumulative share of points by area and bending, along the order of the faces."""
+        """Cumulative share of points by area and bending, in the order of the faces."""
         return self._cumulative(self.areas * bending(self))
 
     def _cumulative(self, weight):
@@ -98,10 +98,10 @@ class Surface:
 
 
 def bending(surface):
-    """Return how much more points each face (F,) deserves for the bends at its edges.
+    """Return each face's weight (F,) for drawing more points where the surface bends.
 
-    A face's bend is the angle to its neighbours, by edge length, over its area: the
-    discrete mean curvature. Between 1 and `BEND_FACTOR`.
+    It is proportional to the discrete mean curvature: the angles to the face's neighbours,
+    weighted by edge length, over its area. It is clipped to [1, `BEND_FACTOR`].
     """
     faces = surface.faces
     halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
@@ -118,12 +118,11 @@ def bending(surface):
 
 
 def blue_noise(surface, count, rng):
-    """Draw points that keep their distance: sample elimination (Yuksel 2015).
+    """Draw blue noise by sample elimination (Yuksel 2015).
 
-    From four times as many candidates those go that have too many too close
-    neighbours on their own side of a wall, the worst first, until ``count`` are left.
-    Where Yuksel takes them one by one from a heap, all of the worst tenth that are
-    worst among their own neighbours go at once.
+    Of four times ``count`` candidates, the most crowded are removed first. Neighbours
+    count only on the same side of a wall. Yuksel removes candidates one by one from a
+    heap. Here all of the worst tenth whose neighbours are no more crowded go at once.
 
     Returns
     -------
@@ -161,15 +160,15 @@ def _sums(pairs, values, count):
 
 
 def probes(surface, engine, count, seed):
-    """Return the probe sets of the paper notes' accuracy bars.
+    """Return the probe sets for the accuracy bars of the paper notes.
 
-    Area-uniform surface points, blue noise, moved inward along the normal by a
-    depth uniform in [0, 0.01] (``shallow``) or [0, 0.04] (``deep``).
+    These are area-uniform blue noise on the surface, moved inward along the normal
+    by a depth uniform in [0, 0.01] (``shallow``) or [0, 0.04] (``deep``).
 
     Returns
     -------
     dict of str to (points, distance, normal)
-        Exact answers, unit frame, float64.
+        Exact values, unit frame, float64.
     """
     sets = {}
     for index, (name, deepest) in enumerate(PROBE_DEPTHS.items()):
@@ -182,7 +181,7 @@ def probes(surface, engine, count, seed):
 
 
 def _morton(points):
-    """Return the Morton code of points, 21 bits per axis, for a spatial order."""
+    """Return the Morton codes of points, 21 bits per axis."""
     low, high = points.min(axis=0), points.max(axis=0)
     cells = ((points - low) / np.maximum(high - low, 1e-300) * (2**21 - 1)).astype(np.uint64)
     code = np.zeros(len(points), np.uint64)

@@ -1,4 +1,4 @@
-"""Closed-form shapes: exact signed distance and normal, and a tessellation to look at."""
+"""Closed-form shapes: exact signed distance and normal, and a tessellation."""
 
 from dataclasses import dataclass
 
@@ -18,13 +18,13 @@ def _unit(vectors, fallback):
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere at the origin: paper, section 3.4."""
+    """A sphere at the origin: section 3.4 of the paper."""
 
     radius: float = 1.0
 
     @property
     def half_extent(self):
-        """Half the sides of the bounding box."""
+        """Half the side lengths of the bounding box."""
         return np.full(3, self.radius)
 
     def distance_and_normal(self, points: Points) -> tuple[Values, Points]:
@@ -33,7 +33,7 @@ class Sphere:
         return distance, _unit(points, [0.0, 0.0, 1.0])
 
     def tessellation(self):
-        """Return vertices (V, 3) and faces (F, 3) of an icosphere with its corners on the axes."""
+        """Return vertices (V, 3) and faces (F, 3) of a subdivided octahedron around the axes."""
         return _subdivided_octahedron(6, self)
 
 
@@ -46,7 +46,7 @@ class Torus:
 
     @property
     def half_extent(self):
-        """Half the sides of the bounding box."""
+        """Half the side lengths of the bounding box."""
         return np.array([self.ring + self.tube, self.ring + self.tube, self.tube])
 
     def distance_and_normal(self, points: Points) -> tuple[Values, Points]:
@@ -80,7 +80,7 @@ class Box:
 
     @property
     def half_extent(self):
-        """Half the sides of the bounding box."""
+        """Half the side lengths of the bounding box."""
         return np.array(self.half)
 
     def distance_and_normal(self, points: Points) -> tuple[Values, Points]:
@@ -116,7 +116,7 @@ class Capsule:
 
     @property
     def half_extent(self):
-        """Half the sides of the bounding box."""
+        """Half the side lengths of the bounding box."""
         return np.array([self.radius, self.radius, self.half_length + self.radius])
 
     def distance_and_normal(self, points: Points) -> tuple[Values, Points]:
@@ -162,7 +162,7 @@ def find_shape(name):
     Raises
     ------
     PandisError
-        There is none of this name.
+        There is no shape of this name.
     """
     if name not in SHAPES:
         raise PandisError(
@@ -193,7 +193,7 @@ def _subdivided_octahedron(level, sphere):
 
 
 def _welded_patches(patch, cuts):
-    """Join six square patches of ``cuts``² quads into one closed mesh."""
+    """Weld six square patches of ``cuts``² quads into one closed mesh."""
     grid = np.linspace(-1, 1, cuts + 1)
     u, v = (g.ravel() for g in np.meshgrid(grid, grid, indexing="ij"))
     corner = np.arange((cuts + 1) ** 2).reshape(cuts + 1, cuts + 1)

@@ -1,11 +1,10 @@
-"""On which share of a surface a force is missing, or feels different from the exact one.
+"""Shares of a surface on which a force is missing, or feels different from the exact one.
 
-Places are of three kinds. A *wall* (`pandis.pipeline.geometry.thickness.are_walls`) is judged
-however little
-it can push, for a proxy holds any force on it. Elsewhere the matter is thick, and what makes the
-largest ball inside small is a convex edge, which every smooth field rounds: such a place is judged
-from 0.05 N on. Walls thinner than 0.02 mm are left out, and their share stands beside every
-verdict.
+There are three kinds of places. A *wall* (`pandis.pipeline.geometry.thickness.are_walls`) is judged
+however small its force is, because a proxy can press on it with any force. Elsewhere the solid is
+thick, and only convex edges make the inscribed ball small. Every smooth field rounds these, so such
+places are judged from 0.05 N on. Walls thinner than 0.02 mm are left out, and every verdict reports
+their share.
 """
 
 from dataclasses import dataclass
@@ -22,34 +21,34 @@ from pandis.base.physical import Scale
 
 #: Walls thinner than this are left out (m, in the device's workspace).
 THINNEST = 2e-5
-#: Away from walls, places where the exact force is less than this (N) are not judged: a hand would
+#: Away from walls, places where the exact force is less than this (N) are not judged: a hand does
 #: not feel it.
 JUDGED = 0.05
-#: At a wall a force may fall short by this (N), whatever the exact one is: rounding.
+#: Allowance (N) for rounding: at a wall a force may fall short by this, whatever the exact one is.
 ROUNDING = 5e-6
 #: A force is missing if it pushes back with less than this share of the exact one.
 MISSING = 0.5
-#: A difference is felt beyond this share of the exact force, or these newtons if that is more, or
-#: if the direction is off by more than this (degrees); strongly felt beyond the other share.
+#: A difference is felt if it exceeds FELT_SHARE of the exact force and FELT_NEWTONS, or if the
+#: direction is off by more than FELT_ANGLE (degrees); strongly felt, with STRONG_SHARE instead.
 FELT_SHARE, STRONG_SHARE, FELT_NEWTONS, FELT_ANGLE = 0.1, 0.4, 0.02, 25.0
-#: A field may lack so much of the surface, wherever fields are judged, and so much of it may be too
-#: thin to be judged: shares of the area.
+#: Largest share of the area on which a judged field may lack the force, and largest share that may
+#: be too thin to be judged.
 MISSING_LIMIT = 0.005
-#: So much of the surface may feel strongly different, and so much of it in one patch: above what
-#: the fields of the default configuration have on scans and on parts with sharp edges, and below a
-#: patch that a fingertip finds.
+#: Largest shares of the surface that may feel strongly different, in total and in one patch. The
+#: default configuration's fields have less on scans and on parts with sharp edges; a patch that a
+#: fingertip finds is larger.
 STRONG_LIMIT, PATCH_LIMIT = 0.015, 0.0025
-#: A smooth field may mix the exact force at a point with that at this distance (m) beside it; the
-#: second number is how many places around the point are compared.
+#: A smooth field may blend the exact force at a point with the one at this distance (m) beside it.
+#: _AROUND is the number of places around the point that are compared.
 BESIDE, _AROUND = 1e-3, 8
-#: Neighbours that a patch is told by: most of them are strongly felt, too. Two sides of a wall are
-#: as far apart as this (unit frame) besides.
+#: A point is in a patch if most of this many neighbours are flagged, too. _SIDES
+#: (unit frame) is added to the distance between the two sides of a wall, to separate them.
 _NEIGHBOURS, _SIDES = 8, 0.1
 
 
 @dataclass(frozen=True)
 class Probes:
-    """Points below a surface with their exact answers: what forces are held against.
+    """Points below a surface with exact distances and normals, to compare forces with.
 
     Attributes
     ----------
@@ -57,7 +56,7 @@ class Probes:
     distance : ndarray, shape (n,)
     normal : ndarray, shape (n, 3)
     wall : ndarray, shape (n,)
-        Which of them lie below a wall.
+        Whether each point is below a wall.
     scale : pandis.base.physical.Scale
     engine : object
         The exact distance of a `pandis.pipeline.geometry.body.Body`.
@@ -77,17 +76,17 @@ class Probes:
 
     @cached_property
     def newtons(self):
-        """Its size (n,) in newtons."""
+        """The exact force's magnitude (n,) in newtons."""
         return np.linalg.norm(self.force, axis=1) * self.scale.newtons
 
     @property
     def judged(self):
-        """Which points (n,) are judged: below walls, and where 0.05 N or more push."""
+        """Which points (n,) are judged: those below walls, and those with 0.05 N or more."""
         return self.wall | (self.newtons >= JUDGED)
 
     @cached_property
     def around(self):
-        """The exact forces (n, m, 3) a millimetre beside each point, across its normal."""
+        """The exact forces (n, m, 3) a millimetre beside each point, in m directions."""
         side = np.linalg.svd(self.normal[:, None])[2][:, 1:]
         turn = 2 * np.pi * np.arange(_AROUND) / _AROUND
         ring = np.einsum("mk,nkj->nmj", np.stack([np.cos(turn), np.sin(turn)], 1), side)
@@ -97,49 +96,49 @@ class Probes:
 
 
 def missing(force: Points, exact: Points, wall: Flags, newtons) -> Flags:
-    """Tell where a force is missing (n,): less than half of the exact one.
+    """Return where a force is missing (n,): less than half of the exact one.
 
-    Away from walls it has to fall short by 0.05 N besides.
+    Away from walls it must also fall short by 0.05 N.
 
     Parameters
     ----------
     force, exact : ndarray, shape (n, 3), unit frame, k = 1
     wall : ndarray, shape (n,)
     newtons : float
-        Newtons per force of the unit frame.
+        Newtons per unit of force of the unit frame.
     """
     size = np.linalg.norm(exact, axis=1)
     against = np.einsum("ij,ij->i", force, exact) / np.maximum(size, 1e-300)
     floor = np.where(wall, ROUNDING, JUDGED) / newtons
-    # NaN is no force either
+    # NaN counts as missing
     return ~(against >= MISSING * size) & ~(against > size - floor)
 
 
 def felt(force: Points, exact: Points, newtons, share=FELT_SHARE) -> Flags:
-    """Tell where a difference of forces can be felt (n,).
+    """Return where a difference between forces can be felt (n,).
 
     Parameters
     ----------
     force, exact, newtons
         As for `missing`.
     share : float
-        Share of the exact force, by which the other one may differ.
+        Share of the exact force by which the other may differ unfelt.
     """
     size = np.linalg.norm(exact, axis=1)
     off = np.linalg.norm(force - exact, axis=1)
     length = np.linalg.norm(force, axis=1)
     along = np.einsum("ij,ij->i", force, exact)
     turned = ~(along >= np.cos(np.radians(FELT_ANGLE)) * length * size)
-    # the direction of next to nothing is no difference
+    # the direction of a negligible force cannot be felt
     turned &= ~((length < FELT_NEWTONS / newtons) & (size < FELT_NEWTONS / newtons))
     return ~(off <= np.maximum(share * size, FELT_NEWTONS / newtons)) | turned
 
 
 def strongly_felt(force: Points, probes) -> Flags:
-    """Tell where a force is strongly felt to be another one (n,), away from convex edges.
+    """Return where a force feels strongly different (n,), except for blending at edges.
 
-    Next to an edge a smooth field turns from the force of one side to that of the other: what lies
-    between the exact force at a point and one a millimetre beside it is no fault.
+    Next to an edge a smooth field turns from the force of one side to that of the other. Any force
+    between the exact one at a point and an exact one a millimetre beside it is accepted.
 
     Parameters
     ----------
@@ -155,7 +154,7 @@ def strongly_felt(force: Points, probes) -> Flags:
         along = np.einsum("ij,ij->i", force[left] - here, way)
         square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
         mixed = here + np.clip(along / square, 0, 1)[:, None] * way
-        # on the way it may keep its size: the chord of two directions is shorter than their arc
+        # a blend may keep its size: the chord between two directions is shorter than the arc
         least = np.linalg.norm(mixed, axis=1)
         most = np.maximum(np.linalg.norm(here, axis=1), np.linalg.norm(there[left], axis=1))
         size = np.clip(np.linalg.norm(force[left], axis=1), least, most)
@@ -167,10 +166,10 @@ def strongly_felt(force: Points, probes) -> Flags:
 
 
 def largest_patch(probes, flags: Flags):
-    """Return the share of the points in the largest patch of those that are flagged.
+    """Return the share of all points that are in the largest patch of flagged ones.
 
-    A point belongs to one if most of its neighbours are flagged, too: a line is no patch, nor are
-    single points.
+    A flagged point is in a patch if most of its neighbours are flagged, too. Lines and single
+    points do not count.
     """
     if flags.sum() <= _NEIGHBOURS:
         return 0.0
@@ -186,20 +185,20 @@ def largest_patch(probes, flags: Flags):
 
 
 def shares(force: Points, probes):
-    """Count by share of area where a force is missing, and where it feels different.
+    """Return the shares of area where a force is missing, and where it feels different.
 
     Parameters
     ----------
     force : ndarray, shape (n, 3), unit frame, k = 1
     probes : Probes
-        Each stands for the same area.
+        Each represents the same area.
 
     Returns
     -------
     dict of str to float
-        ``missing``, of the area judged, and ``judged``, that area's share; ``felt``: of the area
-        where the exact force is at least 0.05 N. Where nothing is judged, all of it counts as
-        missing, so that no verdict rests on nothing.
+        ``missing``: share of the area judged; ``judged``: share of all area; ``felt``: share of
+        the area where the exact force is at least 0.05 N. If nothing is judged, all of it counts
+        as missing, so that no field passes without evidence.
     """
     judged, pushing = probes.judged, probes.newtons >= JUDGED
     gone = missing(force, probes.force, probes.wall, probes.scale.newtons)[judged]
@@ -222,8 +221,8 @@ def differences(force: Points, probes):
     Returns
     -------
     dict of str to float
-        ``strongly_felt``: on which share of the area; ``patch``: in one patch of it; ``p99_n``:
-        the 99th percentile of ‖F − F_exact‖, newtons. Where there is no point, all of the area.
+        ``strongly_felt``: share of the area; ``patch``: share in the largest patch; ``p99_n``: the
+        99th percentile of ‖F − F_exact‖, newtons. Without points, both shares are 1.
     """
     if not len(force):
         return {"strongly_felt": 1.0, "patch": 1.0, "p99_n": 0.0}

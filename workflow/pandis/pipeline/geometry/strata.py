@@ -1,8 +1,8 @@
 """Training and held-out points, with exact labels, shard by shard.
 
-A stratum is a share of the points with a law of its own. What shard k of a
-stratum holds depends on the seed, the stratum and k alone, so that nothing
-has to be in memory twice and no count of threads shows in the result.
+A stratum is a share of the points, drawn by one rule. The contents of its shard k
+depend only on the seed, the stratum and k. So nothing has to be in memory twice,
+and the number of threads does not affect the result.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 STRATA = ("surface", "offset", "shallow", "penetration", "bent", "core", "box", "held-out")
 #: Depths of the shallow stratum: from just outside to somewhat beyond the shallow probes.
 SHALLOW = (-0.001, 0.0115)
-#: How far along the inward normal the core stratum reaches.
+#: Largest depth of the core stratum, along the inward normal.
 DEEPEST = 1.0
 #: Points drawn, labelled and stored at once.
 SHARD = 1 << 16
@@ -34,7 +34,7 @@ COLUMNS = {
 
 
 class Strata:
-    """The points that a mesh is learnt from.
+    """Training and held-out points of a mesh.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Strata:
     Attributes
     ----------
     ranges : dict of str to [int, int]
-        Where each stratum lies among the points.
+        Start and end of each stratum among the points.
     count : int
     """
 
@@ -69,7 +69,7 @@ class Strata:
 
     @classmethod
     def of(cls, body, samples):
-        """Return the strata of a body that a samples artifact was drawn from."""
+        """Return the strata of a body from which a samples artifact was drawn."""
         law = dict(SamplesRecord.of(samples).law)
         seed = law.pop("seed")
         return cls(body.surface, body.distance, SampleOptions(**law), seed)
@@ -79,7 +79,7 @@ class Strata:
         return Strata(self.surface, engine, self.options, self.seed)
 
     def columns(self):
-        """Return how every array is declared to `ArtifactWriter`."""
+        """Return the declarations of all arrays for `ArtifactWriter`."""
         return {
             name: {
                 "shape": (self.count, *shape),
@@ -90,16 +90,16 @@ class Strata:
         }
 
     def attributes(self):
-        """Return what is stored beside the arrays."""
+        """Return the attributes stored with the arrays."""
         law = self.options.model_dump() | {"seed": self.seed}
         return SamplesRecord(strata=self.ranges, law=law).attributes()
 
     def shards(self, progress):
-        """Yield the arrays of one shard after the other.
+        """Yield the arrays of each shard in turn.
 
-        Points, distances and normals are float32 in the unit frame, the labels are those
-        of the points as rounded; ``tied`` marks points with two closest points, whose
-        direction is a matter of chance.
+        Points are float32 in the unit frame, and so are distances and normals once they are
+        stored. The labels are exact for the rounded points. ``tied`` marks points with two
+        closest points, whose direction is arbitrary.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Strata:
                 report.update(done)
 
     def arrays(self, progress):
-        """Return the arrays of all shards: what a samples artifact holds."""
+        """Return the arrays of all shards, as a samples artifact contains them."""
         shards = list(self.shards(progress))
         return {
             name: np.concatenate([shard[name] for shard in shards]).astype(kind)
@@ -124,12 +124,12 @@ class Strata:
         }
 
     def fresh(self, block, size):
-        """Draw training points that are not among the stored ones, mixed as those are.
+        """Draw new training points, in the same proportions as the stored ones.
 
         Parameters
         ----------
         block : int
-            The same block holds the same points, whatever was drawn before.
+            Number of the block; its points do not depend on earlier draws.
         size : int
 
         Returns
@@ -143,12 +143,12 @@ class Strata:
             if name != "held-out" and count:
                 rng = generator(self.seed, len(STRATA) + index, block)
                 drawn[name] = self._draw(name, rng, 0, count, count)
-        # all at once: a GPU is slow at a few
+        # all at once: a GPU is slow on small batches
         points = np.concatenate([of[0] for of in drawn.values()]).astype(np.float32)
         labels = self.engine.label(points.astype(np.float64), ties=False)
         rows = np.empty((len(points), 7), np.float32)
         rows[:, :3], rows[:, 3], rows[:, 4:] = points, labels.distance, labels.normal
-        if "surface" in drawn:  # the first of all
+        if "surface" in drawn:  # these rows come first
             _, _, face, barycentrics = drawn["surface"]
             rows[: len(face), 3] = 0
             rows[: len(face), 4:] = self.surface.at(face, barycentrics)[1]
@@ -169,7 +169,7 @@ class Strata:
         elif stratum == "held-out":
             offset = -rng.uniform(0, np.array(list(PROBE_DEPTHS.values()))[index % 2])
         elif stratum == "core":
-            offset = rng.random(size)  # a share of the way, by its logarithm
+            offset = rng.random(size)  # a share of the way, on a logarithmic scale
         else:
             offset = -rng.uniform(0, options.depth, size)
         drawn = self.surface.draw(size, rng, start, total, bent=stratum == "bent")
@@ -183,7 +183,7 @@ class Strata:
         labels = self.engine.label(points.astype(np.float64))
         distance, normal = labels.distance, labels.normal
         if STRATA[index] == "surface":
-            # on the surface by construction, except for the rounding of their coordinates
+            # on the surface by construction, except for rounded coordinates
             distance = np.zeros(len(points))
             normal = self.surface.at(face, barycentrics)[1]
         return {
@@ -199,7 +199,7 @@ class Strata:
 
 
 def _way(points, direction):
-    """Return how far it is (n,) to the edge of the box, or to `DEEPEST` if that is less."""
+    """Return the distances (n,) to the edge of the box, at most `DEEPEST`."""
     with np.errstate(divide="ignore"):
         way = (np.copysign(1.0, direction) - points) / direction
     return np.minimum(np.where(direction == 0, np.inf, way).min(axis=1), DEEPEST)

@@ -1,4 +1,4 @@
-"""The path that a probe takes over a mesh, below its surface, traced on exact data."""
+"""A probe's path over a mesh, below its surface, traced on exact data."""
 
 import numpy as np
 
@@ -17,9 +17,10 @@ def trace(surface, engine, options, seed, progress):
     """Trace a smooth path at a smoothly varying depth.
 
     At each sample the probe moves one step along the surface, in a heading that turns slowly at
-    random. Newton steps on the exact distance then bring it to the depth required. Where it would
-    not reach that depth (a part thinner than twice the depth), or would come out on another side,
-    it turns away.
+    random. Newton steps on the exact distance then bring it to the required depth. Where it cannot
+    reach that depth (a part thinner than twice the depth), or would come out on another side, it
+    turns away. If no part of the mesh is thick enough for the required depths, the depth follows
+    the thickness: it is at most 0.8 of the inscribed radius everywhere.
 
     Parameters
     ----------
@@ -31,21 +32,18 @@ def trace(surface, engine, options, seed, progress):
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
 
-    Where no part of the mesh is thick enough for the depths asked for, the depth follows the
-    thickness: it is nowhere more than 0.8 of the inscribed radius.
-
     Returns
     -------
     arrays : dict of str to ndarray
         ``points`` (n, 3), ``distance`` (n,), ``normal`` (n, 3): float64, unit frame, exact.
     attributes : dict
-        ``followed``: a sentence that says so if the depth follows the thickness; else empty.
+        ``followed``: a note for the report if the depth follows the thickness; else empty.
 
     Raises
     ------
     PandisError
-        There is no way over the mesh at any depth, or a spiral is asked for on something else
-        than a sphere.
+        No path fits the mesh at any depth, or a spiral is requested on anything but a
+        sphere.
     """
     if options.kind == "spiral":
         return _spiral(engine, options.samples), {"followed": ""}
@@ -61,15 +59,15 @@ def trace(surface, engine, options, seed, progress):
     deepest = -path["distance"].min()
     return path, {
         "followed": f"its parts are too thin for the depths of {options.shallow:g} to "
-        f"{options.deep:g} that were asked for, so that the path follows their thickness and "
+        f"{options.deep:g} that were requested, so the path follows their thickness and "
         f"is at most {deepest:.2g} deep"
     }
 
 
 def _walk(surface, engine, options, seed, progress, follow):
-    """Return the arrays of a path; None if it comes to no end.
+    """Return the arrays of a path; None if it cannot be completed.
 
-    With ``follow`` its depth is at most 0.8 of the inscribed radius.
+    With ``follow``, its depth is at most 0.8 of the inscribed radius.
     """
     rng = np.random.default_rng(seed)
     count, step = options.samples, options.step
@@ -108,19 +106,19 @@ class _Tracer:
         self.engine, self.step, self.follow = engine, step, follow
 
     def begin(self, foot, normal, depth):
-        """Start below a surface point; None if that ends elsewhere."""
+        """Start below a surface point; None if the depth is not reached there."""
         depth = self._within(foot, normal, depth)
         return self.settle(foot - depth * normal, normal, depth, reach=self.step)
 
     def _within(self, foot, normal, depth):
-        """Return the depth, or as much as the part allows there."""
+        """Return the depth, reduced where the part is thin."""
         if not self.follow:
             return depth
         radius = inscribed_radius(self.engine, foot[None], normal[None])[0]
         return min(depth, _OF_RADIUS * radius)
 
     def settle(self, point, normal, depth, reach):
-        """Bring a point to the depth; None if it ends elsewhere, turned or too far away."""
+        """Move a point to the depth; None if it ends at another depth or side, or too far away."""
         start, now = point, normal
         for _ in range(6):
             distance, direction = self.engine.distance_and_normal(point[None])
@@ -135,7 +133,7 @@ class _Tracer:
         return (point, distance[0], direction[0]) if well and near and same_side else None
 
     def _step(self, point, normal, heading, depth):
-        """Take one step along the surface, at a depth that the part allows where it leads."""
+        """Take one step along the surface, at a reduced depth where the part is thin."""
         there = point + self.step * heading
         if self.follow:
             distance, outward = self.engine.distance_and_normal(there[None], check=False)
@@ -174,7 +172,7 @@ def _spiral(engine, count):
 
 
 def _depths(count, shallow, deep, rng):
-    """Return depths that wander smoothly from ``shallow`` to ``deep`` and back."""
+    """Return depths that vary smoothly between ``shallow`` and ``deep``."""
     time = np.arange(count) / max(count - 1, 1)
     wave = sum(
         np.sin(2 * np.pi * (cycles * time + rng.random())) / cycles**0.5 for cycles in (3, 7, 13)

@@ -1,1 +1,1 @@
-"""Meshes: intake, diagnosis, repair, the unit frame, closed-form shapes."""
+"""Meshes: file formats, intake, diagnosis, repair and the mesh stage."""

@@ -17,7 +17,7 @@ def build(options, source_file, log):
     ----------
     options : pandis.pipeline.run.ask.tasks.MeshTask
     source_file : path-like or None
-        The file to read, where the workflow has fetched or found one.
+        The file to read, if the workflow has fetched or found one.
     log : callable
         Takes a line of text.
 
@@ -65,7 +65,7 @@ def _closed_form(source, log):
     vertices, faces = shape.tessellation()
     frame = Frame.of_bounds(-shape.half_extent, shape.half_extent)
     diagnosis = diagnose(vertices, faces)
-    # how far the flat faces lie from the true surface, at their centres
+    # distance of the flat faces from the true surface, at their centres
     off = np.abs(shape.distance_and_normal(vertices[faces].mean(axis=1))[0])
     distances = {
         "max": float(off.max()),

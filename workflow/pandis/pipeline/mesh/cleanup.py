@@ -1,7 +1,7 @@
-"""The lossless rung: weld, drop what bounds nothing, split what only touches, face outward.
+"""The lossless rung: weld, drop degenerate and duplicate faces, orient outward, split contacts.
 
-No surface moves by more than the weld's tolerance; vertices that were split are
-parted by `PARTING` of the diagonal, so that surfaces no longer touch.
+No surface moves by more than the weld tolerance. The copies of a split vertex move apart
+by `PARTING` times the diagonal, so that surfaces no longer touch.
 """
 
 import igl
@@ -21,11 +21,11 @@ from pandis.pipeline.mesh.topology import (
     same_place,
 )
 
-#: How far copies of a split vertex move into their own matter, as a share of the diagonal.
+#: Distance that the copies of a split vertex move into their solids, as a share of the diagonal.
 PARTING = 1e-7
-#: A way into the matter that leads less far in than this, of its length, leads along a face.
+#: An inward direction that gains no more depth than this per unit length runs along a face.
 _SADDLE = 0.05
-#: More of the area than this in opposite doubles: a model made of two-sided sheets.
+#: Share of the area in cancelling faces above which a model is made of two-sided sheets.
 SHEETS = 0.1
 
 
@@ -36,15 +36,15 @@ def clean(vertices, faces, tolerance=0.0):
     ----------
     vertices, faces : ndarray
     tolerance : float
-        Vertices this close become one (the first of them); 0 welds equal ones only.
+        Vertices within this distance are merged into the first of them; 0 merges equal ones only.
 
     Returns
     -------
     vertices, faces : ndarray
-        Kept vertices keep their bits and their order.
+        The remaining vertices are bitwise unchanged and in the same order.
     """
     if tolerance:
-        # not igl.remove_duplicate_vertices: that rounds to a lattice and parts close pairs
+        # igl.remove_duplicate_vertices would round to a lattice, which separates some close pairs
         finite = np.where(np.isfinite(vertices), vertices, 0)
         pairs = cKDTree(finite).query_pairs(tolerance, output_type="ndarray")
         representative = connected(pairs, len(vertices))
@@ -58,19 +58,19 @@ def clean(vertices, faces, tolerance=0.0):
 
 
 def resolve_duplicates(vertices, faces):
-    """Let faces over the same three vertices cancel: opposite ones enclose nothing.
+    """Cancel opposite faces over the same three vertices: they enclose nothing.
 
-    What is left of such a set all faces one way. Of exact copies one stays, unless taking the
-    others away would open a mesh that is closed (the exact union resolves it).
-    Where cancelling would take more than `SHEETS` of the area, the faces are the
-    two sides of sheets, and one side of each stays.
+    The remaining faces of such a set have the same orientation. Of exact copies one stays,
+    unless removing the others would open a closed mesh (the exact union resolves them).
+    If cancelling would remove more than `SHEETS` of the area, the faces are the two sides
+    of sheets, and one side of each stays.
     """
     _, index, counts = np.unique(
         np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
     )
     if (counts == 1).all():
         return faces
-    # the parity of the vertex order is the side a face shows
+    # the parity of the vertex order gives a face's orientation
     rolled = rotate_to_smallest(faces)
     side = np.where(rolled[:, 1] < rolled[:, 2], 1, -1)
     index = index.reshape(-1)
@@ -88,7 +88,7 @@ def resolve_duplicates(vertices, faces):
 
 
 def _once(faces):
-    """Return faces without copies, if that opens nothing."""
+    """Return the faces without copies, or unchanged if that would open the mesh."""
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     if len(first) == len(faces):
         return faces
@@ -100,10 +100,10 @@ def _once(faces):
 
 
 def flip_flat_faces(vertices, faces, rounds=20):
-    """Turn the longest edge of every face without area, so that it and its neighbour have some.
+    """Flip the longest edge of every face without area, so that it and its neighbour have area.
 
-    A flat face's corner lies on its longest edge: with the neighbour across
-    that edge it covers the same surface as the two faces after the flip.
+    A flat face's third corner is on its longest edge, so the two faces at that edge cover
+    the same surface before and after the flip.
     """
     faces = faces.copy()
     for _ in range(rounds):
@@ -139,14 +139,14 @@ def flip_flat_faces(vertices, faces, rounds=20):
 
 
 def orient(vertices, faces, nested="cavity"):
-    """Make neighbours agree, then turn each closed component outward (cavities inward).
+    """Orient neighbours consistently, then each closed component outward (cavities inward).
 
     Parameters
     ----------
     vertices, faces : ndarray
     nested : {"cavity", "solid"}
-        What a component wholly inside another bounds: by nesting parity a
-        cavity (and in it an island, …), or always matter.
+        Whether a component wholly inside another bounds, by nesting parity, a
+        cavity (and inside that an island, …), or always a solid.
 
     Returns
     -------
@@ -171,19 +171,18 @@ def orient(vertices, faces, nested="cavity"):
 def split(vertices, faces, straight=False):
     """Give every fan of faces its own vertices, so that all edges and vertices are manifold.
 
-    At an edge of four faces and more, those are joined that bound the same
-    wedge of matter (Guéziec et al. 2001, "Cutting and Stitching"); faces left
-    over keep the edge as a boundary. An edge whose wedges meet again at both
-    ends is halved first. The copies of a vertex are parted by `PARTING`, each
-    into its own matter.
+    At an edge of more than two faces, those that bound the same wedge of the solid are
+    joined (Guéziec et al. 2001, "Cutting and Stitching"). Any remaining face keeps the
+    edge as a boundary. An edge whose wedges meet again at both ends is halved first.
+    Each copy of a vertex moves by `PARTING` into the solid that its faces bound.
 
     Parameters
     ----------
     vertices, faces : ndarray
         Consistently oriented.
     straight : bool
-        Where copies cross if they move against the mean of their normals, they move straight in
-        from all faces.
+        Whether to move copies inward from all their faces if surfaces cross when they move
+        against their mean normals.
 
     Returns
     -------
@@ -215,7 +214,7 @@ def _separate(vertices, faces):
 
 
 def _halve_nonmanifold_edges(vertices, faces):
-    """Put a vertex into the middle of every edge of more than two faces."""
+    """Insert a vertex at the midpoint of every edge of more than two faces."""
     edges = EdgeTable(faces)
     crowded = np.flatnonzero(edges.nonmanifold)
     middle = vertices[edges.edges[crowded]].mean(axis=1)
@@ -237,7 +236,7 @@ def _cut(face, mid):
         polygon.append(face[k])
         if mid[k] >= 0:
             polygon.append(mid[k])
-    # a fan from a vertex in the middle of an edge has no flat piece
+    # a fan from the midpoint of an edge has no flat triangle
     k = polygon.index(next(m for m in mid if m >= 0))
     polygon = polygon[k:] + polygon[:k]
     if len(polygon) == 6:
@@ -247,7 +246,7 @@ def _cut(face, mid):
 
 
 def _wedges(vertices, faces, edges):
-    """Return pairs (m, 2) of half-edges at edges of more than two faces that bound one wedge."""
+    """Return the pairs (m, 2) of half-edges that bound a wedge at edges of more than two faces."""
     order = np.argsort(edges.edge_of, kind="stable")
     starts = np.concatenate([[0], np.cumsum(edges.uses)])
     pairs = []
@@ -260,7 +259,7 @@ def _wedges(vertices, faces, edges):
         x = arm[0] / max(np.linalg.norm(arm[0]), 1e-300)
         angle = np.arctan2(arm @ np.cross(along, x), arm @ x)
         forward = edges.runs_forward[half]
-        # matter lies beyond a backward face and before a forward one: brackets, on a circle
+        # around the edge a backward face opens a wedge and a forward one closes it, like brackets
         round_trip = half[np.lexsort((forward, angle))]
         opened = []
         closed = set()
@@ -277,10 +276,10 @@ def _wedges(vertices, faces, edges):
 
 
 def _part(vertices, faces, moving, straight):
-    """Part the copies of vertices: each moves by `PARTING` into its own matter.
+    """Separate the copies of vertices: each moves by `PARTING` into the solid that its faces bound.
 
-    Against the mean of its normals; where surfaces cross by that, out of the matter if fewer do so
-    then, or straight in from all its faces.
+    Copies move against their mean normals. If surfaces then cross, all copies move along
+    `_ways_in` (``straight``), or those that cross move outward if that leaves fewer crossings.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -303,10 +302,10 @@ def _part(vertices, faces, moving, straight):
 
 
 def _ways_in(vertices, faces, normal, moving):
-    """Return unit vectors (V, 3) that lead copies of vertices into their matter, 0 for the others.
+    """Return unit vectors (V, 3) that point from copies of vertices into their solids, 0 elsewhere.
 
-    Straight in from all faces, so that surfaces that have moved meet no others. Around a saddle no
-    way leads so: of the copies at one place such a one stays where it is.
+    They point inward from all faces, so that moved surfaces meet no others. At a saddle there is
+    no such direction: the copy there that would gain the least depth does not move.
     """
     order = np.argsort(faces.reshape(-1), kind="stable")
     owner = faces.reshape(-1)[order]
@@ -325,9 +324,9 @@ def _ways_in(vertices, faces, normal, moving):
 
 
 def _inward(normals, rounds=60):
-    """Return the unit vector that leads farthest in from all planes of normals (n, 3), and how far.
+    """Return the unit vector that leads deepest below all planes of normals (n, 3), and its depth.
 
-    By turning it away from the plane that it leads least far from.
+    Each round turns it away from the plane below which it is least deep.
     """
     way, best = -normals.sum(axis=0), (np.zeros(3), -1.0)
     for turn in range(rounds):
@@ -340,17 +339,17 @@ def _inward(normals, rounds=60):
 
 
 def loosen(vertices, faces, crossings=crossing_faces, tries=40):
-    """Move the corners of the last faces that cross or touch by next to nothing.
+    """Perturb the corners of the last faces that cross or touch.
 
-    After an exact union its coordinates are rounded to float64; a few faces may
-    then touch along a line. Each try moves their corners at random, by 1e-9 to
-    1e-6 of the diagonal, and counts if fewer cross.
+    The coordinates of an exact union are rounded to float64, after which a few faces
+    may touch along a line. Each try moves their corners at random, by 1e-9 to 1e-6 of
+    the diagonal, and is kept if fewer faces cross.
 
     Parameters
     ----------
     vertices, faces : ndarray
     crossings : callable
-        From vertices and faces to the pairs of faces that cross.
+        Takes vertices and faces; returns the pairs of faces that cross.
 
     Returns
     -------
@@ -376,7 +375,7 @@ def loosen(vertices, faces, crossings=crossing_faces, tries=40):
 
 
 def _near(vertices, faces, moving, margin):
-    """Return the faces whose boxes meet those of the faces at ``moving`` vertices."""
+    """Return the faces whose boxes overlap those of the faces at ``moving`` vertices."""
     corners = vertices[faces]
     low, high = corners.min(axis=1) - margin, corners.max(axis=1)
     active = np.isin(faces, moving).any(axis=1)

@@ -1,13 +1,13 @@
-"""How far a repaired mesh is from its source: two-sided, sampled on faces.
+"""Two-sided distance of a repaired mesh from its source, sampled on faces.
 
-Points at vertices alone would not do: a flipped diagonal of a skew quad keeps
-every vertex and moves the surface. Faces that both meshes have are at distance
-0 without asking.
+Sampling vertices alone would not suffice: flipping the diagonal of a skew quad keeps
+every vertex but moves the surface. Faces that both meshes share have distance 0 and are
+not measured.
 
-Two kinds of surface are told apart and not counted, as they are what repair is
-for: *hidden* parts of the source, which lie inside its solid on both sides
-(walls inside a union), and *caps* of the result, where the source has no surface:
-its winding number there lies clearly between 0 and 1.
+Two kinds of surface are identified and not counted, as repair is meant to change them:
+*hidden* parts of the source, with its solid on both sides (walls inside a union), and
+*caps* of the result, where the source has no surface and its winding number is clearly
+between 0 and 1.
 """
 
 import igl
@@ -17,16 +17,16 @@ from pandis.pipeline.mesh.winding import WindingNumber
 
 #: Points per direction.
 SAMPLES = 100_000
-#: How far beside a face (share of the diagonal) its two sides are looked at.
+#: Distance from a face at which its two sides are examined, as a share of the diagonal.
 BESIDE = 1e-5
-#: So far from 0 and from 1 a winding number lies between them.
+#: A winding number is between 0 and 1 if it is farther than this from both.
 BETWEEN = 0.05
-#: Where a face of a repaired mesh is from.
+#: Origins of a repaired mesh's faces.
 ORIGINS = ("kept", "cut or moved", "cap of a hole")
 
 
 class Surface:
-    """A mesh to measure from and to: tree, solid angle and rims, made when first needed.
+    """A mesh to measure from and to; its trees are built when first needed.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Surface:
         self._tree = self._winding = None
 
     def distance(self, points):
-        """Return the distance (n,)."""
+        """Return the distance (n,) of points (n, 3)."""
         if self._tree is None:
             self._tree = igl.AABB()
             self._tree.init(self.vertices, self.faces)
@@ -52,13 +52,13 @@ class Surface:
         return np.sqrt(squared)
 
     def windings(self, points):
-        """Return the winding number (n,)."""
+        """Return the winding number (n,) at points (n, 3)."""
         if self._winding is None:
             self._winding = WindingNumber(self.vertices, self.faces)
         return self._winding(points)
 
     def sample(self, count, rng, among):
-        """Draw points uniform by area; those on faces outside ``among`` are not returned.
+        """Draw points uniformly by area; omit those on faces outside ``among``.
 
         Returns
         -------
@@ -86,11 +86,11 @@ def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
     source, result : Surface
     seed : int
     reference : Surface, optional
-        The source after welding and turning outward; it knows the inside
-        where the source itself is a soup. The source if left out.
+        The source, welded and oriented outward: its inside is defined even if
+        the source itself is a soup. By default the source.
     wall : float
-        Half the thickness where a surface was made a wall: what lies deeper in
-        the result's solid is sealed in, and hidden.
+        Half the thickness if the surface was thickened into a wall: points deeper
+        in the result's solid are sealed in and count as hidden.
     samples : int
         Points per direction, uniform by area.
 
@@ -99,7 +99,7 @@ def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
     dict
         ``to_result`` and ``to_source``: max, p99 and mean distance in mesh
         units, and the shares of area not counted (``hidden``, ``caps``);
-        ``untouched``: the share of the source's corner positions that the result has.
+        ``untouched``: the share of the source's corner positions that the result keeps.
     """
     reference = reference or source
     kept_source, kept_result, untouched = _common(source, result)
@@ -126,14 +126,14 @@ def deviation(source, result, seed, reference=None, wall=0.0, samples=SAMPLES):
     if len(points):
         distance = reference.distance(points)
         far = np.flatnonzero(distance > 2 * BESIDE * source.diagonal)
-        if len(far) and not wall:  # beside a sheet every winding number lies between
+        if len(far) and not wall:  # beside a sheet, every winding number is between 0 and 1
             caps[far] = np.abs(reference.windings(points[far]) - 0.5) < 0.5 - BETWEEN
     to_source = _summary(distance[~caps], samples) | {"caps": float(caps.sum() / samples)}
     return {"to_result": to_result, "to_source": to_source, "untouched": untouched}
 
 
 def provenance(source, result, reference):
-    """Tell for each face of a repaired mesh where it is from, and how far its centre is.
+    """Return each face's origin in a repaired mesh, and its centre's distance from the source.
 
     Returns
     -------
@@ -164,7 +164,7 @@ def none():
 
 
 def _summary(distance, samples):
-    """Summarise; samples that are not in ``distance`` lie on faces that both meshes have."""
+    """Summarise distances; samples that are not in ``distance`` count as 0."""
     if not len(distance):
         return {"max": 0.0, "p99": 0.0, "mean": 0.0}
     whole = np.concatenate([np.zeros(max(samples - len(distance), 0)), distance])
@@ -176,7 +176,7 @@ def _summary(distance, samples):
 
 
 def _common(source, result):
-    """Tell which faces of each mesh the other has too; and the share of kept positions."""
+    """Return which faces each mesh shares with the other, and the share of kept positions."""
     both = np.concatenate([source.vertices, result.vertices]) + 0.0
     _, name = np.unique(both, axis=0, return_inverse=True)
     name = name.reshape(-1)
@@ -194,15 +194,15 @@ def _common(source, result):
 def inside_changed(reference, result, seed, count=20_000):
     """Return the share of the inside that a repair has added or lost.
 
-    Points count where the reference's winding number says clearly inside or
-    outside; near its holes it does not.
+    Points count only if they are clearly inside or outside by the reference's winding
+    number; near its holes they are not.
 
     Parameters
     ----------
     reference, result : Surface
     seed : int
     count : int
-        Points, uniform in the box around the reference.
+        Number of points, drawn uniformly in the reference's bounding box.
     """
     rng = np.random.default_rng(seed)
     points = rng.uniform(reference.low, reference.high, (count, 3))

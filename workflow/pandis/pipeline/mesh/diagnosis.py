@@ -1,4 +1,4 @@
-"""What is wrong with a mesh: everything that a signed distance depends on."""
+"""Diagnosis of a mesh: all faults that affect a signed distance."""
 
 from dataclasses import asdict, dataclass, field
 
@@ -21,14 +21,14 @@ from pandis.pipeline.mesh.winding import WindingNumber
 FLAT = 1e-13
 #: A face whose smallest altitude is at most this share of its longest edge is a sliver.
 SLIVER = 1e-2
-#: Points at which the winding number is looked at, and rays that measure wall thickness.
+#: Points at which the winding number is checked, and rays that measure wall thickness.
 WINDING_POINTS, THICKNESS_RAYS = 20_000, 2_000
-#: Of very many components, the largest are listed.
+#: Most components that are listed, the largest first.
 LISTED_COMPONENTS = 50
 
-#: Counts that must all be zero, and how a person reads them.
+#: Counts that must all be zero, and their names in messages.
 FAULTS = {
-    "split_vertices": "vertices at the place of another",
+    "split_vertices": "vertices that coincide with another",
     "boundary_edges": "boundary edges",
     "nonmanifold_edges": "non-manifold edges",
     "nonmanifold_vertices": "non-manifold vertices",
@@ -51,7 +51,7 @@ class Diagnosis:
     euler: int
     boundary_edges: int
     holes: list  # of {"edges": int, "length": float}, longest first
-    unbalanced_edges: int  # of which more faces run along one way than the other
+    unbalanced_edges: int  # traversed more often in one direction than in the other
     nonmanifold_edges: int
     nonmanifold_vertices: int
     orientation_conflicts: int
@@ -59,7 +59,7 @@ class Diagnosis:
     degenerate_faces: int
     sliver_faces: int
     unreferenced_vertices: int
-    split_vertices: int  # corners at the place of another; joined for all other counts
+    split_vertices: int  # corners that coincide with another; merged for all other counts
     inverted_components: int
     self_intersections: int
     odd_windings: int  # of WINDING_POINTS in the box around the mesh
@@ -67,23 +67,23 @@ class Diagnosis:
     area: float
     diagonal: float
     parts: list = field(default_factory=list)  # of {"faces", "volume", "depth"}, largest first
-    cavities: int | None = None  # components at odd depth; None where not all are closed
+    cavities: int | None = None  # components at odd depth; None unless all are closed
     genus: int | None = None  # of all components; None unless manifold and closed
-    wall: dict | None = None  # {"min", "p1"}: thickness along inward rays, where valid
+    wall: dict | None = None  # {"min", "p1"}: thickness along inward rays; None unless valid
 
     @property
     def closed(self):
-        """Every edge has exactly two faces."""
+        """Whether every edge has exactly two faces."""
         return not (self.boundary_edges or self.nonmanifold_edges)
 
     @property
     def valid(self):
-        """Closed, manifold, outward and free of self-intersections: an inside is defined."""
+        """Whether an inside is defined: closed, manifold, outward, without self-intersections."""
         return not any(getattr(self, name) for name in FAULTS)
 
     @property
     def rank(self):
-        """What repair compares, the less the better: is it open, is it torn, what else."""
+        """Key by which repair compares meshes, lower is better: open, torn, all faults."""
         return (
             self.unbalanced_edges,
             self.nonmanifold_edges + self.nonmanifold_vertices + self.orientation_conflicts,
@@ -111,8 +111,8 @@ class Diagnosis:
 def diagnose(vertices: Vertices, faces: Faces):
     """Examine a mesh.
 
-    Corners at the same place are counted, then taken as one vertex: the faults
-    of a triangle soup are those of the surface that it describes.
+    Coincident corners are counted, then merged: a triangle soup has the faults of the
+    surface that it describes.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def diagnose(vertices: Vertices, faces: Faces):
     used = np.unique(faces)
     altitude, area = altitudes(vertices[faces])
     unit = _unit_box(vertices, used)
-    crossings = crossing_faces(vertices, faces)  # as they are: scaling would round
+    crossings = crossing_faces(vertices, faces)  # of the original mesh: scaling would round
     volumes = signed_volumes(vertices, faces, component, count)
     solid = edges.closed and not edges.conflicts.any()
     depth = nesting_depth(unit, faces, component, count, crossings) if edges.closed else None
@@ -171,16 +171,16 @@ def diagnose(vertices: Vertices, faces: Faces):
 
 
 def crossing_faces(vertices: Vertices, faces: Faces):
-    """Return the pairs (m, 2) of faces that meet elsewhere than in what they share.
+    """Return the pairs (m, 2) of faces that meet outside their shared vertices and edges.
 
-    Exact (libigl's predicates). Faces that merely touch count: where two
-    surfaces touch, the distance does not know which one it is to.
+    The test is exact (libigl's predicates). Faces that merely touch count: where two
+    surfaces touch, the distance cannot be assigned to one of them.
     """
     sound = np.flatnonzero(~repeats_a_vertex(faces))
     if not len(sound):
         return np.empty((0, 2), np.int64)
-    # libigl has an absolute tolerance in it: bring the size to about 1, by a power of two,
-    # which rounds nothing; any other scale or shift could make coplanar faces cross
+    # libigl uses an absolute tolerance: scale the size to about 1, by a power of two, which
+    # rounds nothing; any other scale or shift could make coplanar faces cross
     size = np.abs(np.ptp(vertices[faces[sound].reshape(-1)], axis=0)).max()
     scaled = np.ldexp(vertices, -int(np.frexp(size)[1]))
     _, pairs, _ = igl.predicates.find_self_intersections(
@@ -197,7 +197,7 @@ def count_distinct(faces: Faces):
 
 
 def _unit_box(vertices, used):
-    """Centre and scale to longest side 1: float32 inside libigl, and thresholds, need it."""
+    """Centre and scale to longest side 1, as libigl's float32 and the thresholds require."""
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     return (vertices - (low + high) / 2) / (high - low).max()
 
@@ -214,7 +214,7 @@ def _odd_windings(unit, faces):
     half = np.ptp(unit[np.unique(faces)], axis=0) / 2
     points = np.random.default_rng(0).uniform(-1, 1, (WINDING_POINTS, 3)) * half
     turns = WindingNumber(unit, faces)(points)
-    # whole numbers, as the mesh is closed
+    # the mesh is closed, so these are whole numbers
     return int((np.abs(turns - 0.5) > 0.75).sum())
 
 
@@ -232,7 +232,7 @@ def _parts(component, count, volumes, depth):
 
 
 def _wall_thickness(unit, faces, area, scale):
-    """Return the least and the first percentile of the wall thickness, along −normal."""
+    """Return the minimum and the first percentile of wall thickness, along −normal."""
     rng = np.random.default_rng(0)
     start = np.minimum(
         np.searchsorted(np.cumsum(area) / area.sum(), rng.random(THICKNESS_RAYS)), len(faces) - 1

@@ -1,4 +1,4 @@
-"""Downloading a mesh, checked against its digest before it is kept."""
+"""Downloads a mesh and checks its digest before it is stored."""
 
 import hashlib
 import http.client
@@ -11,12 +11,12 @@ _BLOCK = 1 << 20
 
 
 def fetch(url, sha256, progress):
-    """Return the bytes behind a URL.
+    """Download a URL and return its bytes.
 
     Raises
     ------
     PandisError
-        Not reachable, or not what the digest says.
+        The URL cannot be fetched, or the digest differs.
     """
     try:
         with urllib.request.urlopen(url, timeout=60) as response:
@@ -36,7 +36,7 @@ def fetch(url, sha256, progress):
     digest = hashlib.sha256(data).hexdigest()
     if digest != sha256.lower():
         raise PandisError(
-            f"{url}: the sha256 of what came is {digest}, the configuration says "
-            f"{sha256.lower()}; the file changed or the download broke: correct sha256 or the URL"
+            f"{url}: the downloaded file's sha256 is {digest}, but the configuration says "
+            f"{sha256.lower()}; the file changed or the download failed: correct sha256 or the URL"
         )
     return data

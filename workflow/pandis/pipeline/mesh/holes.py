@@ -1,10 +1,10 @@
-"""Filling holes over the vertices that are there: no vertex is added, none moves.
+"""Hole filling with existing vertices: none is added, none moves.
 
 Every rim is triangulated by dynamic programming over all triangulations of its
 polygon (Barequet & Sharir 1995; weights of Liepa 2003, "Filling holes in
-meshes"): once for the least largest fold, once for the least area. Of the two
-the one that crosses the mesh less is kept. PyMeshLab's ear cutting, which was
-tried first, leaves or crosses one hole of the Stanford Bunny.
+meshes"): for the least maximum fold or for the least area, whichever crosses the
+mesh less. PyMeshLab's ear cutting was tried first. It leaves one hole of the Stanford
+Bunny open, or its triangles cross the mesh there.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from pandis.pipeline.mesh.diagnosis import crossing_faces
 from pandis.pipeline.mesh.topology import EdgeTable
 
 _WEIGHTS = ("fold", "area")
-#: What a triangle without area costs, in units in which the polygon has size 1.
+#: Area cost of a triangle without area, where the polygon is scaled to size 1.
 _FLAT = 1e3
 
 
@@ -24,12 +24,12 @@ def fill_holes(vertices, faces):
     ----------
     vertices : ndarray, shape (V, 3)
     faces : ndarray, shape (F, 3)
-        Manifold except its rims, consistently oriented.
+        Manifold except at the rims, consistently oriented.
 
     Returns
     -------
     vertices, faces : ndarray
-        The given faces first.
+        The given faces come first.
     """
     edges = EdgeTable(faces)
     known = {tuple(edge) for edge in edges.edges.tolist()}
@@ -57,7 +57,7 @@ def fill_holes(vertices, faces):
 
 
 def _rims(faces, edges):
-    """Return the rims as lists of half-edges, each in the direction that its cap runs in."""
+    """Return the rims as lists of half-edges, each in the direction of its cap."""
     half = np.flatnonzero(edges.boundary[edges.edge_of])
     start, end = edges.directed[half].T
     # a cap runs against its neighbours: from end to start
@@ -88,7 +88,7 @@ def triangulate(vertices, faces, rim, known, weight):
     rim : list of int
         Half-edges, see `_rims`.
     known : set of (int, int)
-        Edges of the mesh: a cap must not use them twice.
+        Edges of the mesh, which a cap must not use again.
     weight : {"fold", "area"}
 
     Returns
@@ -107,24 +107,25 @@ def triangulate(vertices, faces, rim, known, weight):
 
     chosen = least_cost_triangles(vertices[corner], weight, rim_normal, forbidden)
     if not len(chosen):
-        # every triangulation uses an edge twice: let the diagnosis say so
+        # every triangulation reuses an edge: let the diagnosis report it
         return np.stack([np.full(n - 2, corner[0]), corner[1:-1], corner[2:]], axis=1)
     return corner[chosen]
 
 
 def least_cost_triangles(points, weight="area", rim_normal=None, forbidden=None):
-    """Triangulate a closed polygon in space at the least cost of all its triangulations.
+    """Find the triangulation of least cost of a closed polygon in space.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
     weight : {"fold", "area"}
-        The least largest fold, ties by area; or the least area, ties by fold.
-        Then by the sum of squared edges, which prefers round triangles.
+        Minimise the largest fold, then the area; or the area, then the largest fold.
+        The sum of squared edges breaks remaining ties: it prefers round triangles.
     rim_normal : ndarray, shape (n, 3), optional
-        Unit normal of the face beyond edge k, from corner k to k + 1; none: no fold there.
+        Unit normals of the faces beyond edges k, from corner k to k + 1; by default the
+        rim has no folds.
     forbidden : callable, optional
-        From two indices to whether no triangle may have the edge between them.
+        Takes two indices; returns whether the edge between them is forbidden.
 
     Returns
     -------
@@ -142,7 +143,7 @@ def least_cost_triangles(points, weight="area", rim_normal=None, forbidden=None)
     step = np.arange(n - 1)
     cost[step, step + 1] = 0
     normal[step, step + 1] = rim_normal[:-1]
-    order = (2, 1, 0) if weight == "fold" else (2, 0, 1)  # the last counts first
+    order = (2, 1, 0) if weight == "fold" else (2, 0, 1)  # lexsort's primary key is last
     for span in range(2, n):
         for i in range(n - span):
             k = i + span
@@ -157,7 +158,7 @@ def least_cost_triangles(points, weight="area", rim_normal=None, forbidden=None)
             area = np.where(area > 1e-12, area, _FLAT) + cost[i, m, 1] + cost[m, k, 1]
             fold = np.where(np.isfinite(area), fold, np.inf)
             spread = ((points[k] - points[i]) ** 2).sum() + cost[i, m, 2] + cost[m, k, 2]
-            # sums in another order differ in the last bits: such costs are equal
+            # sums in different orders differ in the last bits: treat such costs as equal
             keys = [np.round(key, 10) for key in (fold, area, spread)]
             best = np.lexsort([keys[key] for key in order])[0]
             cost[i, k] = fold[best], area[best], spread[best]

@@ -1,4 +1,4 @@
-"""Reading a mesh from wherever the user has it."""
+"""Finds, unpacks and reads the mesh file of a source."""
 
 import gzip
 import tempfile
@@ -14,7 +14,7 @@ from pandis.pipeline.mesh.formats import FormatError
 from pandis.pipeline.run.ask.sourcing import FORMATS, format_of, source_path
 from pandis.pipeline.run.job.artifact import file_digest
 
-#: A file that is packed may be so large.
+#: Largest size of an unpacked file, in bytes.
 _LARGEST = 16 << 30
 
 
@@ -38,30 +38,31 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
     Parameters
     ----------
     source : str
-        What the user calls it; used in messages.
+        The user's name for it, used in messages.
     path : Path
     sha256 : str, optional
-        What the file's digest must be.
+        Expected digest of the file.
     seconds, memory_gb : float
-        Limits of the reader.
+        Limits for the reader.
 
     Returns
     -------
     reading : pandis.pipeline.mesh.formats.Reading
-        Mesh units.
+        In mesh units.
     record : dict
         ``format``, ``sha256`` and ``notes``.
 
     Raises
     ------
     PandisError
-        Wrong digest, unknown format, or what is wrong with the file, with its place.
+        The digest differs, the format is unknown, or the file is faulty (the message locates it).
     """
     digest = file_digest(path)
     if sha256 and digest != sha256.lower():
         raise PandisError(
-            f"{source}: the file's sha256 is {digest}, the configuration says {sha256.lower()}; "
-            "the file changed or the download broke: fetch it again, or correct sha256"
+            f"{source}: the file's sha256 is {digest}, but the configuration says "
+            f"{sha256.lower()}; the file changed or the download failed: fetch it again, or "
+            "correct sha256"
         )
     form = format_of(path)
     if form not in FORMATS:
@@ -83,19 +84,19 @@ def read_mesh(source, path, sha256=None, seconds=120.0, memory_gb=3.0):
     except tools.ToolError as error:
         raise PandisError(
             f"{source}: its reader failed: {error}; this is a defect of pandis: please report it "
-            "with the file"
+            "and attach the file"
         ) from None
     return reading, {"format": form, "sha256": digest, "notes": list(reading.notes)}
 
 
 @contextmanager
 def unpacked(source, path):
-    """Give a file as it is, or, if it is a gzip file, what is in it, while the body runs.
+    """Yield a file's path; a gzip file is unpacked while the body of ``with`` runs.
 
     Raises
     ------
     PandisError
-        It is not a whole gzip file.
+        The gzip file is incomplete, or too large when unpacked.
     """
     if path.suffix.lower() != ".gz":
         yield path
@@ -107,11 +108,11 @@ def unpacked(source, path):
                 while block := stream.read(1 << 24):
                     if target.tell() > _LARGEST:
                         raise PandisError(
-                            f"{source}: more than {_LARGEST >> 30} GB are packed in it"
+                            f"{source}: it is larger than {_LARGEST >> 30} GB when unpacked"
                         )
                     target.write(block)
         except (OSError, EOFError, zlib.error) as error:
-            raise PandisError(f"{source}: not a whole gzip file ({error})") from error
+            raise PandisError(f"{source}: not a complete gzip file ({error})") from error
         yield plain
 
 

@@ -1,4 +1,4 @@
-"""One rung at a time: run it in its own process, diagnose, keep it or not, and write down why."""
+"""Runs rungs in their own processes, diagnoses the results, keeps or discards them, records why."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,12 +13,12 @@ from pandis.pipeline.mesh.diagnosis import Diagnosis, diagnose
 from pandis.pipeline.mesh.topology import compact
 from pandis.pipeline.run.ask.options import MeshOptions
 
-#: No rung may turn more of the inside to outside, or back, than this.
+#: Largest share of the inside that a rung may add or remove.
 INSIDE_CHANGED = 0.02
 
 
 class State(NamedTuple):
-    """Where a ladder stood."""
+    """A snapshot of a `Ladder`."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -31,24 +31,24 @@ class State(NamedTuple):
 
 @dataclass
 class Ladder:
-    """A mesh on its way up, and what has been done to it.
+    """A mesh under repair, and the record of what has been done to it.
 
     Attributes
     ----------
     vertices, faces : ndarray
-        The mesh as it is now.
+        The current mesh.
     options : pandis.pipeline.run.ask.options.MeshOptions
     seed : int
     log : callable
     now : Diagnosis
-        Diagnosis of the mesh as it is now.
+        Diagnosis of the current mesh.
     rungs : list of dict
         Every attempt: rung, operation, parameters, kept or not, why not, faults left.
     source, reference : Surface
-        What deviations are measured from: the mesh as read; the same, welded
-        and turned outward, which knows inside from outside.
+        Meshes from which deviations are measured: the mesh as read, and the same
+        mesh welded and oriented outward, which has a defined inside.
     deviation : dict or None
-        Deviation of the mesh as it is now; None where it was not measured.
+        Deviation of the current mesh; None if it was not measured.
     """
 
     vertices: np.ndarray
@@ -64,21 +64,21 @@ class Ladder:
     _measured: dict | None = None
 
     def allows(self, rung):
-        """Tell whether the configuration lets this rung run."""
+        """Return whether the configuration allows a rung."""
         return rung in self.options.rungs
 
     def attempt(self, rung, operation, accept, **parameters):
-        """Run an operation in its own process; keep its result if ``accept`` says so.
+        """Run an operation in its own process; keep its result if ``accept`` returns None.
 
         Parameters
         ----------
         rung : str
-            The name under which ``mesh.rungs`` lists it.
+            Its name in ``mesh.rungs``.
         operation : str
             See `pandis.pipeline.mesh.tools`.
         accept : callable
-            From the result's vertices, faces and diagnosis to None or the
-            reason for refusing it.
+            Takes the result's vertices, faces and diagnosis; returns None or
+            the reason for rejecting it.
 
         Returns
         -------
@@ -105,12 +105,12 @@ class Ladder:
             self._note(entry, f"failed: {error}")
             return False
         if not len(faces):
-            self._note(entry, "nothing is left")
+            self._note(entry, "no faces are left")
             return False
         if np.array_equal(vertices, self.vertices) and np.array_equal(faces, self.faces):
             return False
         if not np.isfinite(vertices).all():
-            self._note(entry, "gave vertices that are not finite")
+            self._note(entry, "some vertices are not finite")
             return False
         diagnosis = diagnose(vertices, faces)
         reason = accept(vertices, faces, diagnosis)
@@ -121,34 +121,35 @@ class Ladder:
         return reason is None
 
     def state(self):
-        """Return what `go_back` takes."""
+        """Return a snapshot for `go_back`."""
         return State(
             self.vertices, self.faces, self.now, self.source, self.reference, self.deviation,
             [dict(entry) for entry in self.rungs],
         )  # fmt: skip
 
     def go_back(self, state):
-        """Be where a state was; what was kept since then is written down as set aside."""
+        """Restore a snapshot; results kept since then are recorded as discarded."""
         since = self.rungs[len(state.rungs) :]
-        aside = {"kept": False, "reason": "set aside for another way"}
+        aside = {"kept": False, "reason": "discarded to try another way"}
         self.rungs = state.rungs + [entry | aside if entry["kept"] else entry for entry in since]
         self.vertices, self.faces, self.now = state.vertices, state.faces, state.now
         self.source, self.reference = state.source, state.reference
         self.deviation = state.deviation
 
     def has_kept(self, operation, since):
-        """Tell whether an operation was kept since a state."""
+        """Return whether an operation's result was kept since a snapshot."""
         new = self.rungs[len(since.rungs) :]
         return any(entry["kept"] and entry["operation"] == operation for entry in new)
 
     def leave_out(self, loose, what):
-        """Go on without some faces (F,), from which deviations are not measured either.
+        """Remove some faces; deviations are then measured without them.
 
         Parameters
         ----------
         loose : ndarray, shape (F,)
+            The faces to remove.
         what : str
-            What they are.
+            Their description.
         """
         self.vertices, self.faces = compact(self.vertices, self.faces[~loose])
         self.now = diagnose(self.vertices, self.faces)
@@ -168,10 +169,10 @@ class Ladder:
             text += f"; {diagnosis.faces:,} faces; faults: {entry['faults']}"
         self.log(text)
 
-    # --- what counts as better ----------------------------------------------------------
+    # --- acceptance of results ----------------------------------------------------------
 
     def not_worse(self, vertices, faces, diagnosis):
-        """Accept what keeps or lowers the number of faults."""
+        """Accept a mesh with no more faults than before."""
         del vertices, faces
         return None if diagnosis.rank <= self.now.rank else "more faults than before"
 
@@ -188,7 +189,7 @@ class Ladder:
         return self.within_budget(vertices, faces, diagnosis)
 
     def within_budget(self, vertices, faces, diagnosis, allowance=0.0):
-        """Measure the deviation; return None or what exceeds the budget."""
+        """Measure the deviation; return None or a description of what exceeds the budget."""
         del diagnosis
         result, seed = Surface(vertices, faces), self.seed
         changed = 0.0 if allowance else inside_changed(self.reference, result, seed)

@@ -1,23 +1,23 @@
-"""Which components of a mesh lie inside others, and which way they must face."""
+"""Nesting of a mesh's components, and the orientation that follows from it."""
 
 import igl
 import numpy as np
 
 
 def signed_volumes(vertices, faces, component, count):
-    """Return the signed volume of each component (meaningful where it is closed)."""
+    """Return the signed volume of each component (meaningful only if it is closed)."""
     corners = (vertices - vertices[faces[0, 0]])[faces]
     volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     return np.bincount(component, volume, count)
 
 
 def nesting_depth(vertices, faces, component, count, crossings):
-    """Return how many other components enclose each one wholly.
+    """Return the number of other components that wholly enclose each one.
 
     Parameters
     ----------
     vertices, faces : ndarray
-        Every component closed.
+        All components are closed.
     component : ndarray, shape (F,)
     count : int
     crossings : ndarray, shape (m, 2)
@@ -49,9 +49,9 @@ def nesting_depth(vertices, faces, component, count, crossings):
 
 
 def must_turn(volumes, depth):
-    """Tell for each closed component whether it faces the wrong way.
+    """Return whether each closed component faces the wrong way.
 
-    Inside an even number of others a component bounds matter and has positive
-    volume; inside an odd number it bounds a cavity and has negative volume.
+    Inside an even number of others a component bounds a solid and must have positive
+    volume. Inside an odd number it bounds a cavity and must have negative volume.
     """
     return (volumes > 0) != (depth % 2 == 0)

@@ -1,4 +1,4 @@
-"""Open surfaces: which holes are too large to be filled unasked, and what to advise."""
+"""Open surfaces: holes too large to fill without asking, and advice on what to do."""
 
 import igl
 import numpy as np
@@ -7,24 +7,24 @@ from pandis.pipeline.mesh.deviation import Surface
 from pandis.pipeline.mesh.remesh import orient_by_sight
 from pandis.pipeline.mesh.topology import EdgeTable, components
 
-#: With more of its area than this without anything behind it, a mesh is not advised to be capped.
+#: Largest share of the area with nothing behind it for which capping is advised.
 SHEETS = 0.05
-#: Small open pieces are debris if all of them together have less than this share of the area.
+#: Small open pieces are debris if together they have less than this share of the area.
 DEBRIS = 0.01
-#: What to write for a surface that has no inside.
-THICKEN = "To make it a wall of mesh.thickness, give this mesh the option `mesh: {open: thicken}`"
+#: Advice for a surface that has no inside.
+THICKEN = "To turn it into a wall of mesh.thickness, set `mesh: {open: thicken}` for this mesh"
 
 
 def large_holes(vertices, faces, small_hole, max_edges):
     """Return every hole that is not small, the widest first.
 
-    A hole is small if its rim is at most ``small_hole`` times the diagonal of its
-    component, and of at most ``max_edges`` edges.
+    A hole is small if its rim is no longer than ``small_hole`` times its component's
+    diagonal and has at most ``max_edges`` edges.
 
     Returns
     -------
     list of {"edges": int, "length": float, "rim": float}
-        Rim in diagonals of the component.
+        ``rim`` is the length in diagonals of the component.
     """
     label, _ = components(faces)
     edges = EdgeTable(faces)
@@ -40,19 +40,19 @@ def large_holes(vertices, faces, small_hole, max_edges):
 
 
 def loose_pieces(vertices, faces, small_hole, max_edges):
-    """Tell which faces belong to open pieces, with a large hole, that the rest does without.
+    """Find the faces of open pieces with a large hole that the mesh does not need.
 
     Parameters
     ----------
     vertices, faces : ndarray
     small_hole, max_edges
-        As for `large_holes`.
+        As in `large_holes`.
 
     Returns
     -------
     debris, inside : ndarray, shape (F,)
-        Small pieces beside the rest, as a scan leaves them; and those that lie wholly inside of
-        what is closed.
+        Faces of small stray pieces, as in scans; and faces of pieces wholly inside closed
+        parts.
     """
     label, count = components(faces)
     edges = EdgeTable(faces)
@@ -74,7 +74,7 @@ def loose_pieces(vertices, faces, small_hole, max_edges):
         np.logical_and.at(least, label[open_[label]], within)
         inside = open_ & least
     small = np.sort(share[open_ & ~inside])
-    # the small ones that are debris together
+    # share of the largest piece that is still debris together with all smaller ones
     most = small[: np.searchsorted(np.cumsum(small), DEBRIS)].max(initial=-1.0)
     debris = open_ & ~inside & (share <= most) & (np.arange(count) != share.argmax())
     if share[debris].sum() >= DEBRIS:
@@ -83,16 +83,16 @@ def loose_pieces(vertices, faces, small_hole, max_edges):
 
 
 def advice(vertices, faces, seed):
-    """Return the sentence that names the option which fits an open surface."""
+    """Return a sentence that advises an option for an open surface."""
     front, behind = _windings_beside(vertices, faces, seed)
     sheet = np.maximum(front, behind) < 0.5
     if sheet.mean() <= SHEETS and (behind > 0.7).mean() > 0.5:
-        return "To close the holes all the same, give this mesh the option `mesh: {open: cap}`"
-    return f"Much of it is sheet, with nothing behind. {THICKEN}"
+        return "To close the holes nevertheless, set `mesh: {open: cap}` for this mesh"
+    return f"Much of it is a sheet with nothing behind it. {THICKEN}"
 
 
 def _windings_beside(vertices, faces, seed):
-    """Return winding numbers before and behind points of the surface, its faces turned by sight."""
+    """Return winding numbers in front of and behind surface points, after `orient_by_sight`."""
     surface = Surface(vertices, orient_by_sight(vertices, faces))
     rng = np.random.default_rng(seed)
     points, normals = surface.sample(4000, rng, np.ones(len(faces), bool))

@@ -1,7 +1,7 @@
-"""Polygons, cut into triangles that cover them.
+"""Triangulation of polygons.
 
-Mesh readers cut a polygon into a fan around its first corner; where it is not
-convex, such a fan folds over itself and leaves the polygon.
+Other mesh readers cut a polygon into a fan around its first corner. If the polygon is
+not convex, such a fan folds over itself and leaves the polygon.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ def triangulate_polygons(vertices, polygons):
     ----------
     vertices : ndarray, shape (V, 3)
     polygons : list of list of int
-        Polygons whose vertices exist.
+        All vertex indices must be valid.
 
     Returns
     -------
@@ -39,5 +39,5 @@ def _triangulate(vertices, polygon):
     cross = np.cross(points[1:-1] - points[0], points[2:] - points[0])
     around = cross @ cross.sum(axis=0)
     if (around > 0).all() or not np.isfinite(points).all():
-        return fan  # convex as seen from the first corner, as readers have it
+        return fan  # convex as seen from the first corner: the same as other readers
     return [[polygon[i] for i in triangle] for triangle in least_cost_triangles(points)]

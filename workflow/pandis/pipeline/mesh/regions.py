@@ -1,8 +1,8 @@
-"""Regions: which material a mesh file gives each of its faces, and how a repair keeps that.
+"""Regions: the materials of a mesh file's faces, and their transfer to the repaired mesh.
 
-OBJ, glTF and 3MF files name materials: a face of the repaired mesh has the material of the face of
-the file that is nearest to it. Beside a mesh of any other format, an array may say it, face by
-face.
+OBJ, glTF and 3MF files name materials: a face of the repaired mesh gets the material of the
+file's nearest face. For OBJ, PLY, STL and OFF files, an array beside the file may assign materials
+face by face.
 """
 
 import igl
@@ -11,16 +11,16 @@ import numpy as np
 from pandis.base.errors import PandisError
 from pandis.pipeline.run.ask.sourcing import regions_file
 
-#: A region is one byte.
+#: Most regions of a mesh: an index is one byte.
 MOST = 255
-#: Formats whose readers keep the order of a file's triangles.
+#: Formats whose readers preserve the order of a file's triangles.
 IN_ORDER = "obj", "ply", "stl", "off"
-#: Where a face asks what it is made of: at its middle, and next to each corner.
+#: Barycentric places where a face looks up its region: the centre, and next to each corner.
 _PLACES = np.array([[1, 1, 1], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / np.array([[3], [6], [6], [6]])
 
 
 def named_in(reading, log):
-    """Return the regions of a mesh as it was read, by the materials that its file names.
+    """Return the regions of a mesh as read, from the materials that its file names.
 
     Parameters
     ----------
@@ -32,34 +32,34 @@ def named_in(reading, log):
     region : ndarray, shape (F,)
         An index into the names.
     names : list of str
-        Each once, in alphabetical order.
+        Distinct, in alphabetical order.
 
-    None, where the file does not name several materials, or too many.
+    None if the file names fewer than two materials, or more than `MOST`.
     """
     if reading.materials is None:
         return None
     names, region = np.unique(reading.materials, return_inverse=True)
     if len(names) > MOST:
-        log(f"it names {len(names)} materials; regions are kept of {MOST} at most")
+        log(f"it names {len(names)} materials, too many for regions (at most {MOST})")
     if not 1 < len(names) <= MOST:
         return None
     return region.reshape(-1), [str(name) for name in names]
 
 
 def read_beside(path, form, count):
-    """Read the array beside a mesh file that says what each of its triangles is made of.
+    """Read the array beside a mesh file that names a material for each triangle.
 
-    ``part.stl.regions.npy`` beside ``part.stl`` holds, for each triangle in the order of the file,
-    a number or a name.
+    ``part.stl.regions.npy`` beside ``part.stl`` contains a number or a name for each triangle, in
+    the file's order.
 
     Parameters
     ----------
     path : Path
-        The mesh's file.
+        The mesh file.
     form : str
         A format of `pandis.pipeline.run.ask.sourcing.FORMATS`.
     count : int
-        Triangles that were read.
+        Number of triangles in the mesh.
 
     Returns
     -------
@@ -67,20 +67,20 @@ def read_beside(path, form, count):
         An index into the names.
     names : list of str
 
-    None, where there is no such file.
+    None if there is no such file.
 
     Raises
     ------
     pandis.base.errors.PandisError
-        It is no such array, or of another mesh.
+        The file is not such an array, or does not fit the mesh.
     """
     beside = regions_file(path)
     if not beside.is_file():
         return None
     if form not in IN_ORDER:
         raise PandisError(
-            f"{beside}: the parts of a .{form} scene have no common order of triangles; name "
-            "materials in the scene itself, and remove this file"
+            f"{beside}: the parts of a .{form} scene have no common order of triangles: name "
+            "materials in the scene itself and remove this file"
         )
     try:
         whose = np.asarray(np.load(beside, allow_pickle=False))
@@ -89,23 +89,23 @@ def read_beside(path, form, count):
     if whose.shape != (count,) or whose.dtype.kind not in "biuU":
         raise PandisError(
             f"{beside}: an array of shape {whose.shape} and type {whose.dtype}; the mesh has "
-            f"{count:,} triangles: give as many whole numbers or names, in their order"
+            f"{count:,} triangles: give as many whole numbers or names, in the same order"
         )
     names, region = np.unique(whose, return_inverse=True)
     if len(names) > MOST:
-        raise PandisError(f"{beside}: {len(names)} regions; at most {MOST} are possible")
+        raise PandisError(f"{beside}: {len(names)} regions; at most {MOST} are supported")
     return region, [str(name) for name in names]
 
 
 def regions_after(mesh, region, names, vertices, faces, log):
-    """Return the regions of a repaired mesh, by those of the mesh that was read.
+    """Return the regions of a repaired mesh, from those of the mesh as read.
 
     Parameters
     ----------
     mesh : tuple of ndarray
-        Vertices and faces as they were read.
+        Vertices and faces as read.
     region : ndarray, shape (F,)
-        Region of these faces, an index into the names.
+        Region of each of these faces, an index into the names.
     names : list of str
     vertices, faces : ndarray
         The repaired mesh.
@@ -114,7 +114,7 @@ def regions_after(mesh, region, names, vertices, faces, log):
     Returns
     -------
     region, names
-        As of `named_in`; None where one is left.
+        As in `named_in`; None if only one region is left.
     """
     carried = carry(*mesh, region, vertices, faces)
     used, carried = np.unique(carried, return_inverse=True)
@@ -128,17 +128,17 @@ def regions_after(mesh, region, names, vertices, faces, log):
 
 
 def carry(vertices, faces, region, onto, onto_faces):
-    """Return the region (F',) of each face of a mesh, by the nearest faces of another.
+    """Return the region (F',) of each face of a mesh, from the nearest faces of another.
 
-    Each face asks at its middle and next to its corners; most of the answers count, with a tie that
-    of the middle.
+    Each face looks up the region at its centre and next to its corners. The majority decides, and
+    the centre breaks ties.
 
     Parameters
     ----------
     vertices, faces, region
         The mesh whose regions are known.
     onto, onto_faces : ndarray
-        Vertices and faces of the other one.
+        Vertices and faces of the mesh whose regions are returned.
     """
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces)
     tree = igl.AABB()
@@ -148,5 +148,5 @@ def carry(vertices, faces, region, onto, onto_faces):
     candidates = region[nearest].reshape(len(_PLACES), -1)
     votes = (candidates[:, None] == candidates).sum(
         axis=1
-    )  # argmax takes the first of equals: the middle
+    )  # argmax returns the first of equals: the centre
     return np.take_along_axis(candidates, votes.argmax(axis=0)[None], axis=0)[0].astype(np.uint8)

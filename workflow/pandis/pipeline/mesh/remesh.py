@@ -1,10 +1,10 @@
-"""A closed surface from any oriented soup: the level where the winding number is one half.
+"""A closed surface from any oriented soup: the level set where the winding number is one half.
 
 Jacobson et al. 2013, "Robust inside-outside segmentation using generalized
-winding numbers". The field of which marching cubes takes the zero level is the
-exact distance with the winding number's sign, eased in between, so that it is
-exact at the surface and continuous across holes, where there is no surface.
-Only cells near the surface or near a change of side are ever visited.
+winding numbers". Marching cubes extracts the zero level of the exact distance, signed by
+the winding number with a gradual transition. This field is exact at the surface and
+continuous across holes, where there is no surface. Only cells near the surface or near a
+change of side are visited.
 """
 
 import igl
@@ -13,7 +13,7 @@ import numpy as np
 from pandis.pipeline.mesh.topology import EdgeTable, components
 from pandis.pipeline.mesh.winding import WindingNumber
 
-#: Depth of the octree at which every cell is looked at.
+#: Depth of the octree at which every cell is visited.
 DENSE_LEVEL = 5
 #: Slope of the sign between outside (1) and inside (−1): full at winding numbers 0.375 and 0.625.
 SLOPE = 4.0
@@ -21,7 +21,7 @@ SLOPE = 4.0
 _CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 )
-#: Rays per patch that decide which side of it is seen more.
+#: Rays per patch that decide which of its sides is seen more.
 RAYS = 400
 
 
@@ -31,15 +31,15 @@ def winding_remesh(vertices, faces, level):
     Parameters
     ----------
     vertices, faces : ndarray
-        Need be neither closed nor manifold; which side of a patch is outside is
-        decided by rays.
+        Need be neither closed nor manifold; rays decide which side of a patch is
+        outside.
     level : int
         2**level cells span 1.1 times the longest side.
 
     Returns
     -------
     vertices, faces : ndarray
-        Closed, unless the surface left the cells that were visited.
+        Closed, unless the surface leaves the visited cells.
     """
     used = vertices[np.unique(faces)]
     centre = (used.min(axis=0) + used.max(axis=0)) / 2
@@ -53,7 +53,7 @@ def winding_remesh(vertices, faces, level):
         cells = _active(children, depth, field)
     corners, index = _corners_of(cells, level)
     value = field(corners / 2**level)
-    # a value of 0 at a node would give faces without area
+    # a value of 0 at a node would produce faces without area
     tiny = 1e-3 / 2**level
     value = np.where(np.abs(value) < tiny, np.where(value < 0, -tiny, tiny), value)
     v, f, _ = igl.marching_cubes(
@@ -83,7 +83,7 @@ class _Field:
 
 
 def _active(cells, depth, field):
-    """Keep the cells that the level can pass through, and the neighbours of changes of side."""
+    """Return the cells that the surface may cross, and those around a change of side."""
     size = 2.0**-depth
     centres = np.ascontiguousarray((cells + 0.5) * size)
     near = field.distance(centres) <= size * np.sqrt(3) / 2 * 1.01
@@ -117,11 +117,11 @@ def _cells(keys, depth):
 
 
 def orient_by_sight(vertices, faces):
-    """Turn each manifold patch so that its front is the side from which more of the sky is seen.
+    """Orient each manifold patch so that its front is the side from which more sky is visible.
 
     After Takayama et al. 2014, "A simple method for correcting facet
-    orientations in polygon meshes based on ray casting"; a closed patch that is
-    seen from neither side keeps its orientation.
+    orientations in polygon meshes based on ray casting". A closed patch that is
+    visible from neither side keeps its orientation.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def orient_by_sight(vertices, faces):
     """
     faces = np.ascontiguousarray(faces, np.int64)
     used = vertices[np.unique(faces)]
-    # libigl's rays miss faces of 1e-9
+    # scaled to 1: libigl's rays miss faces of size 1e-9
     vertices = np.ascontiguousarray((vertices - used.min(axis=0)) / np.ptp(used, axis=0).max())
     edges = EdgeTable(faces)
     patch, count = components(faces) if not edges.nonmanifold.any() else _patches(faces)

@@ -1,14 +1,14 @@
-"""From what was read to a closed, manifold, outward mesh, or a refusal with the diagnosis.
+"""Repair: from a mesh as read to a closed, manifold, outward one, or an error with the diagnosis.
 
-The ladder, climbed no higher than needed; after each rung the mesh is diagnosed
-again, and a rung's result counts only if it has fewer faults and, from ``fill``
-on, lies within the deviation budget:
+The ladder is climbed no higher than needed. After each rung the mesh is diagnosed
+again. A rung's result is kept only if it improves the mesh and, from ``fill`` on,
+stays within the deviation budget:
 
 ======== ====================================================================
-clean    weld, drop degenerate and duplicate faces, turn outward, split what
-         only touches; lossless
+clean    weld, drop degenerate and duplicate faces, orient outward, split
+         contacts; lossless
 union    exact union of shells that cross or overlap
-fill     holes with a small rim, over the vertices that are there
+fill     fill holes with a small rim, using existing vertices
 meshfix  MeshFix on every component
 remesh   marching cubes where the winding number is one half
 wrap     alpha wrap
@@ -27,20 +27,20 @@ from pandis.pipeline.mesh.openings import THICKEN, advice, large_holes, loose_pi
 from pandis.pipeline.mesh.topology import EdgeTable, compact, components, one_sided
 
 RUNGS = ("clean", "union", "fill", "meshfix", "remesh", "wrap")
-#: Octree levels tried by `remesh`: cells of 1/128, 1/256 of 1.1 times the longest side.
+#: Octree levels tried by `remesh`: cells of 1/128 and 1/256 of 1.1 times the longest side.
 REMESH_LEVELS = (7, 8)
-#: Vertices lie in one plane if nothing leaves it by more than this, of their extent.
+#: Vertices are coplanar if their least singular value is at most this share of the largest.
 FLAT = 1e-9
-#: More of the faces than this in pairs of two sides: sheets without thickness.
+#: Share of duplicate faces above which a mesh consists of sheets without thickness.
 SHEETS = 0.2
-#: Alpha and offset of `wrap`, in shares of the diagonal.
+#: Alpha and offset of `wrap`, as shares of the diagonal.
 WRAP_ALPHA, WRAP_OFFSET = 0.005, 0.0002
 
 
 def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
-    """Climb the ladder, no higher than needed.
+    """Repair a mesh, climbing the ladder no higher than needed.
 
-    A mesh that is valid as read is returned bit by bit as it is.
+    A mesh that is valid as read is returned bitwise unchanged, less unreferenced vertices.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def repair(vertices: Vertices, faces: Faces, options, seed, log=print):
     Raises
     ------
     PandisError
-        The mesh is open or stays invalid: with the diagnosis, and the option
-        that would change the decision. Or a rung ran into its limits.
+        The mesh is open or remains invalid: the message has the diagnosis and the option
+        that would change the decision. Or a rung exceeded its limits.
     """
     before = diagnose(vertices, faces)
     log(f"{before.vertices:,} vertices, {before.faces:,} faces; faults: {before.faults()}")
@@ -134,7 +134,7 @@ def _climb(ladder):
 
 
 def _is_flat(vertices):
-    """Tell whether vertices (n, 3) lie in one plane."""
+    """Return whether vertices (n, 3) are coplanar."""
     if len(vertices) < 4:
         return True
     sizes = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
@@ -142,12 +142,12 @@ def _is_flat(vertices):
 
 
 def _without_inside(ladder, flat):
-    """Tell whether a mesh that has no inside is to be made a wall; refuse it if not.
+    """Return whether a mesh has no inside and is to be thickened into a wall.
 
     Raises
     ------
     PandisError
-        It has no inside, and `mesh.open` does not say ``thicken``.
+        It has no inside, and `mesh.open` is not ``thicken``.
     """
     turned = int(one_sided(ladder.faces).sum())
     if not (flat or turned):
@@ -158,24 +158,24 @@ def _without_inside(ladder, flat):
     if turned:
         what = (
             f"{turned:,} of {len(ladder.faces):,} faces are a closed surface with one side only, "
-            "as a Klein bottle: it has no inside"
+            "like a Klein bottle: it has no inside"
         )
     raise PandisError(f"{what}. {THICKEN}")
 
 
 def _part_with_loose(ladder):
-    """Leave loose pieces out if holes are to be capped, and name them.
+    """Remove and log loose pieces if holes are to be capped.
 
     Raises
     ------
     PandisError
-        There are some, and `mesh.open` says ``refuse``.
+        There are loose pieces, and `mesh.open` is ``refuse``.
     """
     share, edges = ladder.options.small_hole, ladder.options.max_hole_edges
     debris, inside = loose_pieces(ladder.vertices, ladder.faces, share, edges)
     loose, notes = debris | inside, []
     for which, called in ((debris, "loose pieces that enclose nothing"),
-                          (inside, "open pieces inside of what is closed")):  # fmt: skip
+                          (inside, "open pieces inside closed parts")):  # fmt: skip
         if which.any():
             count = len(np.unique(components(ladder.faces)[0][which]))
             notes.append(f"{count} {called} ({which.sum():,} of {len(loose):,} faces)")
@@ -186,13 +186,13 @@ def _part_with_loose(ladder):
         ladder.leave_out(loose, what)
         return
     raise PandisError(
-        f"the mesh is open: {ladder.now.faults()}; there are {what}. To leave these out and to "
-        "close what is open of the rest, give this mesh the option `mesh: {open: cap}`"
+        f"the mesh is open: {ladder.now.faults()}; there are {what}. To leave these out and "
+        "close the holes of the rest, set `mesh: {open: cap}` for this mesh"
     )
 
 
 def _orient(ladder):
-    """Turn faces outward, and say how much matter becomes a cavity by that."""
+    """Orient faces outward, and log how much solid volume becomes a cavity."""
     before = ladder.faces
     accepted = ladder.attempt("clean", "orient", ladder.not_worse, nested=ladder.options.nested)
     if not accepted or len(before) != len(ladder.faces):
@@ -202,14 +202,14 @@ def _orient(ladder):
     hollow = (was > 0) & (now < 0) & EdgeTable(ladder.faces).closed
     if hollow.any():
         ladder.log(
-            f"matter inside matter becomes a cavity, as mesh.nested says: {hollow.sum()} "
+            f"a solid inside another becomes a cavity, as mesh.nested requires: {hollow.sum()} "
             f"components, {was[hollow].sum():.4g} cubic mesh units of {was[was > 0].sum():.4g}; "
-            "`mesh: {nested: solid}` keeps it"
+            "`mesh: {nested: solid}` keeps it solid"
         )
 
 
 def _clean(ladder):
-    """Weld and orient: what needs no judgement."""
+    """Weld and orient: the steps that need no judgement."""
     if not ladder.allows("clean"):
         return
     ladder.attempt("clean", "clean", lambda *_: None)
@@ -221,9 +221,9 @@ def _clean(ladder):
 
 
 def _settle(ladder):
-    """Union what overlaps and split what touches, as long as that helps.
+    """Unite overlapping shells and split contacts, as long as that helps.
 
-    If faces that were split still cross in the end, once more with another way to part them.
+    If split faces still cross at the end, try again with another way to separate them.
     """
     before = ladder.state()
     _settle_by(ladder)
@@ -260,11 +260,11 @@ def _settle_by(ladder, **parting):
 
 
 def _leave_walls_out(ladder):
-    """Leave out walls between the cells of one body, and measure no deviation from them."""
+    """Remove walls between the cells of one body; deviation is then measured without them."""
     before = ladder.vertices[ladder.faces]
 
     def accept(vertices, faces, diagnosis):
-        # what is left are faces that were there: nothing has moved
+        # all remaining faces must have been there before: nothing may move
         places = {tuple(sorted(map(tuple, corners))) for corners in before.tolist()}
         left = (tuple(sorted(map(tuple, corners))) for corners in vertices[faces].tolist())
         if not all(corners in places for corners in left):
@@ -278,7 +278,7 @@ def _leave_walls_out(ladder):
 
 def _balanced_only(vertices, faces, diagnosis):
     del vertices, diagnosis
-    return None if EdgeTable(faces).balanced else "the union came out open"
+    return None if EdgeTable(faces).balanced else "the union is open"
 
 
 def _manifold_only(vertices, faces, diagnosis):
@@ -295,7 +295,7 @@ def _fill(ladder):
 
 
 def _thicken(ladder):
-    """Wrap the surface from both sides: the offset makes the wall."""
+    """Wrap the surface from both sides; the offset creates the wall."""
     half = ladder.options.thickness / 2
 
     def accept(vertices, faces, diagnosis):
@@ -315,9 +315,9 @@ def _open_message(ladder, holes, paired):
     if paired:
         advised = f"Its faces come in pairs, back to back: sheets without thickness. {THICKEN}"
     return (
-        f"the mesh is open: {ladder.now.faults()}. Too large to be filled without asking: "
+        f"the mesh is open: {ladder.now.faults()}. Holes too large to fill without asking: "
         f"{len(holes)} (the widest rim is {holes[0]['rim']:.3g} times the diagonal of "
-        f"its part, mesh.small_hole is {ladder.options.small_hole:g}): this may be a surface "
+        f"its part, mesh.small_hole is {ladder.options.small_hole:g}). This may be a surface "
         f"without an inside. {advised}"
     )
 
@@ -327,12 +327,12 @@ def _refusal(ladder, reason=None):
         f"{r['operation']}: {r['reason']}" for r in ladder.rungs if r["reason"] is not None
     )
     missing = [rung for rung in RUNGS if not ladder.allows(rung)]
-    todo = "mend it in a mesh editor"
+    todo = "repair it in a mesh editor"
     if missing:
-        todo = f"allow the rungs left out (mesh.rungs: add {', '.join(missing)})"
+        todo = f"allow the omitted rungs (mesh.rungs: add {', '.join(missing)})"
     elif ladder.options.open == "cap":
-        todo = "make it a wall of mesh.thickness: give this mesh the option `mesh: {open: thicken}`"
-    state = f"the mesh stays invalid: {ladder.now.faults()}"
+        todo = "turn it into a wall of mesh.thickness: set `mesh: {open: thicken}` for this mesh"
+    state = f"the mesh remains invalid: {ladder.now.faults()}"
     if reason:
-        state = f"the repaired mesh is not the one that was given: {reason}"
-    return f"{state}. Tried: {tried or 'nothing'}. To go on, {todo}"
+        state = f"the repaired mesh differs too much from the source: {reason}"
+    return f"{state}. Tried: {tried or 'nothing'}. To proceed, {todo}"

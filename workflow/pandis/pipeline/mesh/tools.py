@@ -1,8 +1,8 @@
-"""What runs in a process of its own: readers, rungs of the repair, tools under other licences.
+"""Operations in separate processes: readers, rungs of the repair, tools under other licences.
 
-A file may be made so that reading it takes hours, some tools crash or hang, and PyMeshLab, the
-exact union and MeshFix are GPL or AGPL: so each call is ``python -m pandis.pipeline.mesh.tools``
-under limits of time and memory. Arrays travel as ``.npz`` in float64, never as a mesh format.
+A crafted file can take hours to read, some tools crash or hang, and PyMeshLab, the exact union and
+MeshFix are GPL or AGPL. Each call therefore runs ``python -m pandis.pipeline.mesh.tools`` with
+limits on time and memory. Arrays are passed as ``.npz`` in float64, never in a mesh format.
 """
 
 import json
@@ -21,11 +21,11 @@ from pandis.pipeline.mesh.formats import read as read_format
 
 
 class ToolError(Exception):
-    """A tool failed; the message says how, in a few words."""
+    """A tool failed; the message briefly says how."""
 
 
 class LimitError(ToolError):
-    """A tool needed more time or memory than it was given."""
+    """A tool needed more time or memory than allowed."""
 
 
 def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **parameters):
@@ -36,9 +36,9 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     operation : str
         A key of OPERATIONS.
     vertices, faces : ndarray, optional
-        The mesh it works on.
+        The mesh to work on.
     seconds, memory_gb : float
-        Limits; beyond them the child is ended.
+        Limits, beyond which the child is terminated.
     **parameters
         Numbers and strings for the operation.
 
@@ -52,7 +52,7 @@ def call(operation, vertices=None, faces=None, *, seconds, memory_gb, **paramete
     LimitError
         It ran out of time or memory.
     ToolError
-        It crashed or raised.
+        It crashed or raised an exception.
     """
     return _run(operation, (vertices, faces), seconds, memory_gb, parameters)[:2]
 
@@ -63,9 +63,9 @@ def read(path, form, folder, *, seconds, memory_gb):
     Parameters
     ----------
     path, form, folder
-        As of `pandis.pipeline.mesh.formats.read`.
+        As in `pandis.pipeline.mesh.formats.read`.
     seconds, memory_gb
-        As of `call`.
+        As in `call`.
 
     Returns
     -------
@@ -74,9 +74,9 @@ def read(path, form, folder, *, seconds, memory_gb):
     Raises
     ------
     pandis.pipeline.mesh.formats.FormatError
-        What is wrong with the file.
+        The file cannot be read; the message says why.
     LimitError, ToolError
-        As of `call`.
+        As in `call`.
     """
     parameters = {"path": str(path), "form": form, "folder": str(folder)}
     try:
@@ -167,14 +167,14 @@ def split(vertices, faces, straight=False):
 
 
 def union(vertices, faces):
-    """Keep the surface of what the mesh encloses, by exact arithmetic (libigl and CGAL)."""
+    """Compute the union of all that the mesh encloses, in exact arithmetic (libigl and CGAL)."""
     from igl.copyleft import cgal
 
     from pandis.pipeline.mesh import cleanup
     from pandis.pipeline.mesh.topology import EdgeTable, rotate_to_smallest
 
     def crossings(v, f):
-        """Ask both: each overlooks some pairs of faces that are next to flat."""
+        """Combine both tests: each misses some pairs of nearly flat faces."""
         exact = cgal.remesh_self_intersections(v, f, detect_only=True)[2]
         return np.concatenate([cleanup.crossing_faces(v, f), exact.reshape(-1, 2)])
 
@@ -183,12 +183,12 @@ def union(vertices, faces):
     )
     if not len(faces):
         return vertices, faces
-    # the order in which the pieces of a cut face come differs from run to run
+    # sort: the order of a cut face's pieces differs from run to run
     faces = rotate_to_smallest(faces)
     faces = faces[np.lexsort((*faces.T[::-1], birth))]
     if not len(crossings(vertices, faces)):
         return vertices, faces
-    # rounding to float64 has made faces cross: join what it has brought together, part the rest
+    # rounding to float64 made faces cross: weld close vertices, then perturb the rest
     diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
     welded = cleanup.clean(vertices, faces, 1e-9 * diagonal)
     if len(welded[1]) and EdgeTable(welded[1]).balanced:
@@ -200,10 +200,10 @@ def union(vertices, faces):
 
 
 def skin(vertices, faces):
-    """Leave out the walls between the cells of one body: what bounds no matter (libigl and CGAL).
+    """Remove the walls between the cells of one body, which are not its surface (libigl and CGAL).
 
-    Of each connected piece with edges of more than two faces, those faces stay that have the
-    outside on one side, and face it.
+    In each connected piece with edges of more than two faces, only faces with the outside on
+    exactly one side stay. They are oriented towards it.
     """
     from igl.copyleft import cgal
 
@@ -232,7 +232,7 @@ def fill(vertices, faces):
 
 
 def meshfix(vertices, faces):
-    """Repair each component with MeshFix (Attene 2010), which knows single bodies only."""
+    """Repair each component with MeshFix (Attene 2010), which handles single bodies only."""
     import pymeshfix
     from scipy.spatial import cKDTree
 
@@ -251,7 +251,7 @@ def meshfix(vertices, faces):
     if not parts:
         return np.empty((0, 3)), np.empty((0, 3), np.int64)
     fixed = np.concatenate([p[0] for p in parts])
-    # MeshFix rounds: vertices that it has not moved get their bits back
+    # MeshFix rounds: restore the coordinates of vertices that it has not moved
     diagonal = np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
     gap, nearest = cKDTree(vertices).query(fixed)
     still = gap <= 1e-6 * diagonal
@@ -267,7 +267,7 @@ def remesh(vertices, faces, level):
 
 
 def wrap(vertices, faces, alpha, offset):
-    """Wrap with CGAL's alpha wrap through PyMeshLab; lengths in shares of the diagonal."""
+    """Wrap with CGAL's alpha wrap through PyMeshLab; lengths are shares of the diagonal."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet()
@@ -280,7 +280,7 @@ def wrap(vertices, faces, alpha, offset):
 
 
 def simplify(vertices, faces, count):
-    """Leave so many faces, by quadrics (Garland & Heckbert 1997), through PyMeshLab."""
+    """Reduce to ``count`` faces by quadrics (Garland & Heckbert 1997), through PyMeshLab."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet()
@@ -322,7 +322,7 @@ def main(arguments):
     except MemoryError:
         raise
     except Exception as error:
-        # one line on stderr is what the parent quotes
+        # the parent quotes the last line of stderr
         sys.exit(" ".join(f"{type(error).__name__}: {error}".split())[:600])
     arrays = {
         "vertices": np.asarray(vertices, np.float64).reshape(-1, 3),

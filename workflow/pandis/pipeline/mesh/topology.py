@@ -1,7 +1,7 @@
 """Connectivity of a triangle mesh: edges, rims, fans around a vertex, components.
 
-Everything here looks at indices only (and at positions for lengths); nothing
-changes a mesh.
+Most functions use indices only; positions matter for lengths and for coincident vertices.
+None modifies its arguments.
 """
 
 import igl
@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 
 class EdgeTable:
-    """The edges of a mesh and how often, and in which direction, faces use them.
+    """The edges of a mesh, and the number and direction of the faces along them.
 
     Half-edge ``3 f + k`` runs from corner k of face f to its corner k + 1.
 
@@ -22,7 +22,7 @@ class EdgeTable:
     edge_of : ndarray, shape (3 F,)
         The edge of each half-edge.
     uses, forward : ndarray, shape (E,)
-        Faces at the edge; those that run along it from the smaller index.
+        Number of faces at the edge, and of those that traverse it from the smaller index.
     """
 
     def __init__(self, faces):
@@ -43,31 +43,31 @@ class EdgeTable:
 
     @property
     def closed(self):
-        """Every edge has exactly two faces."""
+        """Whether every edge has exactly two faces."""
         return bool((self.uses == 2).all())
 
     @property
     def balanced(self):
-        """As many faces run along each edge one way as the other: it bounds a solid."""
+        """Whether faces traverse each edge equally often both ways: the mesh bounds a solid."""
         return bool((2 * self.forward == self.uses).all())
 
     @property
     def boundary(self):
-        """Which edges have one face only."""
+        """Mask of the edges with only one face."""
         return self.uses == 1
 
     @property
     def nonmanifold(self):
-        """Which edges have more than two faces."""
+        """Mask of the edges with more than two faces."""
         return self.uses > 2
 
     @property
     def conflicts(self):
-        """Which edges have two faces that disagree in orientation."""
+        """Mask of the edges with two faces that disagree in orientation."""
         return (self.uses == 2) & (self.forward != 1)
 
     def pairs(self):
-        """Return the pairs (m, 2) of half-edges of the edges that have two faces."""
+        """Return the pairs (m, 2) of half-edges at edges with two faces."""
         order = np.argsort(self.edge_of, kind="stable")
         return order[self.uses[self.edge_of[order]] == 2].reshape(-1, 2)
 
@@ -105,10 +105,9 @@ def connected(pairs, count):
 
 
 def one_sided(faces):
-    """Tell which faces (F,) belong to a closed manifold piece that has one side only.
+    """Return which faces (F,) belong to a closed manifold piece with only one side.
 
-    Going around such a piece, a Klein bottle, one comes back on the other side: no orientation of
-    its faces agrees everywhere, and it has no inside.
+    Such a piece, for example a Klein bottle, cannot be oriented consistently and has no inside.
     """
     edges, count = EdgeTable(faces), len(faces)
     half = np.argsort(edges.edge_of, kind="stable")
@@ -117,7 +116,7 @@ def one_sided(faces):
     one, other = half[starts[pairs]], half[starts[pairs] + 1]
     agree = edges.runs_forward[one] != edges.runs_forward[other]
     f, g = one // 3, other // 3
-    # each face twice, once for each side: a way leads from a side to the neighbour's same side
+    # each face is two nodes, one per side; each side is linked to the neighbour's same side
     ways = [(f, np.where(agree, g, g + count)), (f + count, np.where(agree, g + count, g))]
     start, end = (np.concatenate(side) for side in zip(*ways, strict=True))
     graph = coo_array((np.ones(len(start)), (start, end)), shape=(2 * count, 2 * count))
@@ -134,7 +133,7 @@ def components(faces):
 
 
 def fans(faces, edges, also=None):
-    """Return for each corner (3 F,) its fan: faces around a vertex joined over manifold edges.
+    """Return the fan of each corner (3 F,): faces around a vertex joined across manifold edges.
 
     A vertex with more than one fan is not manifold. Fans are numbered by their
     smallest corner index (``3 f + k``).
@@ -144,12 +143,12 @@ def fans(faces, edges, also=None):
     faces : ndarray, shape (F, 3)
     edges : EdgeTable
     also : ndarray, shape (m, 2), optional
-        More pairs of half-edges to join.
+        Additional pairs of half-edges to join.
     """
     half = edges.pairs()
     if also is not None:
         half = np.concatenate([half, also])
-    # the corners of two faces that sit at the same end of their common edge
+    # corners of two faces at the same end of their common edge
     corner = (3 * (half // 3))[..., None] + np.stack([half % 3, (half + 1) % 3], axis=-1)
     vertex = faces.reshape(-1)[corner]
     pairs = []
@@ -170,24 +169,24 @@ def nonmanifold_vertices(faces, edges):
 
 
 def same_place(vertices):
-    """Return for each vertex the first one with the very same coordinates."""
+    """Return for each vertex the index of the first one with the same coordinates."""
     _, first, index = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     return first[index.reshape(-1)].astype(np.int64)
 
 
 def repeats_a_vertex(faces):
-    """Tell which faces name a vertex twice."""
+    """Return which faces use a vertex twice."""
     a, b, c = faces.T
     return (a == b) | (b == c) | (c == a)
 
 
 def rotate_to_smallest(faces):
-    """Let every face begin with its smallest index; the side it shows stays."""
+    """Rotate every face to begin with its smallest index; its orientation is unchanged."""
     start = np.argmin(faces, axis=1)
     return np.take_along_axis(faces, (start[:, None] + [0, 1, 2]) % 3, axis=1)
 
 
 def compact(vertices, faces):
-    """Drop vertices that no face uses; the others keep their bits and their order."""
+    """Drop vertices that no face uses; the others are bitwise unchanged and in the same order."""
     used, index = np.unique(faces, return_inverse=True)
     return vertices[used], index.reshape(-1, 3).astype(np.int64)

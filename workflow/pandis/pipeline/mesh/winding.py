@@ -1,17 +1,17 @@
-"""Winding numbers of a mesh, closed or not: by a tree, as finely as they must be known.
+"""Winding numbers of a mesh, closed or not, computed with a tree and refined where unclear.
 
-Jacobson et al. 2013; Barill et al. 2018. The price of a point is bounded by the tree, whatever the
-mesh: a sum over all faces, which is exact, takes a quarter of an hour where many points lie between
-whole numbers and there are a hundred thousand faces.
+Jacobson et al. 2013; Barill et al. 2018. The tree bounds the cost per point for any mesh. The exact
+sum over all faces would take a quarter of an hour with a hundred thousand faces and many points
+whose winding numbers are not whole.
 """
 
 import numpy as np
 
 from pandis.engine.bvh import Bvh
 
-#: A number is believed this far from a whole one; else it is asked again, with finer clusters.
+#: Numbers farther than this from a whole one are computed again, with finer clusters.
 CLEAR = 0.1
-#: How far away, in radii, a cluster of faces counts as one: at first, and where that is unclear.
+#: Distance, in radii, from which a cluster of faces counts as one: at first, and where unclear.
 ROUGH, FINE = 3.0, 12.0
 
 

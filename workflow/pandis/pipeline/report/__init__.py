@@ -1,1 +1,1 @@
-"""Tables, figures and the page that a person looks at."""
+"""The report: tables, figures and the page for users."""

@@ -1,4 +1,4 @@
-"""How long the jobs took that built a field: from Snakemake's benchmark files."""
+"""Build times of fields, from Snakemake's benchmark files."""
 
 import json
 from pathlib import Path
@@ -10,8 +10,8 @@ from pandis.pipeline.run.ask.kind import AUTO
 def build_seconds(mesh, fields, folder):
     """Return the seconds of the last job that built each field.
 
-    A job that went on from a checkpoint counts from there. Times lie beside the artifacts, not in
-    them, so that a field without one is simply not told.
+    A job that resumed from a checkpoint counts from there. Times are stored beside the artifacts,
+    not in them; a field without a time is left out.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def build_seconds(mesh, fields, folder):
     Returns
     -------
     dict of str to float
-        0 where nothing is built beyond the mesh.
+        0 if nothing is built beyond the mesh.
     """
     seconds = {}
     for field in fields:
@@ -39,7 +39,7 @@ def build_seconds(mesh, fields, folder):
 
 
 def build_file(mesh, field, folder):
-    """Return the benchmark file of the job that built a field, None where nothing is built."""
+    """Return the benchmark file of the job that built a field; None if nothing is built."""
     spec = known_field(field)
     spec = spec.through or spec
     if spec.artifact == "mesh":

@@ -1,4 +1,4 @@
-"""A collection of many meshes in one table: what each was, how it was repaired, its files."""
+"""A collection of many meshes in one table: the source, repair and files of each."""
 
 import base64
 import csv
@@ -31,16 +31,16 @@ COLUMNS = {
     "genus": "Genus",
     "file": "File",
     "bytes": "Bytes",
-    "holds": "Holds",
+    "holds": "Contents",
 }
-#: Of the deviation: from the source to the result, and back.
+#: Directions of the deviation: from the source to the result, and back.
 _WAYS = "to_result", "to_source"
-#: Pixels of a picture's side.
+#: Side of a picture, pixels.
 _SMALL = 72
 
 
 def collect(meshes, threads, progress, note):
-    """Return the rows of all meshes, in order; as many at a time as there are threads.
+    """Return the rows of all meshes in order, reading as many at a time as there are threads.
 
     Parameters
     ----------
@@ -50,12 +50,13 @@ def collect(meshes, threads, progress, note):
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
     note : callable
-        Told the path and the digest of every file that was read.
+        Receives the path and the digest of every file that was read.
 
     Returns
     -------
     list of dict
-        Keys of `COLUMNS`, one row for each file; ``picture``, a ``data:`` URI, in the first.
+        One row for each file, with the keys of `COLUMNS` and ``picture``, a ``data:`` URI in the
+        first row of a mesh.
     """
     report, rows = progress("meshes", len(meshes), "meshes"), []
     for done, (rows_of_mesh, digests) in enumerate(each(_read, list(meshes.items()), threads), 1):
@@ -102,7 +103,7 @@ def _picture(mesh):
 
 
 def to_csv(rows, refused=()):
-    """Return rows as the text of a CSV file; refused meshes have a row with the reason alone.
+    """Return rows as the text of a CSV file; refused meshes have a row with only the reason.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from pandis.pipeline.run.records.samples import SamplesRecord
 _COLOURS = {form: one for kind in KINDS.values() for form, one in kind.colours.items()}
 _COLOURS[AUTO] = "#e4572e"
 _UNCHANGED, _CAP = (176, 190, 214), (60, 160, 90)
-#: Of fields that are trained, one after the other; and of kinds that name none.
+#: Colours of trained fields, in order, and of kinds that define none.
 _LEARNED = ("#d62828", "#f3722c", "#b5179e", "#f48fb1", "#7f1d1d", "#ff7f50")
 _OTHER = "#708090"
 
@@ -37,7 +37,7 @@ def picture(vertices, faces, path):
 
 
 def heat_map(vertices, faces, origin, deviation, diagonal):
-    """Draw a repaired mesh from two sides: what was kept, what moved and how far, what was added.
+    """Draw a repaired mesh from two sides: the parts kept, moved (and how far), and added.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def _show(axes, vertices, faces, view, colours=None, points=None):
     image = render(vertices, faces, size=480, view=view, colours=colours, points=points)
     rows, columns = (np.flatnonzero(image[..., 3].any(axis=k)) for k in (1, 0))
     shown = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    axes.imshow(shown, interpolation="none")  # its own pixels, whatever the form
+    axes.imshow(shown, interpolation="none")  # the same pixels in every file format
     axes.set_axis_off()
     axes.set_title("front" if list(view) == list(VIEW) else "back")
 
@@ -109,7 +109,7 @@ def quiver(fields, size=32, half=1.0):
     Parameters
     ----------
     fields : list of pandis.pipeline.kinds.field.Field
-        The first is exact, and draws the outline in every panel.
+        The first is exact; its outline is drawn in every panel.
     """
     axis = np.linspace(-half, half, size)
     x, y = np.meshgrid(axis, axis)
@@ -171,7 +171,7 @@ def samples(artifact, limit=4000):
             part = np.clip(distance[start:stop], edges[0], edges[-1])
             counted = bars.hist(part, edges, histtype="step", label=f"{name} ({stop - start:,})")
             numbers[name] = counted[0].astype(int)
-    bars.set(yscale="log", xlabel="signed distance (unit frame; the ends gather the rest)")
+    bars.set(yscale="log", xlabel="signed distance (unit frame; the end bins hold the rest)")
     bars.set_ylabel("points")
     bars.legend(frameon=False, fontsize=7, title="stratum")
     return save(figure, numbers)
@@ -213,8 +213,8 @@ def _spherical(force):
 def error_against_time(rows, specs, networks):
     """Draw the mean contact error against the time of a query in C, and against jumps.
 
-    The line joins the fields that no other one beats in both, of those that may be used: the
-    others are hollow.
+    The line joins the usable fields that no other one beats in both. Fields that may not be used
+    are hollow.
     """
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     by_name = {spec.name: spec for spec in specs}
@@ -282,6 +282,6 @@ def compute_histogram(compute, specs, networks, deadline):
             )
             numbers[spec.name] = counted[0].astype(int)
     axes.axvline(deadline * 1e6, color="#999999", ls=":", lw=1)
-    axes.set(xscale="log", yscale="log", xlabel="computing one tick (µs)", ylabel="ticks")
+    axes.set(xscale="log", yscale="log", xlabel="compute time of a tick (µs)", ylabel="ticks")
     axes.legend(frameon=False, fontsize=7)
     return save(figure, numbers)

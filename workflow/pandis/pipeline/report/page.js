@@ -1,4 +1,4 @@
-// Tables that sort and can be saved, figures that grow and can be saved: nothing is fetched.
+// Tables that can be sorted and saved, figures that can be enlarged and saved. Nothing is fetched.
 "use strict";
 
 // A cell's number, or its text: "1,234", "3.2e-4", "✓ 12,800", "87 %" are numbers.
@@ -43,7 +43,7 @@ function csvOf(table) {
   return asCsv(lines.join("\n"));
 }
 
-// What a figure or table is called: the mesh and the heading above it.
+// Name of a figure or table: the mesh and the heading above it.
 function nameOf(element, seen) {
   let mesh = "", title = "";
   for (const heading of document.querySelectorAll("h2, h3, summary")) {
@@ -67,7 +67,7 @@ function tools(...links) {
 const names = new Map();
 for (const table of document.querySelectorAll("table")) {
   if (!table.tHead) continue;
-  // what mixes units, as the paper's tables do, has no order
+  // columns that mix units, as in the paper's tables, cannot be sorted
   if (!table.classList.contains("fixed")) [...table.tHead.rows[0].cells].forEach((heading, column) => {
     heading.tabIndex = 0;
     heading.title = "sort";
@@ -86,16 +86,16 @@ for (const image of document.querySelectorAll("figure img")) {
   if (csv) links.push(save(`${name}-numbers.csv`, asCsv(csv)));
   image.closest("figure").append(tools(...links));
   image.addEventListener("click", () => image.classList.toggle("large"));
-  image.title = "larger, or as it was";
+  image.title = "enlarge, or restore the size";
 }
-// On paper nothing is folded.
+// Nothing is folded when the page is printed.
 let folded = [];
 addEventListener("beforeprint", () => {
   folded = [...document.querySelectorAll("details:not([open])")];
   for (const part of folded) part.open = true;
 });
 addEventListener("afterprint", () => folded.forEach((part) => (part.open = false)));
-// A link to something that is folded unfolds it.
+// A link to folded sections unfolds them.
 for (const link of document.querySelectorAll('a[href="#reading"]'))
   link.addEventListener("click", () => {
     for (const part of document.querySelectorAll("#reading ~ details")) part.open = true;

@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs nothing else."""
+"""The report: one self-contained HTML file."""
 
 from importlib import resources
 
@@ -38,10 +38,10 @@ from pandis.pipeline.run.records.timing import TimingRecord
 
 
 def mesh_sections(meshes, threads, progress, note):
-    """Prepare all meshes, as many at a time as there are threads, each in a process of its own.
+    """Prepare all meshes, as many at a time as there are threads, each in a separate process.
 
-    A process reads what it draws and gives it up again: no more meshes are in memory than are
-    drawn.
+    A process reads the mesh that it draws and then frees it, so only the meshes being drawn are in
+    memory.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def mesh_sections(meshes, threads, progress, note):
     progress : callable
         Makes a `pandis.pipeline.run.job.stage.Progress`.
     note : callable
-        Told the path and the digest of every artifact that was read.
+        Receives the path and the digest of every artifact that was read.
 
     Returns
     -------
@@ -178,7 +178,7 @@ def _versions(artifacts):
 
 
 def _chosen(record):
-    """Return a choice with what it promises, and what was asked for, in words."""
+    """Return a choice, with its measured figures and the required ones in words."""
     scale, limits = record.scale, Limits(**record.limits)
     mean = describe_force(limits.mean, scale.newtons, scale.mean_force)
     tail = describe_force(limits.tail, scale.newtons, scale.mean_force)
@@ -193,7 +193,7 @@ def _chosen(record):
 
 
 def _verdicts(questions, answers, failures):
-    """Say of every field what it failed, and by how much, in a sentence."""
+    """Return, for every field, a sentence on what it failed, and by how much."""
     return {
         field: "; ".join(questions[question].says(answers[field][question]) for question in failed)
         for field, failed in failures.items()
@@ -201,7 +201,7 @@ def _verdicts(questions, answers, failures):
 
 
 def _heat_map(mesh, vertices, record):
-    """Return the picture of what a repair has changed, None where it has changed nothing."""
+    """Return a picture of the changes by the repair; None if it changed nothing."""
     if not mesh.arrays["origin"].any():
         return None
     columns = (mesh.arrays[key] for key in ("faces", "origin", "deviation"))
@@ -221,21 +221,21 @@ def _training(model):
     symbol = "‖∇Φ‖" if model.architecture.outputs == 1 else "‖Ψ‖"
     return (
         f"{model.steps:,} steps on {model.device}; force error on its "
-        "own held-out points (half of them at most 0.01 deep, and so not the contact error below) "
+        "own held-out points (half of them at most 0.01 deep, so not the contact error below): "
         f"mean {error.mean:.2e}, p99 {error.p99:.2e}; "
         f"{symbol} {size.mean:.3f} ± {size.std:.3f}"
     )
 
 
 def _first(rows, networks):
-    """Return the field whose errors the view shows first: the best network, or the best grid."""
+    """Return the field whose errors the view shows first: the best network, or the best of all."""
     known = [r for r in rows if r["bytes"] != "" and r["trajectory_mean"] > 0]
     shown = [r for r in known if r["field"] in networks] or known
     return min(shown, key=lambda row: row["trajectory_mean"], default={"field": ""})["field"]
 
 
 def _sentence(rows, networks, closed_form):
-    """Say who wins where a probe can press, whoever it is, and how the networks compare."""
+    """Return sentences: the best field where a probe can press, and how the networks compare."""
     known = [row for row in rows if row["bytes"] != ""]
     approximate = [row for row in known if row["field"] != "exact" and row["trajectory_mean"] > 0]
     if not approximate:
@@ -245,12 +245,12 @@ def _sentence(rows, networks, closed_form):
         best = min(able, key=lambda row: row["contact_mean"])
         text = (
             "Of the approximate fields that failed no question of the stress suite and lack no "
-            f"surface, {best['field']} has the lowest error where a probe can press: "
+            f"part of the surface, {best['field']} has the lowest error where a probe can press: "
             f"{best['contact_millinewtons']:.3g} mN on average, {best['contact_percent']:.2g} % of "
             "the mean force."
         )
     else:
-        text = "Every approximate field failed a question of the stress suite, or lacks surface."
+        text = "Every approximate field fails a question of the stress suite, or lacks surface."
     error = {row["field"]: row["trajectory_mean"] for row in approximate}
     base = next((b for b in BASELINES if error.get(b)), None)
     box = "the mesh's own box, as the paper's" if base == BASELINES[0] else "the unit frame's cube"
@@ -321,7 +321,7 @@ def build(sections, refused=None):
 
 
 def _path(path):
-    """Return a path that breaks into lines after its folders."""
+    """Return a path as HTML that may break into lines after each folder."""
     return Markup("/<wbr>").join(map(escape, str(path).split("/")))
 
 

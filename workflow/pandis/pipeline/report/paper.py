@@ -1,4 +1,4 @@
-"""The paper's tables, made anew, each figure beside the printed one."""
+"""The paper's tables, reproduced, with each figure beside the printed one."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ from pandis.pipeline.judge.errors.paths import BASELINES, repeats, spread
 from pandis.pipeline.judge.timing.timing import BRUTE
 from pandis.pipeline.kinds.grid.spec import BOX
 
-#: The columns of Tables 2 to 4, as the paper calls them; its grids lie on the mesh's own box.
+#: The columns of Tables 2 to 4, as the paper names them. Its grids cover the mesh's own box.
 METHODS = {
     BRUTE: "GT",
     "nearest-box-32": "NN-i 32³, own box",
@@ -23,7 +23,7 @@ CUBES = {
     if BOX in field
 }
 _CONTACT = list(SETS)[-1]
-#: Table 1 (two of its counts are slips: the Armadillo has 172,974 vertices, the Dragon 871,414
+#: Table 1 (two counts are misprints: the Armadillo has 172,974 vertices, the Dragon 871,414
 #: faces), Table 2 above and below, Table 3 (ms, the first device), Table 4.
 PRINTED = {
     "bunny": {
@@ -51,7 +51,7 @@ PRINTED = {
         "error": (0, 0.176, 0.054, 0.171, 0.041, 0.068),
     },
 }
-#: Table 5, by field; the others of a method's readings stand beside theirs.
+#: Table 5, by field. Other readings of a method have no printed figure.
 SPHERE = {
     "exact": 0,
     "nearest-100": 0.097,
@@ -76,7 +76,7 @@ class Table(NamedTuple):
 
 
 def tables(sections):
-    """Return those of the paper's tables that meshes of these sections stand for.
+    """Return those of the paper's tables for which the sections contain meshes.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def tables(sections):
     Returns
     -------
     list of Table
-        Empty where no mesh is called as one of the paper's.
+        Empty if no mesh has a name from the paper.
     """
     scans = [s for s in sections if s.name in PRINTED]
     made_anew = []
@@ -156,7 +156,7 @@ def _setup(scans):
         _heads(scans, "paper", "here"),
         _each(scans, cells),
         "Here: the job that built the field, from start to written artifact; NN-i and Tri-i share "
-        "theirs. The paper asked its ground truth, which has no tree, at every node.",
+        "one. The paper queried its ground truth, which has no tree, at every node.",
     )
 
 
@@ -166,7 +166,7 @@ def _space(scans):
         size = f"{row['bytes'] / 1024:,.0f} KB" if row else "0" if field == BRUTE else ""
         return PRINTED[section.name]["bytes"][index], size
 
-    note = "Here: what a program must hold in memory to answer, for GT beside the mesh itself."
+    note = "Here: the memory that a program needs to answer, for GT in addition to the mesh itself."
     rows = _each(scans, cells)
     return Table("Table 2, below: space", _heads(scans, "paper", "here"), rows, note)
 
@@ -189,8 +189,8 @@ def _times(scans):
         rows,
         "Here: medians of single queries on one thread, one after the other along the trajectory; "
         "in C: pandis.h; from Python: ONNX Runtime, or pandis.h; caches empty: from "
-        "Python, 64 MB written between two. GT looks at every face, exact at some of a tree's. "
-        "The paper's programs were in C++, its network in LibTorch.",
+        "Python, with 64 MB written between queries. GT visits every face, exact only some, by a "
+        "tree. The paper's programs were in C++, its network in LibTorch.",
     )
 
 
@@ -213,11 +213,11 @@ def _errors(scans):
         ),
         rows,
         "Here: the first trajectory, unit frame, k = 1; beside it the contact error, where a probe "
-        "can press, and the share of the surface that does not push back. The paper names neither "
+        "can press, and the share of the surface that does not push back. The paper states neither "
         "k nor the scale of its meshes, weights by 1/j as printed, and traced its paths with Tri-i "
-        "itself: what can be compared is the ratio to Tri-i 64³, on the mesh's own box as in the "
-        "paper. Networks that were trained in the same way with several seeds share a row: of two "
-        "both figures, of more the mean and its 95 % interval (Student's t).",
+        "itself. So only the ratio to Tri-i 64³ can be compared, on the mesh's own box as in the "
+        "paper. Networks that were trained in the same way with several seeds share a row: for two "
+        "it has both figures, for more the mean and its 95 % interval (Student's t).",
     )
 
 
@@ -251,7 +251,7 @@ def _scan_errors(section):
 
 
 def _trained(models):
-    """Say how networks were trained: the weighting of the paper's loss, steps and seeds."""
+    """Describe how networks were trained: the weighting of the paper's loss, steps and seeds."""
     if not models:
         return ""
     options = models[0].options
@@ -280,13 +280,13 @@ def _sphere(section):
             "% of the mean force",
         ),
         rows,
-        "As printed it cannot be right: NN-i and Tri-i on 100³ nodes differ about sixtyfold, the "
-        "table's by 1.2, and NN-i, Tri-i and [22] share a floor near 0.08.",
+        "The printed errors cannot be right: NN-i and Tri-i on 100³ nodes differ about sixtyfold, "
+        "those printed by a factor of 1.2, and NN-i, Tri-i and [22] share a floor near 0.08.",
     )
 
 
 def _clock(seconds):
-    """Format seconds as h:mm:ss; below ten seconds with one digit more."""
+    """Format seconds as h:mm:ss; below ten seconds, as seconds with one decimal."""
     if seconds is None:
         return ""
     if 0 < seconds < 10:

@@ -1,11 +1,11 @@
-"""Which file of a mesh to use: its error, size, time and safe stiffness, in words."""
+"""The files of a mesh to use, with error, size, time and safe stiffness in words."""
 
 from pandis.pipeline.judge.errors.front import may_be_used
 from pandis.pipeline.judge.servo.attached import SHARE
 
 
 def picks(rows, hardware, folder):
-    """Return the exact field and the best of the others, of those that may be used.
+    """Return, of the fields that may be used, the exact one and the best of the others.
 
     Parameters
     ----------
@@ -17,14 +17,14 @@ def picks(rows, hardware, folder):
     Returns
     -------
     list of dict
-        ``field``, ``file``, and texts: ``error``, ``size``, ``time``, ``most`` (the safe
-        stiffness), ``safe`` (a sentence about it); ``why`` one may take it (the beginning of a
-        sentence); ``through``: what to say where hard presses go through with penalty forces, so
-        that a proxy is to be used, else empty.
+        ``field`` and ``file``; texts: ``error``, ``size``, ``time``, ``safe`` (a sentence on the
+        safe stiffness), ``why`` (the beginning of a sentence) and ``through`` (a sentence, if hard
+        presses go through with penalty forces and so a proxy has to be used; otherwise empty);
+        numbers, of which ``stiffness`` is the safe one.
     """
     able, tried = usable(rows, hardware), hardware.fields
     exact = [row for row in able if row["contact_mean"] == 0]
-    exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or `auto`, come to it
+    exact = sorted(exact, key=lambda row: row["field"] != "exact")[:1]  # or `auto`, if exact
     others = [row for row in able if row["contact_mean"] > 0]
     best = [min(others, key=lambda row: row["contact_mean"])] if others else []
     picked = [_pick(row, tried[row["field"]], folder) | {"why": "Use"} for row in exact + best]
@@ -36,9 +36,9 @@ def picks(rows, hardware, folder):
 def usable(rows, hardware):
     """Return the rows of the fields that may be used.
 
-    A field is judged twice: by what was evaluated of it (`may_be_used`), and by what its exported
-    file does in a servo loop: it answers in time, pushes back on the whole surface, and there is a
-    stiffness at which it is safe on every simulated device.
+    A field is judged twice: by its evaluation (`may_be_used`), and by its exported file in a servo
+    loop. The file must answer in time, push back on the whole surface, and be safe at some
+    stiffness on every simulated device.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def usable(rows, hardware):
 
 
 def _why(row, exact):
-    """Say what a field has over the exact one."""
+    """Return the beginning of a sentence with the advantage of a field over the exact one."""
     if row["bytes"] < exact["bytes"]:
         return "Or, if that is too large,"
     faster = row["native_p50_us"] < exact["native_p50_us"]
@@ -63,7 +63,7 @@ def _why(row, exact):
 
 
 def _file_is_sound(verdict):
-    """Tell whether the validation of an exported file has found nothing that forbids its use."""
+    """Return whether the validation of an exported file found nothing that forbids its use."""
     devices = verdict.devices.values()
     pressed = all(device.holds and not device.pressed_missing for device in devices)
     holds = not any(touched.passes for touched in _touched(verdict))
@@ -74,23 +74,23 @@ def _file_is_sound(verdict):
 
 
 def _touched(verdict):
-    """Return what devices made of a field through a proxy; nothing where it has none."""
+    """Return the devices' verdicts on a field through a proxy; empty if it has none."""
     return list(verdict.proxy.devices.values()) if verdict.proxy else []
 
 
 def _lets_through(verdict):
-    """Return how many hard presses there were, and in how many penalty forces let a hand through.
+    """Return how many hard presses penalty forces let through, and the number of all hard presses.
 
-    On the device where it were most.
+    The numbers are those of the worst device.
     """
     counts = [(t.penalty_passes, t.presses) for t in _touched(verdict)]
     return max(counts, default=(0, 0))
 
 
 def _safe(verdict):
-    """Return the stiffness that is safe in the lightest hand on every device; None without one.
+    """Return the stiffness that is safe in the lightest hand on every device; None without devices.
 
-    Of what is recommended: a proxy where penalty forces let hard presses through.
+    It is that of the recommended force: of a proxy if penalty forces let hard presses through.
     """
     felt = _touched(verdict) if _lets_through(verdict)[0] else verdict.devices.values()
     hands = [device.hands for device in felt]
@@ -105,8 +105,8 @@ def _pick(row, verdict, folder):
     safe = "No device was simulated."
     if most is not None:
         safe = (
-            f"It is safe up to {most:,.0f} N/m in a light hand, by simulation; a device that is "
-            f"armed gets at most {SHARE} of what is safe on it."
+            f"In simulation it is safe up to {most:,.0f} N/m in a light hand; an armed device "
+            f"gets at most {SHARE} of the stiffness that is safe on it."
         )
     passes, presses = _lets_through(verdict)
     through = ""

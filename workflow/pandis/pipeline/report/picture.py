@@ -1,4 +1,4 @@
-"""Figures as the page holds them: to look at, to print, and as numbers."""
+"""Figures as the page contains them: to view, to print, and as numbers."""
 
 import base64
 import io
@@ -14,7 +14,7 @@ mpl.rcParams["svg.fonttype"] = "none"
 mpl.rcParams["font.size"] = 9
 mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
 
-#: What needs no escape in a URI within an attribute: shorter than base 64.
+#: Characters that need no escape in a URI within an attribute: shorter than base 64.
 _SAFE = " !$()*+,-./:;=?@[]_~{}|^"
 
 
@@ -26,7 +26,7 @@ class Picture(NamedTuple):
     svg, pdf : str
         ``data:`` URIs.
     csv : str
-        The numbers it was drawn from; empty where they are an artifact's.
+        The numbers that are plotted; empty if they are those of an artifact.
     """
 
     svg: str
@@ -46,7 +46,7 @@ def save(figure, numbers=None, dpi=110):
         Resolution of the parts that are pixels.
     """
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # what was laid out stays, for both files
+    figure.set_layout_engine("none")  # the layout is fixed, the same for both files
     box = figure.get_tightbbox().padded(mpl.rcParams["savefig.pad_inches"])
     svg = _written(figure, "svg", dpi, box, Date=None).decode()
     pdf = _written(figure, "pdf", dpi, box, CreationDate=None)

@@ -6,7 +6,7 @@ from pandis.pipeline.geometry.sampling import Surface
 
 #: A view from the front, a little from the left and from above.
 VIEW = (0.45, 0.35, 1.0)
-#: Pixels that are drawn per side of one that is shown.
+#: Pixels that are drawn along each side of an output pixel.
 _FINER = 2
 
 
@@ -20,7 +20,7 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
     size : int
         Pixels per side.
     view, up : sequence of float
-        Direction from the mesh to the eye; which way is up.
+        Direction from the mesh to the eye, and the upward direction.
     points : ndarray, shape (n, 3), optional
         A path to draw over the surface, where it is not hidden.
     colours : ndarray, shape (F, 3), optional
@@ -32,7 +32,7 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
         RGBA; transparent where there is no mesh.
     """
     fine = _draw(vertices, faces, _FINER * size, camera(view, up), points, colours)
-    # a pixel is the mean of finer ones, by how much of it they cover, so that edges are smooth
+    # a pixel is the mean of finer ones, weighted by coverage, so that edges are smooth
     parts = fine.reshape(size, _FINER, size, _FINER, 4).astype(float)
     cover = parts[..., 3:].sum(axis=(1, 3))
     colour = (parts[..., :3] * parts[..., 3:]).sum(axis=(1, 3)) / np.maximum(cover, 1)
@@ -43,14 +43,14 @@ def render(vertices, faces, size=560, view=VIEW, up=(0.0, 1.0, 0.0), points=None
 def _draw(vertices, faces, size, axes, points, colours):
     """Draw a mesh without smoothing: see `render`."""
     whole = Surface(vertices, faces)
-    # what faces away is hidden: the solid is closed
+    # faces that point away are hidden: the solid is closed
     front = np.flatnonzero(whole.normals @ axes[2] > 0)
     surface = Surface(vertices, np.asarray(faces)[front])
     count = round(10 * size * size * surface.areas.sum() / whole.areas.sum())
     position, normal, face, _ = surface.draw(count, np.random.default_rng(0))
     face = front[face]
     row, column, depth = project(position, axes, size)
-    # far to near: of all points in a pixel the nearest is written last
+    # from far to near, so that the nearest point in a pixel is written last
     order = np.argsort(depth, kind="stable")
     row, column = row[order], column[order]
     image = np.zeros((size, size, 4), np.uint8)
@@ -100,7 +100,7 @@ def project(points, axes, size):
 def _draw_path(image, buffer, points, axes, size):
     steps, way = np.linspace(0, 1, 8, endpoint=False), np.diff(points, axis=0)
     length = np.linalg.norm(way, axis=1)
-    whole = length <= 8 * np.median(length)  # a longer step is one to where it begins anew
+    whole = length <= 8 * np.median(length)  # a longer step jumps to where the path starts again
     dense = (points[:-1][whole, None] + steps[:, None] * way[whole, None]).reshape(-1, 3)
     row, column, depth = project(dense, axes, size)
     # the path runs below the surface: allow for the depth of penetration

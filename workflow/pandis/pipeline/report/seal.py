@@ -1,4 +1,4 @@
-"""The seal at the end of a file: its provenance, and a checksum of what stands before it."""
+"""The seal at the end of a file: its provenance, and a checksum of the file and provenance."""
 
 import hashlib
 import json
@@ -6,13 +6,13 @@ from pathlib import Path
 
 from pandis.base.errors import ArtifactError
 
-#: How a comment at the end of a file begins and ends. Programs that read volumes go to places that
-#: the file's head names, and never come to its end.
+#: Start and end of the comment at the end of a file. Programs that read volumes use the offsets in
+#: the file's header, and never read its end.
 _HTML, _LINE = (b"\n<!-- pandis: ", b" -->\n"), (b"\n# pandis: ", b"\n")
 _MARKS = {".html": _HTML, ".xml": _HTML, ".obj": _LINE, ".vdb": _LINE}
 #: Extensions of the files sealed this way.
 SEALED = frozenset(_MARKS)
-#: Of a checksum, with the space after it.
+#: Length of a checksum, with the space after it.
 _DIGITS = 65
 
 
@@ -24,10 +24,10 @@ def seal(data, provenance, ending):
     data : bytes
     provenance : dict
     ending : {".html", ".xml", ".obj", ".vdb"}
-        Ending of the file's name.
+        Ending of the file name.
     """
     start, end = _MARKS[ending]
-    # "--" would end a comment of HTML
+    # "--" would end an HTML comment
     text = json.dumps(provenance, sort_keys=True).replace("--", "-\\u002d").encode()
     return data + start + _digest(data, text) + text + end
 

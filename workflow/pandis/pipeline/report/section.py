@@ -1,4 +1,4 @@
-"""What the page is filled with about one mesh."""
+"""Contents of the page for one mesh."""
 
 from dataclasses import dataclass
 
@@ -22,29 +22,29 @@ class Section:
     rows, controls : list of dict
         Rows of the summary: fields, and controls.
     picks, advice : list of dict
-        Which file to use: `pandis.pipeline.report.picks`,
+        The files to use: see `pandis.pipeline.report.picks` and
         `pandis.pipeline.judge.errors.front.recommend`.
     columns : dict of str to str
         Titles of the columns that are not empty.
     built, sound : int
         Fields that were built, and those that may be used.
     per_unit, metres : float
-        Newtons per mesh unit of depth, and metres of a mesh unit under the device.
+        Newtons per mesh unit of depth, and metres per mesh unit under the device.
     judged, walls : float, int
-        Share of the surface that is judged, and points that hardware compares.
+        Share of the surface that is judged, and number of points that the validation compares.
     builds : dict of str to float
         Seconds by field.
     versions : dict of str to str
     sentence, paths_said : str
     repair : list of str
     verdicts, proxy_verdicts, notes : dict of str to str
-        What a field failed, alone and through a proxy; how a network was trained.
+        Failures of a field, alone and through a proxy; training of a network.
     followed : str
-        Why the path is less deep than was asked; empty if it is not.
+        Why the path is less deep than configured; empty if it is not.
     touch : str or None
-        The part on which its fields are touched.
+        HTML of the part on which its fields can be touched.
     choice : dict or None
-        What `fields: auto` has come to, in words.
+        Result of `fields: auto`, in words.
     """
 
     name: str

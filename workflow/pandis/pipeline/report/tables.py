@@ -12,13 +12,13 @@ from pandis.pipeline.run.records.hardware import HardwareRecord
 from pandis.pipeline.run.records.stress import StressRecord
 from pandis.pipeline.run.records.timing import TimingRecord
 
-#: The contact set that headlines are about, and the shallow one.
+#: The contact set of the headline errors, and the shallow one.
 CONTACT, SHALLOW = "contact-deep", "contact-shallow"
 COLUMNS = {
     "mesh": "Mesh",
     "field": "Field",
     "bytes": "Bytes",
-    "build_s": "Built in (s)",
+    "build_s": "Build time (s)",
     "contact_millinewtons": "Contact error, mean (mN)",
     "contact_percent": "% of the mean force",
     "missing_percent": "Surface missing (%)",
@@ -31,8 +31,8 @@ COLUMNS = {
     "contact_shallow_mean": "Contact error, 0 to 0.01 deep",
     "trajectory_millinewtons": "Error on the trajectory (mN)",
     "trajectory_percent": "% of the mean force",
-    "trajectory_missing_percent": "Missing on the trajectory (%)",
-    "trajectory_felt_percent": "Felt on the trajectory (%)",
+    "trajectory_missing_percent": "Force missing on the trajectory (%)",
+    "trajectory_felt_percent": "Feels different on the trajectory (%)",
     "trajectory_mean": "Error on the trajectory, mean (unit frame)",
     "trajectory_p99": "p99",
     "trajectory_max": "max",
@@ -52,9 +52,9 @@ COLUMNS = {
     "batch_us": "In a batch (µs)",
     "jump_max_newtons": "Largest jump per 0.1 mm (N)",
     "jump_rms_newtons": "RMS change of force per 0.1 mm (N)",
-    "ghost_percent": "Pushes in free space by 0.05 N or more (%)",
+    "ghost_percent": "Free space near the surface with 0.05 N or more (%)",
     "ghost_newtons": "Largest force in free space (N)",
-    "stress": "Stress: failed",
+    "stress": "Failed stress questions",
     "front": "Unbeaten",
     "hardware_p999_us": "At 1 kHz, p99.9 (µs)",
     "misses": "Misses",
@@ -70,7 +70,7 @@ FEW = (
 
 #: Mean errors below this are rounding (unit frame): the field is the exact one.
 ROUNDING = 1e-12
-#: Times that not every field has.
+#: Columns of times that not every field has.
 _IN_C = (
     "native_p50_us", "native_p999_us", "anywhere_p50_us", "anywhere_max_us",
     "native_cold_p50_us", "native_cold_max_us", "libtorch_p50_us",
@@ -86,7 +86,7 @@ def summarise(evaluations, timings, stresses, hardware):
     Parameters
     ----------
     evaluations, timings, stresses, hardware : list of pandis.pipeline.run.job.artifact.Artifact
-        One of each per mesh, in the same order. The folder is the mesh's name.
+        One of each per mesh, in the same order. Their folder has the mesh's name.
     """
     rows = []
     for artifacts in zip(evaluations, timings, stresses, hardware, strict=True):
@@ -111,7 +111,7 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
     Returns
     -------
     list of dict
-        Keys of COLUMNS; what a field does not have is empty.
+        Keys of COLUMNS; values that a field lacks are empty.
     """
     measured = evaluation.errors["trajectory"]
     names = [n for field in evaluation.fields for n in (field, field + UNNORMALISED)]
@@ -145,7 +145,7 @@ def summary_rows(mesh, evaluation, timing, stress, hardware, builds):
 
 
 def control_rows(mesh, evaluation, stress):
-    """Return the rows of the controls: as small and as fast as nothing, and yet of no use."""
+    """Return the rows of the controls: of zero size and query time, and yet useless."""
     rows = []
     for name, errors in evaluation.controls.items():
         row = dict.fromkeys(COLUMNS, "") | {"mesh": mesh, "field": name, "bytes": 0}
@@ -155,7 +155,7 @@ def control_rows(mesh, evaluation, stress):
 
 
 def _errors(evaluation, field):
-    """Return the columns of a row that say what errors a field has."""
+    """Return the columns of a row with a field's errors."""
     errors = {n: table[field] for n, table in evaluation.errors.items() if field in table}
     path, mean_force = errors["trajectory"], evaluation.mean_force["trajectory"]
     row = {
@@ -177,7 +177,7 @@ def _errors(evaluation, field):
 
 
 def _contact(errors, evaluation):
-    """Return the columns of the contact measure, from what `contact_errors` has found."""
+    """Return the columns of the contact measure, from the figures of `contact_errors`."""
     figures = errors[CONTACT]
     row = {
         "contact_millinewtons": 1e3 * figures.newtons,
@@ -201,7 +201,7 @@ def _mean_text(mean):
 
 
 def to_csv(rows, refused=()):
-    """Return rows as the text of a CSV file; refused meshes have a row with the reason alone.
+    """Return rows as the text of a CSV file; refused meshes have a row with only the reason.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The part of the page on which a mesh is touched: small files of its fields."""
+"""The part of the page for touching a mesh, with small files of its fields."""
 
 import json
 from pathlib import Path
@@ -7,12 +7,12 @@ from pandis.bridges.web import LONGEST, STIFFEST, loop, touched
 from pandis.runtime.field import NativeField
 from pandis.runtime.info import no_proxy
 
-#: Bytes of the files of one mesh, and of the parts of the whole page: it shall open quickly.
+#: Largest size (bytes) of one mesh's files, and of all parts of a page: it should open quickly.
 _EACH, _ALL = 1_000_000, 6_000_000
 
 
 def touchable(paths):
-    """Return the files that go onto the page: of those with a proxy the smallest, 1 MB of them."""
+    """Return the files that go onto the page: the smallest of those with a proxy, up to 1 MB."""
     files_shown, left = [], _EACH
     for path in sorted(map(Path, paths), key=lambda path: (path.stat().st_size, path.name)):
         size = path.stat().st_size
@@ -32,7 +32,7 @@ def touch(paths, size, stiffness, view):
     size, stiffness : float
         Size and stiffness of the device, m and N/m.
     view : str
-        The name of the figure that holds the solid.
+        Name of the figure that contains the solid.
     """
     if not paths or size > LONGEST:
         return None
@@ -41,7 +41,7 @@ def touch(paths, size, stiffness, view):
 
 
 def shared(sections):
-    """Return the parts of a page's meshes by name, as many as it takes, and what they share."""
+    """Return the parts of a page's meshes by name, as many as fit, and the data that they share."""
     parts, left = {}, _ALL
     for section in sections:
         if section.touch and len(section.touch) <= left:

@@ -1,9 +1,9 @@
-// A solid that is coloured by the error of a field.
+// A solid coloured by the error of a field.
 "use strict";
 
 const SHADES = 255;
 
-// Dark blue over green to yellow, even in brightness (after the colour map viridis).
+// From dark blue through green to yellow, in even steps of brightness (after the viridis colour map).
 const STOPS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
 function colourOf(share) {
   const at = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1);
@@ -63,14 +63,14 @@ class View extends Solid {
     this.figure.dataset.drawn = depth.reduce((sum, d) => sum + (d > -Infinity), 0);
   }
 
-  // A path runs a little below the surface: what is nearly in front is shown.
+  // A path runs a little below the surface: points that are only just hidden are shown.
   trail(path, pixels, depth, width, height) {
     const at = this.project(path), length = (i) => Math.hypot(...[3, 4, 5].map((k) => path[i + k] - path[i + k - 3]));
     const lengths = Array.from({ length: path.length / 3 - 1 }, (_, i) => length(3 * i)).sort((a, b) => a - b);
     const usual = lengths[lengths.length >> 1] || Infinity;
     for (let i = 0; i + 3 < at.length; i += 3) {
       const way = Math.hypot(at[i + 3] - at[i], at[i + 4] - at[i + 1]);
-      if (length(i) > 8 * usual) continue; // it has begun anew elsewhere
+      if (length(i) > 8 * usual) continue; // the path starts again elsewhere
       const steps = Math.ceil(way) + 1;
       for (let s = 0; s < steps; s++) {
         const [x, y, z] = [0, 1, 2].map((k) => at[i + k] + (s / steps) * (at[i + 3 + k] - at[i + k]));

@@ -1,4 +1,4 @@
-"""What the page's three-dimensional view of a mesh is drawn from: short integers, as text."""
+"""Data of the page's three-dimensional view of a mesh: short integers, as text."""
 
 import base64
 import json
@@ -7,7 +7,7 @@ import numpy as np
 
 #: Powers of ten that the colours span, up to the largest errors.
 DECADES = 3
-#: Whole numbers per unit of length, and per field's range of colours.
+#: Integer steps per unit of length, and of the range of colours.
 _STEPS, _COLOURS = 32767, 255
 
 
@@ -19,19 +19,19 @@ def view(arrays, newtons, names, first):
     arrays : dict of str to ndarray
         The arrays of ``evaluation.zarr.zip``.
     newtons : float
-        Per force of the unit frame.
+        Newtons per force of the unit frame.
     names : list of str
         Fields whose errors can be chosen.
     first : str
-        The one that is shown at first.
+        The field that is shown first.
 
     Returns
     -------
     str
         ``vertices``, ``faces`` and each of ``paths``: little-endian integers in base 64, positions
         in 1/32767 of the unit frame; ``errors``: by field, per vertex, a byte from 0 (10^low mN or
-        less) to 255 (10^high mN or more); ``low``, ``high``, ``first``; ``small``: faces are of 16
-        bits, not 32.
+        less) to 255 (10^high mN or more); ``low``, ``high``, ``first``; ``small``: indices in
+        faces have 16 bits, not 32.
     """
     errors = {n: arrays[f"view_error_{n}"] for n in names if f"view_error_{n}" in arrays}
     scale = 1e3 * newtons

@@ -1,1 +1,1 @@
-"""How a run is planned, carried out and checked: configuration, stages, artifacts, provenance."""
+"""Planning, execution and checks of a run: configuration, stages, artifacts, provenance."""

@@ -1,4 +1,4 @@
-"""Contacts, as ``pandis.h`` keeps them: a proxy that no wall lets through."""
+"""Contacts of ``pandis.h``: a proxy that never passes through a wall."""
 
 import ctypes
 from collections.abc import Iterable, Sequence
@@ -17,7 +17,7 @@ from pandis.runtime.field import ArrayLike, Floats, NativeField, Number
 from pandis.runtime.field.binding import library as runtime
 from pandis.runtime.scene import NativeScene, Placed, placed_object
 
-#: Of a surface: one material, or one for each of its regions.
+#: One material for a surface, or one for each of its regions.
 Materials = Material | Sequence[Material] | None
 #: Bits of `Touches.state`, as in ``pandis.h``.
 TOUCHING, STICKING, BEHIND, WAITING = 1, 2, 4, 8
@@ -31,7 +31,7 @@ class Options(ctypes.Structure):
     radius : float
         Radius of the probe, scene lengths.
     slide : float
-        By which the proxy moves beside the probe's own way, scene lengths per second.
+        Speed of the proxy in excess of the probe's, scene lengths per second.
     budget : int
         Queries after which a step ends.
     """
@@ -47,7 +47,7 @@ class Options(ctypes.Structure):
     )
 
     def feel(self, materials, regions, texture):
-        """Set the materials (an array that lives as long), whose regions count, the texture."""
+        """Set materials (an array the caller keeps alive), source of regions, and texture."""
         self.materials, self.material_count = ctypes.addressof(materials), len(materials)
         self.texture = None if texture is None else ctypes.addressof(texture)
         self.regions = None if regions is None else regions.address
@@ -59,9 +59,9 @@ class Touches(NamedTuple):
     Attributes
     ----------
     force, proxy, normal : ndarray, shape (n, 3)
-        The normal is that of the surface against which the proxy is pressed; 0 if it is not.
+        The normal is that of the surface that the proxy is pressed against; 0 if there is none.
     depth, slip : ndarray, shape (n,)
-        How far the probe is beyond the proxy, and how far the proxy has slid.
+        How far the probe is pressed past the proxy, and how far the proxy slid.
     state, flag, planes, queries, face, region : ndarray, shape (n,)
         As in ``pandis_touch``.
     seconds : ndarray, shape (n,), or None
@@ -82,7 +82,7 @@ class Touches(NamedTuple):
 
     @classmethod
     def empty(cls, count: int, timed: bool) -> "Touches":
-        """Return rows for this number of steps, to be filled."""
+        """Return uninitialised rows for ``count`` steps."""
         vectors = [np.empty((count, 3)) for _ in range(3)]
         numbers = [np.empty(count) for _ in range(2)]
         whole = [np.empty(count, np.int32) for _ in range(6)]
@@ -132,7 +132,7 @@ def _check(error):
 
 
 class Feel(NamedTuple):
-    """What a probe with a proxy is, and what it feels.
+    """A probe with a proxy, and the properties of the surface that it touches.
 
     Attributes
     ----------
@@ -141,9 +141,9 @@ class Feel(NamedTuple):
     materials : sequence of Material
         Materials of the surface, or of each of its regions.
     regions : pandis.runtime.field.NativeField, optional
-        A mesh of the same object, whose regions count if the object's field has none.
+        Source of regions if the object's field has none: a mesh of the same object.
     queries : int
-        After which a step ends.
+        Queries after which a step ends.
     texture : pandis.runtime.contact.surfaces.Texture, optional
         Texture of the surface.
     """
@@ -172,14 +172,14 @@ class NativeContact:
     material : Material, or sequence of Material, optional
         Material of the surface, or of each of its regions; smooth and undamped by default.
     regions : pandis.runtime.field.NativeField, optional
-        A mesh of the same object, whose regions count if the object's field has none.
+        Source of regions if the object's field has none: a mesh of the same object.
     texture : pandis.runtime.contact.surfaces.Texture, optional
         Texture of the surface.
 
     Raises
     ------
     PandisError
-        The object lies nowhere, or is a grid of forces, which knows no distance outside.
+        The object's pose is invalid, or it is a grid of forces, which has no distance outside.
     """
 
     def __init__(
@@ -206,7 +206,7 @@ class NativeContact:
 
     @property
     def options(self) -> Options:
-        """The `Options` of the contact: a copy, which `set` changes."""
+        """A copy of the contact's `Options`; use `set` to change them."""
         return self._library.pandis_contact_get(self._state)
 
     def set(self, **changes: Number) -> None:
@@ -215,7 +215,7 @@ class NativeContact:
         Raises
         ------
         PandisError
-            One is beyond its range; all stay as they are.
+            One is out of range; none is changed.
         """
         options = self.options
         for name, value in changes.items():
@@ -223,11 +223,11 @@ class NativeContact:
         _check(self._library.pandis_contact_set(self._state, ctypes.byref(options)))
 
     def move(self, placed: Placed) -> None:
-        """Give the object another place; the proxy goes with it."""
+        """Move the object; the proxy moves with it."""
         self.placed, self._object = placed, placed_object(placed)
 
     def reshaped(self) -> None:
-        """Say that the object's field has another shape than before (`MovingField.refit`)."""
+        """Report that the shape of the object's field has changed (`MovingField.refit`)."""
         self._library.pandis_contact_reshaped(self._state)
 
     def follow(self, path: ArrayLike, dt: Number = 1e-3, timed: bool = False) -> Touches:
@@ -238,9 +238,9 @@ class NativeContact:
         path : ndarray, shape (n, 3)
             Positions of the probe, scene units.
         dt : float
-            Seconds from one to the next.
+            Seconds between positions.
         timed : bool
-            Whether to take the time of each step.
+            Whether to time each step.
 
         Returns
         -------
@@ -256,7 +256,7 @@ class NativeContact:
 
 
 class SceneForces(NamedTuple):
-    """Forces (n, 3), flags, queries, objects touched and seconds (n,), step by step of a scene."""
+    """Forces (n, 3), flags, queries, touched objects and seconds (n,) of each step of a scene."""
 
     force: Floats
     flag: NDArray[np.uint8]
@@ -266,7 +266,7 @@ class SceneForces(NamedTuple):
 
 
 class TouchedScene(NativeScene):
-    """Objects under one probe, each of which keeps it out.
+    """Objects under one probe, which is kept out of all of them.
 
     Parameters
     ----------
@@ -274,18 +274,18 @@ class TouchedScene(NativeScene):
     radius : float
         Radius of the probe, scene lengths.
     materials : list of (Material, sequence of Material, or None), optional
-        For each object, that of its surface, or those of its regions.
+        For each object, the material of its surface or of each of its regions.
     regions : list of (pandis.runtime.field.NativeField or None), optional
-        For each object, a mesh whose regions count if its field has none.
+        For each object, a mesh that is the source of regions if its field has none.
     budget : int, optional
-        Queries after which a step of a contact ends; 24 by default.
+        Queries after which a contact's step ends; 24 by default.
     textures : list of (pandis.runtime.contact.surfaces.Texture or None), optional
-        For each object.
+        For each object, the texture of its surface.
 
     Raises
     ------
     PandisError
-        An object lies nowhere, or is a grid of forces.
+        An object's pose is invalid, or it is a grid of forces.
     """
 
     def __init__(
@@ -308,7 +308,7 @@ class TouchedScene(NativeScene):
         self.restart()
 
     def restart(self) -> None:
-        """Begin all contacts anew: the next position has to lie outside of the objects."""
+        """Restart all contacts: the next position must be outside of the objects."""
         self._check(self._open(self._contacts))
 
     def _open(self, contacts):
@@ -324,7 +324,7 @@ class TouchedScene(NativeScene):
         return self._touching.pandis_scene_touch_open(self._scene, contacts, options, count)
 
     def follow(self, path: ArrayLike, dt: Number = 1e-3, timed: bool = False) -> SceneForces:
-        """Step along a path (n, 3), scene units, ``dt`` seconds apart; returns `SceneForces`."""
+        """Step along a path (n, 3), scene units, with ``dt`` seconds between positions."""
         path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
         count = len(path)
         force, flag = np.empty((count, 3)), np.empty(count, np.uint8)
@@ -337,7 +337,7 @@ class TouchedScene(NativeScene):
         return SceneForces(force, flag, queries, touched, seconds)
 
     def touches(self, position: ArrayLike, dt: Number = 1e-3) -> tuple[NDArray[np.int32], Touches]:
-        """Make one step; returns the objects (n,) that are touched, and their `Touches`."""
+        """Make one step; return the touched objects (n,) and their `Touches`."""
         most = len(self.objects)
         position = np.ascontiguousarray(position, np.float64)
         rows, objects = Touches.empty(most, False), np.empty(most, np.int32)
@@ -349,9 +349,10 @@ class TouchedScene(NativeScene):
         return objects[:count], Touches(*(None if c is None else c[:count] for c in rows))
 
     def step_all(self, path: ArrayLike, dt: Number = 1e-3) -> Floats:
-        """Return the forces (n, 3) along a path by stepping every object's contact at every step.
+        """Return the forces (n, 3) along a path, stepping every object's contact at every step.
 
-        The contacts are others than the scene's, and begin with the path.
+        These contacts are separate from the scene's and begin with the path. The scene's contacts
+        are restarted.
         """
         path = np.ascontiguousarray(path, np.float64).reshape(-1, 3)
         others = ctypes.create_string_buffer(len(self._contacts))

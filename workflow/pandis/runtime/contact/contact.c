@@ -1,4 +1,4 @@
-/* Contacts of pandis.h, for Python: a probe that goes along a path. */
+/* Contacts of pandis.h, for Python: a probe that follows a path. */
 #ifndef PANDIS_IMPLEMENTATION
 #define _POSIX_C_SOURCE 199309L
 #define PANDIS_IMPLEMENTATION
@@ -25,7 +25,7 @@ const layout_entry *contact_layout(void) {
 size_t contact_bytes(void) { return sizeof(pandis_contact); }
 size_t contact_touch_bytes(void) { return sizeof(pandis_touch); }
 
-/* Where the answers of steps go, a row for each; seconds may be NULL. */
+/* Columns for the results of steps, a row each; seconds may be NULL. */
 typedef struct {
     double *force, *proxy, *normal, *depth, *slip, *seconds;
     int32_t *state, *flag, *planes, *queries, *face, *region;
@@ -40,7 +40,7 @@ static void put(const contact_rows *rows, size_t i, const pandis_touch *touch) {
     rows->face[i] = touch->face, rows->region[i] = touch->region;
 }
 
-/* Step along a path of positions (three doubles each), `dt` apart. */
+/* Step along a path of positions (three doubles each), `dt` seconds apart. */
 void contact_follow(pandis_contact *contact, const pandis_object *object, const double *path, size_t count, double dt,
                     const contact_rows *rows) {
     pandis_touch touch;
@@ -52,8 +52,8 @@ void contact_follow(pandis_contact *contact, const pandis_object *object, const 
     }
 }
 
-/* Step the contacts of a scene along a path: forces (three doubles each), flags, queries and objects touched, step by
- * step; with `taken` also the seconds of each. */
+/* Step a scene's contacts along a path: forces (three doubles each), flags, queries and objects touched, for each step;
+ * with `taken` also its duration, s. */
 void contact_scene_follow(pandis_scene *scene, const double *path, size_t count, double dt, double *forces,
                           unsigned char *flags, int64_t *asked, int64_t *touched, double *taken) {
     for (size_t i = 0; i < count; i++) {
@@ -65,7 +65,7 @@ void contact_scene_follow(pandis_scene *scene, const double *path, size_t count,
     }
 }
 
-/* The touches of one more step, at most so many; returns how many there are. */
+/* Make one more step and store at most `most` touches; returns how many there are. */
 size_t contact_scene_touches(pandis_scene *scene, const double *position, double dt, const contact_rows *rows,
                              int32_t *objects, pandis_touch *room, size_t most) {
     double force[3];
@@ -79,7 +79,7 @@ size_t contact_scene_touches(pandis_scene *scene, const double *position, double
     return touched;
 }
 
-/* The same forces by stepping every contact of its own at every step. */
+/* The same forces, stepping every object's contact at every step. */
 void contact_step_all(const pandis_object *objects, pandis_contact *contacts, size_t objects_count, const double *path,
                       size_t count, double dt, double *forces) {
     pandis_touch touch;

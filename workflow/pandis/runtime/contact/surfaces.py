@@ -1,4 +1,4 @@
-"""What a surface feels like to a proxy: friction and damping by region, and textures."""
+"""How a surface feels to a proxy: friction and damping by region, and textures."""
 
 import ctypes
 from collections.abc import Callable, Iterable
@@ -11,23 +11,23 @@ from pandis.engine.compiler import load
 from pandis.runtime.field import ArrayLike, Number
 
 SOURCE = Path(__file__).with_name("contact.c")
-#: What answers a height over the surface, and its gradient, at a point (3,) in a region.
+#: Returns the height over the surface, and its gradient, at a point (3,) in a region.
 Height = Callable[[NDArray[np.float64], int], tuple[float, ArrayLike]]
-#: What a surface is called that is of one material.
+#: Name of a surface with a single material.
 WHOLE = "the surface"
 #: The kind of a surface without a texture.
 SMOOTH = "smooth"
 
 
 class Material(ctypes.Structure):
-    """What a surface feels like, beside its stiffness, which is the object's.
+    """How a surface feels, apart from stiffness, which is a property of the object.
 
     Attributes
     ----------
     sticking, sliding : float
-        Friction: force along the surface per force against it, at rest and while it slides.
+        Static and sliding friction: force along the surface per force against it.
     damping : float
-        Force per speed of the probe along the normal; never so that it pulls.
+        Force per speed of the probe along the normal; it never pulls towards the surface.
     drag : float
         Force per speed of the proxy along the surface.
     """
@@ -36,18 +36,18 @@ class Material(ctypes.Structure):
 
 
 def materials_for(contact, names):
-    """Return what the materials of an object feel like, in the order of its regions.
+    """Return the properties of an object's materials, in the order of its regions.
 
     Parameters
     ----------
     contact : pandis.pipeline.run.ask.contacts.SurfaceOptions
     names : sequence of str or None
-        Names of the regions; if there are none, the whole surface is of one material.
+        Names of the regions; without any, the whole surface has one material.
 
     Returns
     -------
     dict of str to dict
-        By name the fields of a `Material`.
+        The fields of a `Material`, by name.
     """
     surfaces = {name: contact.materials.get(name, contact) for name in names or ()}
     return {
@@ -73,7 +73,7 @@ def textures_for(contact, names):
     Returns
     -------
     dict of str to (pandis.pipeline.run.ask.contacts.TextureOptions or None)
-        Empty if none has one.
+        Empty if no material has a texture.
     """
     textures = {
         name: contact.materials.get(name, contact).texture or contact.texture
@@ -87,7 +87,7 @@ def textures_for(contact, names):
 
 
 def unknown_materials(contact, names):
-    """Return the materials of a configuration that no face of an object is made of, sorted.
+    """Return the configured materials that no face of an object has, sorted.
 
     Parameters
     ----------
@@ -99,14 +99,14 @@ def unknown_materials(contact, names):
 
 
 def texture_for(textures, scale):
-    """Return what a proxy feels of the textures of an object, or None.
+    """Return the combined texture of an object, or None.
 
     Parameters
     ----------
     textures : dict of str to (pandis.pipeline.run.ask.contacts.TextureOptions or None)
         From `textures_for`.
     scale : float
-        Metres of the object's mesh unit.
+        Metres per unit of the object's mesh.
     """
     parts = [options and _texture(options, scale) for options in textures.values()]
     return parts[0] if len(parts) == 1 else Texture.by_region(parts) if parts else None
@@ -120,12 +120,12 @@ def _texture(options, scale):
 
 
 def as_array(material):
-    """Return materials as C has them: one of them, several, or None for a smooth surface."""
+    """Return one material, several, or None (a smooth surface) as a C array."""
     several = [material] if material is None or isinstance(material, Material) else material
     return (Material * len(several))(*(Material() if m is None else m for m in several))
 
 
-#: The type of a texture's function in C.
+#: Type of a texture's height function in C.
 HEIGHT = ctypes.CFUNCTYPE(
     ctypes.c_double, ctypes.c_void_p, ctypes.POINTER(ctypes.c_double * 3), ctypes.c_int,
     ctypes.POINTER(ctypes.c_double * 3),
@@ -137,16 +137,16 @@ class _Patches(ctypes.Structure):
 
 
 class Texture(ctypes.Structure):
-    """A height over a surface, which a proxy feels; lengths of the mesh.
+    """A height over a surface, which a proxy feels; mesh units.
 
     Attributes
     ----------
     most, steepest : float
-        Its largest height, and the largest length of its gradient.
+        Largest height, and largest length of its gradient.
     numbers : tuple of float
-        Height and length of waves and bumps, and for waves the direction.
+        For waves and bumps: height and length; for waves also the direction.
     parts : list of Texture
-        Textures of the regions, for one by region.
+        For `by_region`: the textures of the regions.
     """
 
     _fields_ = (
@@ -166,18 +166,18 @@ class Texture(ctypes.Structure):
 
     @classmethod
     def waves(cls, height: Number, length: Number, direction: ArrayLike) -> "Texture":
-        """Return waves of a height and a length across a direction (3,)."""
+        """Return waves of a given height and wavelength across a direction (3,)."""
         x, y, z = np.asarray(direction, float) / np.linalg.norm(direction)
         return cls._of("pandis_waves", height, np.pi * height / length, height, length, x, y, z)
 
     @classmethod
     def noise(cls, height: Number, length: Number) -> "Texture":
-        """Return bumps of a height, one for each cube of a length, as if drawn at random."""
+        """Return pseudorandom bumps of a given height, one per cube of side ``length``."""
         return cls._of("pandis_noise", height, 3.25 * height / length, height, length)
 
     @classmethod
     def by_region(cls, textures: Iterable["Texture | None"]) -> "Texture":
-        """Return that of regions, each with a texture, or with None where it is smooth."""
+        """Return the texture of a surface from those of its regions; None: a smooth region."""
         parts = [cls() if each is None else each for each in textures]
         table = (cls * len(parts))(*parts)
         patches = _Patches(ctypes.addressof(table), len(parts))
@@ -189,7 +189,7 @@ class Texture(ctypes.Structure):
 
     @classmethod
     def of(cls, function: Height, most: Number, steepest: Number) -> "Texture":
-        """Return that of a function: from a point (3,) and a region to height and gradient."""
+        """Return the texture of a function of point (3,) and region: height and gradient."""
 
         def height(_, point, region, gradient):
             raised, slope = function(np.array(point.contents), region)

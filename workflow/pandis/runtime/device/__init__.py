@@ -13,7 +13,7 @@ from pandis.engine.layout import compare_layouts
 from pandis.runtime.device.errors import ERRORS
 from pandis.runtime.device.watchdog import Watchdog
 
-#: Why a run ended: names of ``guard.h``, in its order, with which `library` compares them.
+#: Causes for a run's end, in the order of ``guard.h``; `library` checks that they agree.
 _NAMES = (
     "DONE", "LIBRARY", "DEVICE", "ERROR", "SPEED", "NUMBER", "OVERRUN", "WATCHDOG", "GAP",
     "INTERRUPTED", "CALIBRATION", "SWITCH", "HOT", "UNSTABLE", "BUSY", "LIMITS", "ENCODER",
@@ -22,20 +22,20 @@ _NAMES = (
     DONE, LIBRARY, DEVICE, ERROR, SPEED, NUMBER, OVERRUN, WATCHDOG, GAP, INTERRUPTED, CALIBRATION,
     SWITCH, HOT, UNSTABLE, BUSY, LIMITS, ENCODER,
 ) = range(len(_NAMES))  # fmt: skip
-#: What must be held or closed for a force to be given.
+#: Conditions for sending a force: the button is held, the safety switch is closed.
 NEEDS_BUTTON, NEEDS_SWITCH = 1, 2
-#: Ticks of zero force before a failed run lets go of the device.
+#: Ticks of zero force before a failed run releases the device.
 RELEASE = 5
 
 
 class Limits(ctypes.Structure):
-    """What no force may go beyond; see ``guard.h``.
+    """Limits on forces; see ``guard.h``.
 
-    ``force`` and ``continuous`` (largest, and for long; 0: not known), ``step`` (largest addition
+    ``force`` and ``continuous`` (peak and sustained; 0: unknown), ``step`` (largest addition
     between ticks) and ``impulse`` (largest change between ticks), N; ``speed`` of the probe, m/s;
-    ``ramp``, ticks until the whole force is given; ``damping`` (Ns/m) and ``encoder`` (m, a step)
-    of the device; ``stiffness`` of the wall, N/m: what energy it can store; ``most_damping`` (Ns/m)
-    that may be added; ``needs``: NEEDS_BUTTON, NEEDS_SWITCH, what must be held or closed.
+    ``ramp``, ticks until the full force is reached; ``damping`` (Ns/m) and ``encoder`` step (m) of
+    the device; ``stiffness`` of the wall, N/m, which bounds the energy it stores; ``most_damping``
+    (Ns/m) that may be added; ``needs``: the conditions NEEDS_BUTTON and NEEDS_SWITCH.
     """
 
     _fields_ = (
@@ -51,7 +51,7 @@ class Limits(ctypes.Structure):
 
 
 class DeviceReport(ctypes.Structure):
-    """What a device says of itself, in metres and newtons; 0 where it says nothing."""
+    """Properties that a device reports, in metres and newtons; 0: not reported."""
 
     _fields_ = (
         ("model", ctypes.c_char * 64),
@@ -68,7 +68,7 @@ class Simulated(ctypes.Structure):
     ``mass`` (kg), ``damping`` (Ns/m), ``friction`` (N), ``encoder`` (step of its position, m);
     beyond ``force`` (N), ``impulse`` (N per ms) and ``speed`` (m/s) it reports errors; the hand's
     ``hand_stiffness`` (N/m) and ``hand_damping`` (Ns/m); ``period`` of a tick (s); ``wall``, the
-    stiffness of what it meets (N/m); ``delay``, ticks by which a force comes late, at most 20.
+    stiffness of the touched surface (N/m); ``delay`` of forces in ticks, at most 20.
     """
 
     _fields_ = (
@@ -83,7 +83,7 @@ class Simulated(ctypes.Structure):
     )  # fmt: skip
 
 
-#: What C calls.
+#: Type of the callbacks from C.
 _BETWEEN = ctypes.CFUNCTYPE(ctypes.c_int)
 
 
@@ -128,44 +128,44 @@ class _Outcome(ctypes.Structure):
 
 
 class Session(NamedTuple):
-    """What a run on a device came to.
+    """Results of a run on a device.
 
     Attributes
     ----------
     position, force : ndarray, shape (n, 3)
-        Per tick: where the device said it was (m), and what was sent (N).
+        Per tick: position reported by the device (m), and force sent (N).
     taken, since : ndarray, shape (n,)
         Per tick: seconds of computing, and since the last call.
     cause : int
-        Why it ended: `DONE`, `LIBRARY`, …; `sentence` says it in words.
+        Why it ended: `DONE`, `LIBRARY`, …; `sentence` explains it.
     code : int
-        The device's error, if that is why: `ERRORS`.
+        The device's error (`ERRORS`), if that is the cause.
     worst : float
-        J. The least balance of what the wall took and the device lost in a contact (see
-        ``energy.h``): below zero, the wall gave more energy than it had stored and the device lost.
+        Least energy balance of a contact (see ``energy.h``), J. Below zero, the wall gave more
+        energy than it had stored and the device lost.
     strongest, steepest, added, fastest : float
         Largest force, change and addition between ticks (N); largest speed (m/s).
     cut, slowed, damped : int
         Ticks in which the force, or its change, was beyond the limit, and those with damping.
     armed_at : int
-        The first tick whose force was given, -1 if none was.
+        The first tick whose force was sent; -1 if there was none.
     signs : int
         How often energy was missing or the probe shook.
     report : DeviceReport
-        What the device says of itself.
+        Properties that the device reported.
     limits : Limits
-        What was kept.
+        Limits in effect.
     stand_in, simulated : bool
-        The library is a stand-in for a device's; there was no library at all.
+        Whether the library is a stand-in; whether there was no library at all.
     why : str
-        What the system said of the library.
+        Details of the cause, such as the system's error for the library.
     proxy : ndarray, shape (n, 3)
-        Per tick: of the first object of a scene with contacts that is touched, m; else the
-        position.
+        Per tick: the proxy on the first touched object of a scene with contacts; else the
+        position; m.
     path : ndarray, shape (n, 3), or None
-        Where a simulated device really was at the end of each tick, m.
+        True position of a simulated device at the end of each tick, m.
     watched : bool
-        Whether a process of its own could have ended the force: see ``watchdog.h``.
+        Whether a separate process could have ended the force: see ``watchdog.h``.
     """
 
     position: np.ndarray
@@ -195,7 +195,7 @@ class Session(NamedTuple):
 
     @property
     def model(self):
-        """What the device calls itself."""
+        """Model name reported by the device."""
         return self.report.model.decode(errors="replace")
 
     @property
@@ -203,12 +203,12 @@ class Session(NamedTuple):
         """Why the run ended, in words."""
         words = library().client_cause_words(self.cause).decode()
         if self.code:
-            known = ERRORS.get(self.code, f"error {self.code:#06x}: see OpenHaptics' manual")
+            known = ERRORS.get(self.code, f"error {self.code:#06x}: see the OpenHaptics manual")
             return f"{words}: {known}"
         return f"{words}: {self.why}" if self.why else words
 
 
-#: What a callback that never came back may still write to.
+#: Keeps alive the memory that a callback that never returned may still use.
 _ALIVE = []
 
 
@@ -219,7 +219,7 @@ def library():
     Raises
     ------
     PandisError
-        It has other structures, or other causes, than this module.
+        Its structures or causes differ from those of this module.
     """
     lib = load(Path(__file__).with_name("client.c"))
     mirrors = {
@@ -245,7 +245,7 @@ def library():
 
 
 class Order(NamedTuple):
-    """What is asked of a device.
+    """Specification of a run on a device.
 
     Attributes
     ----------
@@ -256,29 +256,29 @@ class Order(NamedTuple):
     period : float
         Period of a tick, s.
     deadline : float
-        A tick that computes longer (s) is an overrun; ``overruns`` of them in a row end the run.
+        A tick that computes longer than this (s) is an overrun; ``overruns`` in a row end the run.
     overruns : int
     gap : float
         Calls further apart than this (s), or a call that takes longer, end the run.
     patience : float
         Seconds without a call after which the watchdog ends the run.
     expected : float
-        Largest force (N) of the device that is expected; one whose own is off by more than a
-        tenth is another, and is refused. 0: any.
+        Largest force (N) of the expected device; one whose own differs by more than a tenth is
+        refused. 0: any.
     armed : bool
         Whether forces are sent.
     bridge : object, optional
         To a simulation that moves the scene's objects: see `pandis.bridges.mujoco.bridge`.
     between : callable, optional
-        Called every so many ticks (``every``), in the time of ticks alone: a simulation that keeps
-        step with the simulated device. What it raises ends the run, and is raised after it.
+        Called every ``every`` ticks, in simulated time only: a simulation in step with the
+        simulated device. An exception in it ends the run and is raised afterwards.
     every : int
     hold : int
-        Ticks for which a force is held before another one is asked for: 1 on any device.
+        Ticks for which a force is held before the next one is computed: 1 on any device.
 
     Notes
     -----
-    In the time of ticks nothing is late: deadline, gap and patience are for real devices.
+    In simulated time nothing is late: deadline, gap and patience apply to real devices.
     """
 
     scene: object
@@ -298,12 +298,12 @@ class Order(NamedTuple):
 
 
 def run_device(path, name, order):
-    """Run an order on a device by its library.
+    """Run an order on a device through its library.
 
     Parameters
     ----------
     path : str
-        OpenHaptics' ``libHD.so``.
+        Path of OpenHaptics' ``libHD.so``.
     name : str
         Name of the device; empty: the default one.
     order : Order
@@ -320,25 +320,25 @@ def run_device(path, name, order):
 
 
 def run_simulated(device, start, rest, press, order, clock=False):
-    """Run an order on a simulated device, in the time of ticks, or by a clock.
+    """Run an order on a simulated device, in simulated time or by a clock.
 
     Parameters
     ----------
     device : Simulated
     start : ndarray, shape (3,)
-        Where it lies at rest at first, m.
+        Initial position, at rest, m.
     rest, press : ndarray, shape (ticks, 3)
-        Where the hand would rest (m), and how it presses (N).
+        The hand's rest position (m) and force (N).
     order : Order
     clock : bool
-        Pull it at the order's rate, as a device without a scheduler of its own is.
+        Drive it at the order's rate in real time, like a device without a scheduler.
 
     Returns
     -------
     Session
     """
     if not 0 <= device.delay <= 20:
-        raise ValueError("a force can be late by 0 to 20 ticks")
+        raise ValueError("delay must be from 0 to 20 ticks")
     if clock:
         _by_the_clock(order)
     columns = [
@@ -353,14 +353,14 @@ def run_simulated(device, start, rest, press, order, clock=False):
 
 
 def _by_the_clock(order):
-    """Refuse what would keep a device waiting, or its forces old."""
+    """Refuse options that would delay a device or its forces."""
     if order.between is not None or order.hold != 1:
-        raise ValueError("between and held are for simulated time: use Bridge.order by the clock")
+        raise ValueError("between and hold are for simulated time: use Bridge.order by the clock")
 
 
 def _run(order, function, watchdog=None):
     if min(order.ticks, order.every, order.hold) < 1:
-        raise ValueError("at least one tick is needed, and between calls and forces, too")
+        raise ValueError("at least one tick is needed, and every and hold must be at least 1")
     position, force, proxy = (np.zeros((order.ticks, 3)) for _ in range(3))
     taken, since = np.zeros(order.ticks), np.zeros(order.ticks)
     raised = []
@@ -385,7 +385,7 @@ def _run(order, function, watchdog=None):
     function(ctypes.byref(order_), ctypes.byref(ended))
     if raised:
         raise raised[0]
-    if ended.hangs:  # the callback is still at it, and may come back
+    if ended.hangs:  # the callback is still running, and may return later
         _ALIVE.append((order, order_, ended, watchdog, position, force, taken, since, proxy))
         position, force, taken, since, proxy = (
             v.copy() for v in (position, force, taken, since, proxy)

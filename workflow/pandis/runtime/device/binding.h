@@ -1,4 +1,4 @@
-/* What a binding in another language needs of the client: bridges, causes in words, and how structures lie. */
+/* Functions for bindings in other languages: bridges, causes in words, and memory layouts of structures. */
 #ifndef BINDING_H
 #define BINDING_H
 
@@ -7,7 +7,7 @@ static const struct {
     const char *name, *words;
 } client_causes[] = {GUARD_CAUSES(CLIENT_CAUSE)};
 
-/* The name of a cause, and what it means; NULL beyond the last one. */
+/* Name and meaning of a cause; NULL beyond the last one. */
 const char *client_cause_name(int cause) { return cause >= 0 && cause < CAUSES ? client_causes[cause].name : NULL; }
 
 const char *client_cause_words(int cause) { return cause >= 0 && cause < CAUSES ? client_causes[cause].words : NULL; }
@@ -49,7 +49,7 @@ const layout_entry *client_layout(void) {
     return entries;
 }
 
-/* What a program needs to make a bridge, in its own room: doubles, as many as `bridge_room` says. */
+/* For programs that create a bridge in memory that they provide: `bridge_room` doubles. */
 size_t bridge_bytes(void) { return sizeof(bridge); }
 
 size_t bridge_room(size_t count) { return bridge_doubles(count); }
@@ -58,7 +58,7 @@ void bridge_open(bridge *b, pandis_poses *poses, size_t count, double *room) { b
 
 void bridge_take(bridge *b, double *sums) { bridge_read(b, sums); }
 
-/* What goes with the frame of poses that is handed over next: a `bridge_frame` for each object. */
+/* Data for the frame of poses that is handed over next: a `bridge_frame` for each object. */
 double *bridge_next(const bridge *b) { return (double *)(void *)(b->frames + (size_t)b->poses->writing * b->count); }
 
 #endif

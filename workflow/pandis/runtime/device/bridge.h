@@ -1,48 +1,47 @@
-/* Between a haptic loop and a simulation on another thread that moves the objects of its scene.
+/* A bridge between a haptic loop and a simulation on another thread that moves the objects of its scene.
  *
- * The loop adds up what it gives to each object: impulse, and angular impulse around the scene's origin, both since the
- * run began. The simulation takes the last sums that are whole and subtracts those that it took before, so that nothing is
- * lost and nothing counts twice, however the two rates go together. Neither waits: three slots change hands, as they do for
- * poses (parts/poses.h).
+ * For each object the loop sums impulse and angular impulse about the scene's origin since the run began. The simulation
+ * reads the latest complete sums and subtracts those that it read before, so that nothing is lost or counted twice,
+ * whatever the two rates are. Neither waits: three slots change hands, as for poses (parts/poses.h).
  *
- * With each frame of poses comes how an object answers a push, and up to which sums the frame knows of the hand. Until the
- * next frame the loop moves an object by what has been given since, as the object's own inertia has it. Without that, an
- * object gives way late, and what is late gives energy.
+ * Each frame of poses comes with every object's response to a push, and with the sums that the frame accounts for. Until
+ * the next frame the loop moves an object by the impulse given since, according to its inertia. Otherwise objects would
+ * give way late, and that delay would add energy.
  */
 #ifndef BRIDGE_H
 #define BRIDGE_H
 
 #include <string.h>
 
-/* What a hand gives an object that has waited so many periods for the simulation is not kept: all at once it would be a
+/* Periods that objects may wait for the simulation. Impulses given later are dropped: all at once they would be a
  * blow. */
 #define BRIDGE_WAITS 4
 
-/* Of an object: N s and N m s. And seven numbers of a pose: quaternion and translation. */
+/* Numbers per object: impulse (N s) and angular impulse (N m s); and of a pose: quaternion and translation. */
 enum { BRIDGE_SUMS = 6, BRIDGE_POSE = 7 };
 
-/* What comes with a frame for an object. */
+/* Data of an object that comes with a frame. */
 typedef struct {
-    double answer[BRIDGE_SUMS * BRIDGE_SUMS]; /* velocity (m/s, rad/s) by impulse, at the centre of mass */
+    double answer[BRIDGE_SUMS * BRIDGE_SUMS]; /* velocity (m/s, rad/s) per impulse, at the centre of mass */
     double middle[3];                         /* the centre of mass */
-    double known[BRIDGE_SUMS];                /* the sums of which the frame's motion knows */
+    double known[BRIDGE_SUMS];                /* the sums that the frame's motion accounts for */
 } bridge_frame;
 
 typedef struct {
-    pandis__poses *poses;  /* by which the simulation moves the scene's objects */
+    pandis__poses *poses;  /* through which the simulation moves the scene's objects */
     size_t count;          /* of objects */
-    pandis_touch *touches; /* as many */
-    bridge_frame *frames;  /* three for each, in the slots of the poses */
-    double *sums, *slots;  /* of all objects: the loop's own, and three for handing over */
-    double *gone;          /* of each object: how far the hand has moved it since the frame (m, rad) */
-    size_t touched;        /* how many objects were touched at the last tick */
-    double late;           /* for so long the objects have waited for the simulation, s */
-    double carried[3];     /* by which what was touched has moved since, along the force: m */
+    pandis_touch *touches; /* room for one per object */
+    bridge_frame *frames;  /* three per object, in the slots of the poses */
+    double *sums, *slots;  /* of all objects: the loop's sums, and three slots to hand them over */
+    double *gone;          /* per object: motion by the hand since the frame (m, rad) */
+    size_t touched;        /* number of objects touched at the last tick */
+    double late;           /* how long the objects have waited for the simulation, s */
+    double carried[3];     /* motion of the touched objects in a tick, along the force, m */
     int32_t writing, reading;
-    volatile int32_t waiting; /* the slot that is handed over, with PANDIS__NEW until it is taken */
+    volatile int32_t waiting; /* the slot handed over, with PANDIS__NEW until it is taken */
 } bridge;
 
-/* How many doubles a bridge needs. */
+/* Doubles of room that a bridge needs. */
 static size_t bridge_doubles(size_t count) {
     size_t touch = (sizeof(pandis_touch) + sizeof(double) - 1) / sizeof(double);
     return count * (5 * BRIDGE_SUMS + 3 * sizeof(bridge_frame) / sizeof(double) + touch) + touch;
@@ -57,7 +56,7 @@ static void bridge_begin(bridge *b, pandis_poses *handle, size_t count, double *
     b->reading = 1, b->waiting = 2;
 }
 
-/* Where an object lies: on its way, and as far beside it as the hand has moved it. */
+/* The pose of an object: on its way between frames, displaced by the hand. */
 static void bridge_place(const bridge *b, size_t object, double *pose) {
     const pandis__poses *poses = b->poses;
     const double *from = pandis__way_of(poses, object), *to = from + BRIDGE_POSE, *gone = b->gone + BRIDGE_SUMS * object;
@@ -72,7 +71,7 @@ static void bridge_place(const bridge *b, size_t object, double *pose) {
     for (int k = 0; k < 3; k++) pose[4 + k] += gone[k] + more[k];
 }
 
-/* Move the objects on by a tick. A new way begins where the hand has moved an object to. */
+/* Advance the objects by a tick. A new way begins where the hand has moved the object. */
 static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
     pandis__poses *poses = b->poses;
     double pose[BRIDGE_POSE], step = poses->gone < poses->period ? dt : 0; /* if the simulation is late, objects wait */
@@ -103,11 +102,11 @@ static void bridge_advance(bridge *b, pandis_scene *scene, double dt) {
     }
 }
 
-/* Move the objects on by a tick, and note how far that carries what is touched: what they give a hand in this way is
- * theirs, and no fault of the contact. */
+/* Advance the objects by a tick, and record how far that carries the touched ones: energy that the hand gets from their
+ * motion is not the contact's fault. */
 static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
     double force[3] = {0}, work = 0, size;
-    for (size_t i = 0; i < b->touched; i++) { /* where the proxy is on its object, in units of the scene */
+    for (size_t i = 0; i < b->touched; i++) { /* t->normal: the proxy in its object's axes, scene lengths */
         pandis_touch *t = b->touches + i;
         const pandis_object *o = b->poses->objects + t->object;
         double arm[3];
@@ -128,21 +127,21 @@ static void bridge_move(bridge *b, pandis_scene *scene, double dt) {
     for (int k = 0; k < 3; k++) b->carried[k] = size > 0 ? work / size * force[k] : 0;
 }
 
-/* Give the objects that are touched what the hand gets, the other way: a share of it, if the guard lets through less. */
+/* Give each touched object the opposite of the hand's force, scaled by the share that the guard lets through. */
 static void bridge_give(bridge *b, size_t touched, double share, double dt) {
     b->touched = touched < b->count ? touched : b->count;
     for (size_t i = 0; i < b->touched && b->late <= BRIDGE_WAITS * b->poses->period; i++) {
         const pandis_touch *t = b->touches + i;
         double *sums = b->sums + BRIDGE_SUMS * (size_t)t->object, force[3], moment[3];
         for (int k = 0; k < 3; k++) force[k] = -share * dt * t->force[k];
-        pandis__cross(t->proxy, force, moment); /* the contact is at the proxy, and the hand behind it */
+        pandis__cross(t->proxy, force, moment); /* the force acts at the proxy, not at the hand */
         for (int k = 0; k < 3; k++) sums[k] += force[k], sums[3 + k] += moment[k];
     }
     memcpy(b->slots + BRIDGE_SUMS * b->count * (size_t)b->writing, b->sums, BRIDGE_SUMS * b->count * sizeof *b->sums);
     b->writing = pandis__exchange(&b->waiting, b->writing | PANDIS__NEW) & 3;
 }
 
-/* The sums of all objects, as the loop has last handed them over. */
+/* The sums of all objects that the loop handed over last. */
 static void bridge_read(bridge *b, double *sums) {
     if (pandis__peek(&b->waiting) & PANDIS__NEW) b->reading = pandis__exchange(&b->waiting, b->reading) & 3;
     memcpy(sums, b->slots + BRIDGE_SUMS * b->count * (size_t)b->reading, BRIDGE_SUMS * b->count * sizeof *sums);

@@ -1,9 +1,9 @@
 /* Forces on a haptic device: on OpenHaptics, loaded when a run begins, or on the simulated device.
  *
- * The force of a scene of pandis.h, in metres and newtons of the device's workspace, passes the guard
- * (guard.h) and is sent at every tick. On any error the force is zero from that tick on, and the run ends;
- * so it does when ticks come too late, when somebody interrupts the program, and after the last tick. Unless
- * the run is armed no force is ever sent: positions are read, and that is all.
+ * At every tick the force of a scene of pandis.h, in metres and newtons of the device's workspace, passes the
+ * guard (guard.h) and is sent. After any error the force is zero from that tick on, and the run ends. It also
+ * ends when ticks come too late, when the program is interrupted, and after the last tick. Unless the run is
+ * armed, positions are only read, and no force is ever sent.
  */
 #define _GNU_SOURCE
 #define PANDIS_IMPLEMENTATION
@@ -20,9 +20,9 @@
 #include <stdio.h>
 #include <time.h>
 
-/* Ticks of zero force before a run lets go of the device; how often the watchdog looks (ns). */
+/* RELEASE: ticks of zero force before a run releases the device. LOOK: interval of the watchdog's checks, ns. */
 #define RELEASE 5
-#define SLOWEST 0.004 /* s between two calls: with longer ones, walls give a light hand more than a millijoule */
+#define SLOWEST 0.004 /* s between two calls: at longer intervals walls give a light hand more than a millijoule */
 #define LOOK 1000000
 
 static double client_now(void) {
@@ -36,66 +36,66 @@ static double client_now(void) {
 typedef struct {
     pandis_scene *scene;
     guard_limits limits;
-    double period, deadline; /* s; a tick that computes longer is an overrun ... */
-    int overruns;            /* ... and so many in a row end the run */
-    double gap;              /* s; calls further apart, or a call that takes longer, end it */
-    double patience;         /* s without a call, after which the watchdog ends it */
-    double expected;         /* N: a device whose own limit is off by more than a tenth is another; 0: any */
+    double period, deadline; /* s; a tick that computes longer than the deadline is an overrun */
+    int overruns;            /* in a row that end the run */
+    double gap;              /* s; calls further apart, or a call that takes longer, end the run */
+    double patience;         /* s without a call until the watchdog ends the run */
+    double expected;         /* N: refuse a device whose largest force differs by more than a tenth; 0: any */
     int armed;
     long long ticks;
     double *positions, *forces, *taken, *since; /* per tick: m, N, s of computing, s since the last call */
-    double *proxies; /* per tick: of the first object that is touched; else the position, m */
-    bridge *bridge;  /* to a simulation that moves the scene's objects, or NULL; with contacts only */
-    int (*between)(void); /* called every so many ticks, where time is that of ticks; not 0: the run ends */
-    int every, held;      /* ticks between these calls; and ticks for which each force is held */
-    int (*watch)(void);   /* starts a watchdog process, once the device is open; 0: there is none; or NULL */
-    watchdog_pulse *pulse; /* of that process, or NULL */
+    double *proxies; /* per tick: proxy on the first touched object; else the position, m */
+    bridge *bridge;  /* to a simulation that moves the scene's objects, or NULL; needs a scene with contacts */
+    int (*between)(void); /* called every `every` ticks, in simulated time only; nonzero ends the run */
+    int every, held;      /* ticks between these calls; ticks for which each force is held */
+    int (*watch)(void);   /* starts a watchdog process once the device is open; 0: it could not; or NULL */
+    watchdog_pulse *pulse; /* shared with that process, or NULL */
 } client_order;
 
 typedef struct {
     int cause;
-    unsigned int code; /* of the device, where that is the cause */
+    unsigned int code; /* the device's error, if that is the cause */
     int stand_in, simulated, hangs, watched;
-    long long ticks; /* so many were run */
-    double worst;    /* J, see guard.h; of the simulated device by where it really was */
+    long long ticks; /* that were run */
+    double worst;    /* J, see energy.h; of a simulated device by its true positions */
     double strongest, steepest, fastest, added;
     long long cut, slowed, damped;
     long long armed_at, signs; /* see guard.h */
-    device_spec spec;          /* what the device said of itself */
-    guard_limits limits;       /* what was kept */
+    device_spec spec;          /* as the device reported it */
+    guard_limits limits;       /* in effect */
     char why[256];
 } client_outcome;
 
-/* Not on the stack, and with an order of its own: a callback that hangs may outlive its run. What the
- * order points to must live on then, and no other run may begin. */
+/* Static, with a copy of the order, because a callback that hangs may outlive its run. In that case the order's
+ * targets must stay alive, and no other run may begin. */
 static struct {
     device device;
     device_spec spec;
     client_order order;
     guard guard;
-    double middle[3]; /* of the device's workspace: there the scene's origin lies */
-    double asked[3];  /* the last force that the scene had */
-    size_t touched;   /* objects, in the last step of a scene with contacts */
+    double middle[3]; /* centre of the device's workspace, and origin of the scene */
+    double asked[3];  /* the scene's last force */
+    size_t touched;   /* objects touched in the last step of a scene with contacts */
     unsigned int code;
     int overruns, released;
     double last;
-    /* between the scheduler's thread and the one that waits */
+    /* shared by the scheduler's thread and the waiting one */
     long long beat;
     int inside, finished, cancelled;
 } client;
 
 static volatile sig_atomic_t client_signal;
-/* One run at a time, whichever thread asks: the first has the device, and what is static here. */
-enum { CLIENT_FREE, CLIENT_TAKEN, CLIENT_HUNG }; /* hung: a callback has not come back */
+/* One run at a time, from any thread: it owns the device and the static data of this file. */
+enum { CLIENT_FREE, CLIENT_TAKEN, CLIENT_HUNG }; /* hung: a callback has not returned */
 static int client_state;
 static pthread_t client_ticking; /* the thread of the last tick */
 
 static void client_note_signal(int number) { client_signal = number; }
 
-/* In the time of ticks nothing is late. */
+/* Whether the run is in real time: in simulated time nothing is late. */
 static int client_real(void) { return client.device.next == NULL; }
 
-/* Take the device's errors; the first one ends the run. */
+/* Read the device's errors; the first one ends the run. */
 static void client_errors(void) {
     for (int k = 0; k < 16; k++) {
         unsigned int code = client.device.error(&client.device);
@@ -105,7 +105,7 @@ static void client_errors(void) {
     }
 }
 
-/* The force that the scene has at a position of the device, and the proxy of a scene that has contacts. */
+/* The scene's force at a position of the device, and the proxy if the scene has contacts. */
 static void client_ask(const double *position, double *force, double *proxy) {
     pandis_scene *scene = client.order.scene;
     pandis_touch touch;
@@ -124,7 +124,7 @@ static void client_ask(const double *position, double *force, double *proxy) {
     for (int k = 0; client.touched && k < 3; k++) proxy[k] = touch.proxy[k] + client.middle[k];
 }
 
-/* What is done at every tick, by whoever drives the time. Returns 0 after the last one. */
+/* One tick, called by the thread that drives the time. Returns 0 after the last one. */
 static int client_tick(void *data) {
     const client_order *order = &client.order;
     guard *g = &client.guard;
@@ -134,7 +134,7 @@ static int client_tick(void *data) {
     (void)data;
     client_ticking = pthread_self();
     __atomic_store_n(&client.inside, 1, __ATOMIC_SEQ_CST);
-    if (__atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG) { /* the device is let go of */
+    if (__atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG) { /* the device has been released */
         __atomic_store_n(&client.inside, 0, __ATOMIC_SEQ_CST);
         return 0;
     }
@@ -157,18 +157,18 @@ static int client_tick(void *data) {
     client.overruns = client_real() && taken > order->deadline ? client.overruns + 1 : 0;
     if (client_real() && client.overruns >= order->overruns) guard_end(g, CAUSE_OVERRUN);
     if (client_real() && taken > order->gap) guard_end(g, CAUSE_GAP);
-    /* nobody is armed any more after the last tick, in which no field is asked */
+    /* after the last tick no field is queried, and that zero force must not arm the guard */
     double asked[3], size = pandis__dot(force, force);
     memcpy(asked, force, sizeof asked);
     for (int k = 0; k < 3; k++) g->carried[k] = order->bridge && due ? order->bridge->carried[k] : 0;
     guard_pass(g, &state, since, order->armed && (tick < order->ticks || g->armed), force);
     if (order->bridge && asks) {
-        double share = size > 0 ? pandis__dot(asked, force) / size : 0; /* the guard may have cut it */
+        double share = size > 0 ? pandis__dot(asked, force) / size : 0; /* the guard may have reduced it */
         bridge_give(order->bridge, client.touched, fmin(fmax(share, 0), 1), order->period);
     }
     client.device.write(&client.device, force, NULL);
     client_errors();
-    if (g->cause && length_of(force) > 0) { /* an error of this very write: there may be no other tick */
+    if (g->cause && length_of(force) > 0) { /* this write caused an error: there may be no other tick */
         client.device.output(&client.device, 0);
         force[0] = force[1] = force[2] = 0;
         memcpy(g->sent, force, sizeof force);
@@ -182,7 +182,7 @@ static int client_tick(void *data) {
     client.last = begin;
     __atomic_store_n(&client.beat, tick + 1, __ATOMIC_SEQ_CST);
     if (order->pulse) __atomic_store_n(&order->pulse->beat, tick + 1, __ATOMIC_SEQ_CST);
-    /* the motors hold the last force: it is zero, whatever ends the run */
+    /* the motors hold the last force, so every run ends with zero */
     if (g->cause || (tick >= order->ticks && !(length_of(force) > 0))) client.released++;
     int finished = client.released >= RELEASE;
     __atomic_store_n(&client.inside, 0, __ATOMIC_SEQ_CST);
@@ -190,7 +190,7 @@ static int client_tick(void *data) {
     return !finished;
 }
 
-/* Drive a pull device by a clock of our own. */
+/* Drive a pull device by the client's clock. */
 static void *client_pull(void *none) {
     struct timespec due;
     clock_gettime(CLOCK_MONOTONIC, &due);
@@ -198,14 +198,14 @@ static void *client_pull(void *none) {
         due.tv_nsec += (long)(1e9 * client.order.period + 0.5);
         if (due.tv_nsec >= 1000000000) due.tv_nsec -= 1000000000, due.tv_sec++;
         struct timespec now;
-        clock_gettime(CLOCK_MONOTONIC, &now); /* who is late does not catch up */
+        clock_gettime(CLOCK_MONOTONIC, &now); /* do not catch up after a late tick */
         if (now.tv_sec > due.tv_sec || (now.tv_sec == due.tv_sec && now.tv_nsec > due.tv_nsec)) due = now;
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
     }
     return none;
 }
 
-/* Wait until the run is over; end it when no call comes, one does not come back, or a signal does. */
+/* Wait until the run is over. End it if no call comes, one does not return, or a signal arrives. */
 static void client_wait(void) {
     const struct timespec look = {0, LOOK};
     long long seen = -1;
@@ -231,7 +231,7 @@ static int client_fail(client_outcome *outcome, int cause, const char *why) {
     return cause;
 }
 
-/* Keep within what the device allows; 0 if it is not the one that was expected, or not ready. */
+/* Apply the device's own limits. Returns 0 if it is not the expected device, or not ready. */
 static int client_meet(client_outcome *outcome) {
     const device_spec *spec = &client.spec;
     const client_order *order = &client.order;
@@ -247,25 +247,25 @@ static int client_meet(client_outcome *outcome) {
         client.middle[k] = spec->high[k] > spec->low[k] ? (spec->low[k] + spec->high[k]) / 2 : 0;
     if (spec->has_switch) limits->needs |= NEEDS_SWITCH;
     if (order->armed && client.device.start && order->period > SLOWEST)
-        client_fail(outcome, CAUSE_DEVICE, "forces need a call every 4 ms, and this one calls more seldom");
+        client_fail(outcome, CAUSE_DEVICE, "forces need a call every 4 ms, and this device calls less often");
     else if (order->expected > 0 && (order->armed || spec->force > 0) && !(fabs(spec->force / order->expected - 1) <= 0.1))
         client_fail(outcome, CAUSE_DEVICE, "its largest force is that of another model: set hardware.attached.model");
     else if (spec->rate > 0 && fabs(spec->rate * order->period - 1) > 0.1)
-        client_fail(outcome, CAUSE_DEVICE, "it runs at another rate than was asked for");
+        client_fail(outcome, CAUSE_DEVICE, "it runs at another rate than requested");
     else if (order->armed && client.device.calibrated(&client.device) != DEVICE_CALIBRATED)
         client_fail(outcome, CAUSE_CALIBRATION, "calibrate it with its maker's program, or put the stylus into its inkwell");
     outcome->limits = *limits;
     return !outcome->cause;
 }
 
-/* What nothing here can prevent, told before a force is sent. */
+/* Warn, before a force is sent, of a hazard that this process cannot prevent. */
 static void client_warn(void) {
     fputs("pandis: forces are sent from now on. No second process could take the device (the library refused it, or it did not\n"
-          "start in time), so nobody else can end them: if this process is killed (SIGKILL) or halted (SIGSTOP, a debugger), the\n"
-          "motors hold the last force. Keep the device's switch or its plug within reach.\n", stderr);
+          "start in time), so nothing else can end them: if this process is killed (SIGKILL) or halted (SIGSTOP, a debugger),\n"
+          "the motors hold the last force. Keep the device's switch or its plug within reach.\n", stderr);
 }
 
-/* Run an order on a device, and let go of it whatever happens. */
+/* Run an order on a device, and release the device whatever happens. */
 static int client_run(const device *made, const char *name, const client_order *order, client_outcome *outcome) {
     pthread_t pulling;
     int pulled = 0;
@@ -289,10 +289,10 @@ static int client_run(const device *made, const char *name, const client_order *
     else if (!d->next) pulled = !pthread_create(&pulling, NULL, client_pull, NULL), code = !pulled;
     if (!code) client_wait();
     else client.code = code, __atomic_store_n(&client.cancelled, CAUSE_DEVICE, __ATOMIC_SEQ_CST);
-    d->output(d, 0); /* first of all: whatever hangs, the motors are off */
+    d->output(d, 0); /* first, so that the motors are off even if something hangs */
     outcome->hangs = __atomic_load_n(&client.inside, __ATOMIC_SEQ_CST) &&
                      __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST) == CAUSE_WATCHDOG;
-    if (!outcome->hangs) { /* else stopping would wait for ever */
+    if (!outcome->hangs) { /* otherwise stopping would block for ever */
         if (pulled) pthread_join(pulling, NULL);
         d->stop(d);
     }
@@ -301,7 +301,7 @@ static int client_run(const device *made, const char *name, const client_order *
     const guard *g = &client.guard;
     outcome->cause = g->cause ? g->cause : __atomic_load_n(&client.cancelled, __ATOMIC_SEQ_CST);
     outcome->code = client.code, outcome->ticks = beat < order->ticks ? beat : order->ticks;
-    /* a simulated device does not know that what it touches moves */
+    /* a simulated device does not know that touched objects move */
     outcome->worst = client_real() || order->bridge ? g->energy.worst : simulated.energy.worst;
     outcome->strongest = g->strongest, outcome->steepest = g->steepest, outcome->added = g->added;
     outcome->fastest = g->fastest, outcome->cut = g->cut, outcome->slowed = g->slowed, outcome->damped = g->damped;
@@ -309,7 +309,7 @@ static int client_run(const device *made, const char *name, const client_order *
     return outcome->cause;
 }
 
-/* Take the device for a run; returns 0, or why it cannot be had. */
+/* Reserve the device for a run; returns 0, or the cause if it is not available. */
 static int client_begin(client_outcome *outcome) {
     int state = CLIENT_FREE;
     memset(outcome, 0, sizeof *outcome);
@@ -319,10 +319,10 @@ static int client_begin(client_outcome *outcome) {
         return 0;
     }
     if (state == CLIENT_TAKEN) return client_fail(outcome, CAUSE_BUSY, "");
-    return client_fail(outcome, CAUSE_WATCHDOG, "the last run's callback has never come back: start anew");
+    return client_fail(outcome, CAUSE_WATCHDOG, "the last run's callback never returned: restart the program");
 }
 
-/* Let another run begin, unless a callback of this one may still be at it. */
+/* Let another run begin, unless a callback of this one may still be running. */
 static int client_end(const client_outcome *outcome) {
     __atomic_store_n(&client_state, outcome->hangs ? CLIENT_HUNG : CLIENT_FREE, __ATOMIC_SEQ_CST);
     return outcome->cause;
@@ -330,8 +330,8 @@ static int client_end(const client_outcome *outcome) {
 
 #include "signals.h"
 
-/* Run an order on OpenHaptics, or on what stands in for it: what such a library calls itself must say so.
- * While it runs, signals that would end or stop the program end it with zero force first. */
+/* Run an order on OpenHaptics, or on a stand-in, which must export the symbol `pandis_stand_in`. During the run,
+ * signals that would end or stop the program first end the run with zero force. */
 int client_device(const char *library, const char *name, const client_order *order, client_outcome *outcome) {
     hd_api found;
     device made;
@@ -341,16 +341,16 @@ int client_device(const char *library, const char *name, const client_order *ord
     if (outcome->cause) return client_end(outcome);
     hd_device(&found, &made);
     outcome->stand_in = dlsym(handle, "pandis_stand_in") != NULL;
-    client.device = made; /* for a signal that comes before the run does */
+    client.device = made; /* for a signal that arrives before the run begins */
     client_intercept();
     client_run(&made, name, order, outcome);
     client_give_back();
     return client_end(outcome);
 }
 
-/* Run an order on the simulated device: `start` (3,), and per tick of the order where the hand would
- * rest (m) and how it presses (N). `path`: where the device really was after each tick (m). With
- * `clock` it is pulled by the client's clock, as a device without a scheduler is. */
+/* Run an order on the simulated device. `start` (3,): initial position, m. `rest`, `press`: per tick, the hand's
+ * rest position (m) and force (N). `path`: per tick, the device's true position at its end (m). With `clock` the
+ * client's clock drives it, like a device without a scheduler. */
 int client_simulated(const simulated_spec *spec, const double *start, const double *rest, const double *press,
                      double *path, int clock, const client_order *order, client_outcome *outcome) {
     device made;

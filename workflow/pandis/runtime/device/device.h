@@ -1,32 +1,32 @@
-/* What every haptic device is to the client: the same few verbs, whoever made it.
+/* The interface of every haptic device to the client, whoever made it.
  *
- * Lengths are metres, forces newtons, times seconds, whatever the maker's library counts in. Time is
- * driven in one of two ways. A device with a scheduler of its own (*callback*) has `start`: it calls the
- * tick that it is given until that returns 0. Every other one (*pull*) leaves `start` empty: the client
- * calls the tick at the device's rate, by a clock of its own, or, if the device has `next`, whenever that
- * says so (the simulated device's time is that of ticks). Behind this interface: the simulated device
- * (simulated.h) and OpenHaptics' HDAPI (hd.h). Guard and energy stand in front of it, in client.c, so
- * that no device passes them by.
+ * Lengths are in metres, forces in newtons and times in seconds, whatever the units of the maker's
+ * library. Time is driven in one of two ways. A device with its own scheduler (*callback*) has `start`: it
+ * calls the tick passed to it until that returns 0. Every other device (*pull*) leaves `start` empty. The
+ * client then calls the tick at the device's rate, by its own clock. If the device has `next`, the client
+ * calls tick and `next` in turn, without a clock: that is the simulated device, in simulated time.
+ * Implementations: the simulated device (simulated.h) and OpenHaptics' HDAPI (hd.h). The guard and its
+ * energy observer are in front of this interface, in client.c, so that no device bypasses them.
  */
 #ifndef DEVICE_H
 #define DEVICE_H
 
-/* What a device says of itself; 0 where it says nothing. */
+/* Properties that a device reports; 0: not reported. */
 typedef struct {
     char model[64];
-    double force, continuous; /* the largest, and the largest for long, N */
+    double force, continuous; /* peak and sustained, N */
     double speed;             /* m/s */
     double impulse;           /* largest change of the force, N per ms */
     double rate;              /* ticks per second */
-    double low[3], high[3];   /* of the workspace that can be used, m */
-    int has_switch;           /* a safety switch, which was closed when it was opened */
+    double low[3], high[3];   /* corners of the usable workspace, m */
+    int has_switch;           /* a safety switch, which was closed when the device was opened */
 } device_spec;
 
 typedef struct {
     double position[3], velocity[3], rotation[9]; /* m, m/s, row by row */
     double temperature;                           /* of the hottest motor, 0 (cold) to 1 */
     double time;                                  /* s, by the device's clock; NaN: it has none */
-    unsigned int buttons;                         /* a bit for each one that is held */
+    unsigned int buttons;                         /* a bit for each button that is held */
     int safe;                                     /* its safety switch is closed */
 } device_state;
 
@@ -36,16 +36,16 @@ typedef struct device device;
 typedef int (*device_tick)(void *data);
 
 struct device {
-    /* Open it and say what it is; returns 0, or the device's error. */
+    /* Open it and report its properties; returns 0, or the device's error. */
     unsigned int (*open)(device *self, const char *name, device_spec *spec);
     int (*calibrated)(device *self);
     void (*read)(device *self, device_state *state);
     void (*write)(device *self, const double *force, const double *torque); /* N, Nm; torque may be NULL */
-    unsigned int (*error)(device *self); /* the next of its errors, 0 if there is none */
+    unsigned int (*error)(device *self); /* its next error; 0: none */
     void (*output)(device *self, int on);
     unsigned int (*start)(device *self, device_tick tick, void *data); /* NULL: a pull device */
     void (*stop)(device *self);
-    int (*next)(device *self); /* NULL: by the client's clock */
+    int (*next)(device *self); /* NULL: driven by the client's clock */
     void (*close)(device *self);
     void *own;
 };

@@ -1,22 +1,22 @@
-/* The observer of energy, for the guard and for the simulated device. */
+/* The energy observer, for the guard and for the simulated device. */
 #ifndef ENERGY_H
 #define ENERGY_H
 
 #include <math.h>
 
-/* Energy between a wall and a device, since a contact began, but for the debt. */
+/* Energy exchanged by a wall and a device since a contact began; only the debt is older. */
 typedef struct {
-    double balance;   /* what the wall has taken and the device lost, less what is too long ago to count, J */
-    double strongest; /* force of this contact, N */
-    double beyond;    /* what it has taken while the force was at its largest, which F^2 / 2k does not count, J */
-    double worst;     /* the least balance of all contacts: below zero the wall has given more than was lost */
-    double debt;      /* what contacts before gave and none has paid back, J: at most 0 */
-    double spare;     /* what the device lost beyond what is kept, J */
+    double balance;   /* energy taken by the wall and lost by the device, capped as below, J */
+    double strongest; /* largest force of this contact, N */
+    double beyond;    /* energy taken while the force was at its limit, which F^2 / 2k does not include, J */
+    double worst;     /* least balance of all contacts, J: below zero the wall gave more than it took and was lost */
+    double debt;      /* energy that earlier contacts gave and none has paid back, J: at most 0 */
+    double spare;     /* losses of the device beyond the cap, J */
 } energy;
 
 static double length_of(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-/* Book a tick: whether the wall was touched, the force on the device, the work it did, what the device lost.
+/* Book a tick: whether the wall was touched, the force on the device, its work, and the device's losses.
  *
  * The work on the wall is exact for a force that is held over the tick (Hannaford and Ryu 2002). Losses do not
  * accumulate: the balance is capped at what the wall may have stored, F^2 / 2k, plus what it took while the force was
@@ -29,7 +29,7 @@ static void energy_book(energy *e, int touching, double force, double work, doub
         return;
     }
     e->strongest = fmax(e->strongest, force);
-    /* the force is that of the depth where the tick begins, which bounds what the wall can have stored */
+    /* the force is that of the depth at the start of the tick, which bounds the energy stored in the wall */
     double most = stiffness > 0 ? e->strongest * e->strongest / (2 * stiffness) + e->beyond : e->balance;
     if (e->balance > most) e->spare += e->balance - most, e->balance = most;
     e->balance += lost - work;

@@ -1,23 +1,23 @@
-/* What stands between a field and a motor: who may arm it, limits, an observer of energy that acts.
+/* The guard between a field and the motors: arming, limits, and an energy observer that intervenes.
  *
  * In this order, at every tick:
  *
- * 1. A fault: the force is zero in the tick in which it is detected, and stays so.
- * 2. Whoever is not armed gets no force: a run begins outside of the object, with the device calibrated,
- *    its safety switch closed, and its button held where it has one. Letting go of the button disarms at
+ * 1. After a fault the force is zero, from the tick in which it is detected.
+ * 2. Without arming there is no force: a run is armed outside of the object, with the device calibrated,
+ *    its safety switch closed, and its button held where it has one. Releasing the button disarms at
  *    once.
- * 3. The whole force comes in over a ramp, and while it pushes no faster than the device's losses pay for.
+ * 3. The force is ramped up; during contact no faster than the device's losses pay for.
  * 4. A wall that gives energy, or shakes, is damped (Hannaford and Ryu 2002): by no more than the device
- *    stands, and never so that it pulls towards the wall. If that has not mended it after 50 ms, if it
- *    shakes a third time within a second, if energy is missing again and again, or if a quarter of a millijoule
- *    is gone, the run ends.
- * 5. The force is cut at the largest: the device's peak, or what its motors stand for long once they have
- *    given that much on average.
- * 6. Slew: limited is what is added in a tick. Any share of the last force may go at once, up to the
- *    device's own limit of change.
- * 7. What goes out is a number and within the limit. Else it is zero, and the run ends.
+ *    tolerates, and never so that it pulls towards the wall. The run ends if damping has not stopped this
+ *    after 50 ms, if the wall shakes a third time within a second, if energy is missing repeatedly, or if
+ *    a quarter of a millijoule is missing.
+ * 5. The force is limited to the device's peak force. As the motors' average load approaches the force
+ *    that they can sustain, the limit falls to that force.
+ * 6. Slew: the force added in a tick is limited. Any share of the last force may be removed at once, up
+ *    to the device's own limit of change.
+ * 7. The force sent is a number and within the limit. Otherwise it is zero, and the run ends.
  *
- * Limits that are no finite numbers from 0 on are refused before anything is sent.
+ * Limits that are negative or not finite are refused before anything is sent.
  */
 #ifndef GUARD_H
 #define GUARD_H
@@ -29,55 +29,55 @@
 #include <float.h>
 #include <string.h>
 
-/* Why a run ended, by name and in words: the only list of them. */
+/* Causes for a run's end, by name and in words. This is the only list of them. */
 #define GUARD_CAUSES(CAUSE)                                                                                   \
     CAUSE(DONE, "ran to its end")                                                                             \
     CAUSE(LIBRARY, "the device's library cannot be used")                                                     \
     CAUSE(DEVICE, "the device does not start")                                                                \
     CAUSE(ERROR, "the device reported an error")                                                              \
     CAUSE(SPEED, "the probe was faster than the limit")                                                       \
-    CAUSE(NUMBER, "a position or a force was no number, or a force was beyond the limit")                     \
-    CAUSE(OVERRUN, "callbacks computed longer than the deadline, several in a row")                           \
-    CAUSE(WATCHDOG, "the device's scheduler made no call, or one did not come back")                          \
+    CAUSE(NUMBER, "a position or a force was not a number, or a force was beyond the limit")                  \
+    CAUSE(OVERRUN, "several callbacks in a row took longer than the deadline")                                \
+    CAUSE(WATCHDOG, "the device's scheduler made no call, or one did not return")                             \
     CAUSE(GAP, "two calls of the device's scheduler were too far apart, or one took too long")                \
     CAUSE(INTERRUPTED, "the program was interrupted")                                                         \
-    CAUSE(CALIBRATION, "the device is not calibrated, or no longer")                                          \
+    CAUSE(CALIBRATION, "the device is not calibrated, or no longer calibrated")                               \
     CAUSE(SWITCH, "the safety switch was opened")                                                             \
     CAUSE(HOT, "a motor is too hot: let it cool, and lower the stiffness")                                    \
-    CAUSE(UNSTABLE, "the wall gave energy or shook, and damping did not mend it: lower the stiffness")        \
+    CAUSE(UNSTABLE, "the wall gave energy or shook, and damping did not help: lower the stiffness")           \
     CAUSE(BUSY, "another run of this process drives a device: wait for its end")                              \
-    CAUSE(LIMITS, "a limit is not a finite number from 0 on")                                                 \
+    CAUSE(LIMITS, "a limit is negative or not finite")                                                        \
     CAUSE(ENCODER, "positions and velocities of the device contradict each other: an encoder is stuck or drifts")
 
 #define GUARD_NAME(name, words) CAUSE_##name,
 enum { GUARD_CAUSES(GUARD_NAME) CAUSES };
 #undef GUARD_NAME
 
-/* What must be held or closed for a force to be given. */
+/* Conditions for sending a force: the button is held, the safety switch is closed. */
 enum { NEEDS_BUTTON = 1, NEEDS_SWITCH = 2 };
 
-#define GUARD_SLACK 2e-5     /* J that may be missing: an encoder's step hides it */
-#define GUARD_SPENT 2.5e-4   /* J: a loss of this much ends the run at once, and no tick may give more */
-#define GUARD_PATIENCE 0.05  /* s until what is wrong must be mended */
-#define GUARD_AGAIN 1.0      /* s in which it may shake twice */
-#define GUARD_OFTEN 4        /* signs of any kind that may come together, and in a second */
-#define GUARD_HOT 0.9        /* of a motor's largest temperature */
+#define GUARD_SLACK 2e-5     /* J that may be missing: an encoder's step hides as much */
+#define GUARD_SPENT 2.5e-4   /* J: a deficit of this much ends the run at once, and no tick may give more */
+#define GUARD_PATIENCE 0.05  /* s until damping must have stopped the trouble */
+#define GUARD_AGAIN 1.0      /* s within which a third shaking ends the run */
+#define GUARD_OFTEN 4        /* signs of instability, of any kind, that are allowed at once, and per second */
+#define GUARD_HOT 0.9        /* share of a motor's largest temperature */
 #define GUARD_WARM 10.0      /* s over which the motors' load is averaged */
-#define GUARD_CHECK 100      /* ticks between two looks at the calibration */
-#define GUARD_DRIFT 7e-4     /* m by which a position may leave the way that its velocities make, ... */
-#define GUARD_LAG 0.02       /* ... and s by which velocities may come late ... */
+#define GUARD_CHECK 100      /* ticks between two checks of the calibration */
+#define GUARD_DRIFT 7e-4     /* m by which a position may deviate from the integrated velocities, ... */
+#define GUARD_LAG 0.02       /* ... plus the speed times this lag of the velocities, s, ... */
 #define GUARD_FORGET 0.1     /* ... within this many seconds */
 
 typedef struct {
-    double force, continuous; /* largest, and for long, N; continuous 0: not known */
+    double force, continuous; /* peak and sustained, N; continuous 0: unknown */
     double step;              /* largest addition between ticks, N */
     double impulse;           /* largest change between ticks, N */
-    double speed;             /* of the probe, m/s; faster, and the run ends */
-    double ramp;              /* ticks until the whole force is given */
-    double damping;           /* of the device: what takes energy away for certain, Ns/m; its friction may be any */
-    double encoder;           /* step of the positions, m; 0: not known */
-    double stiffness;         /* of the wall, N/m: what it can store */
-    double most_damping;      /* that may be added, Ns/m */
+    double speed;             /* of the probe, m/s; above it the run ends */
+    double ramp;              /* ticks until the full force is reached */
+    double damping;           /* of the device, Ns/m: the only loss that is certain, since friction may vary */
+    double encoder;           /* step of the positions, m; 0: unknown */
+    double stiffness;         /* of the wall, N/m: bounds the energy that it can store */
+    double most_damping;      /* largest damping that may be added, Ns/m */
     int needs;                /* NEEDS_... */
 } guard_limits;
 
@@ -85,29 +85,29 @@ typedef struct {
     guard_limits limits;
     double period; /* s */
     double position[3], sent[3], velocity[3];
-    double reported[3], drift[3], quick; /* the device's velocity; position less the way by it; speed, m/s */
-    double carried[3]; /* how far what is touched has moved since the last tick: the wall is where it is */
-    double ticks, given; /* all of them; those since it was armed */
-    double now, trouble; /* s since the start; when the present trouble began, below zero if there is none */
-    double times[2];     /* when it last shook, and the time before */
+    double reported[3], drift[3], quick; /* device's velocity; position minus its integral; recent speed, m/s */
+    double carried[3]; /* motion of the touched objects since the last tick: the wall moves with them */
+    double ticks, given; /* all ticks; those since arming */
+    double now, trouble; /* s since the start; start of the present trouble, negative if there is none */
+    double times[2];     /* of the last shaking and the one before, s */
     double load;         /* mean square of the force over GUARD_WARM s */
     energy energy;
     shaking shaking;
     double strongest, steepest, fastest, added;
-    long long cut, slowed, damped; /* ticks: more than the largest force, slewed, damped */
-    long long armed_at, signs;     /* the tick from which on forces are given, or -1; how often something went wrong */
+    long long cut, slowed, damped; /* ticks in which the force was cut, slewed, damped */
+    long long armed_at, signs;     /* first tick with forces, or -1; number of signs of instability */
     int armed, cause, at_most; /* at_most: the last force was cut */
-    int touching;              /* the wall pushed in the last tick, whatever became of it here, or a force was sent */
+    int touching;              /* in the last tick the wall pushed, even if the guard removed it, or a force was sent */
     int shook;                 /* it shook in the last tick */
-    double often, sign;        /* signs, less GUARD_OFTEN of them a second; when the last one was, s */
-    double share;              /* of the whole force, by the ramp */
+    double often, sign;        /* signs, decaying by GUARD_OFTEN per second; time of the last one, s */
+    double share;              /* of the full force, by the ramp */
 } guard;
 
 static void guard_end(guard *g, int cause) {
     if (!g->cause) g->cause = cause;
 }
 
-/* Begin with limits; the run ends at once where one of them is no limit. */
+/* Start with these limits; an invalid one ends the run at once. */
 static void guard_start(guard *g, const guard_limits *limits, double period) {
     const double all[] = {limits->force,   limits->continuous, limits->step,      limits->impulse,
                           limits->speed,   limits->ramp,       limits->damping,   limits->encoder,
@@ -122,7 +122,7 @@ static void guard_start(guard *g, const guard_limits *limits, double period) {
     shaking_start(&g->shaking);
 }
 
-/* What the device itself has against a force, before any field is asked. */
+/* Check the state of the device, before any field is queried. */
 static void guard_watch(guard *g, const device_state *state, int calibrated) {
     if (!(length_of(state->position) <= 1e3)) guard_end(g, CAUSE_NUMBER);
     if (!calibrated) guard_end(g, CAUSE_CALIBRATION);
@@ -130,8 +130,8 @@ static void guard_watch(guard *g, const device_state *state, int calibrated) {
     if (!(state->temperature < GUARD_HOT)) guard_end(g, CAUSE_HOT);
 }
 
-/* Energy (J) that seems to be missing because an encoder reports a way in steps: the whole step is booked with the force of
- * its beginning, though the force of its end has acted on half of it, unless the step was made within one tick. */
+/* Energy (J) that only seems to be missing because an encoder reports motion in steps: the whole step is booked with the
+ * force at its start, though the force at its end acted over half of it, unless the step took less than a tick. */
 static double guard_unseen(const guard *g, double length, double speed, double dt) {
     double step = g->limits.encoder;
     if (!(step > 0 && length > 0 && length <= 2 * step)) return 0;
@@ -156,8 +156,8 @@ static void guard_observe(guard *g, const double *position, const double *speed,
     if (length / dt > g->limits.speed) guard_end(g, CAUSE_SPEED);
 }
 
-/* Compare the way since the last tick with the one that the device's velocities make. A stuck encoder does not
- * move though the device does, and a drifting one moves by itself. Velocities that are no numbers tell nothing. */
+/* Compare the motion since the last tick with the device's velocities. A stuck encoder does not move while the
+ * device does, and a drifting one moves by itself. NaN velocities disable the check. */
 static void guard_compare(guard *g, const device_state *state, double dt) {
     double kept = fmax(0, 1 - dt / GUARD_FORGET), way[3];
     for (int k = 0; k < 3; k++) {
@@ -169,10 +169,10 @@ static void guard_compare(guard *g, const device_state *state, double dt) {
     if (length_of(g->drift) > GUARD_DRIFT + GUARD_LAG * g->quick) guard_end(g, CAUSE_ENCODER);
 }
 
-/* The energy that may be given without giving more than was taken and lost, in this contact and before, J. */
+/* Energy (J) that may be given without exceeding the energy taken and lost in this contact and before. */
 static double guard_has(const guard *g) { return g->energy.balance + g->energy.debt; }
 
-/* Something is wrong as long as energy is missing in this contact, or the probe shakes. */
+/* Whether energy is missing in this contact or the probe shakes. Ends the run if that lasts or recurs too often. */
 static int guard_troubled(guard *g) {
     int shakes = shaking_now(&g->shaking, g->now), wrong = g->energy.balance < -GUARD_SLACK || shakes;
     if (guard_has(g) < -GUARD_SPENT) guard_end(g, CAUSE_UNSTABLE);
@@ -188,12 +188,12 @@ static int guard_troubled(guard *g) {
         g->often = fmax(0, g->often - GUARD_OFTEN * (g->now - g->sign)) + 1, g->sign = g->now;
         if (g->often > GUARD_OFTEN) guard_end(g, CAUSE_UNSTABLE);
     } else if (g->now - g->trouble >= GUARD_PATIENCE - g->period) {
-        guard_end(g, CAUSE_UNSTABLE); /* in the last tick of its time */
+        guard_end(g, CAUSE_UNSTABLE); /* in the last tick of GUARD_PATIENCE */
     }
     return wrong;
 }
 
-/* Damp a force that pushes along its own direction, as much as the balance lacks. */
+/* Damp a force: as far as allowed if troubled, else by as much energy as the balance lacks. It never becomes a pull. */
 static void guard_damp(guard *g, double *force, double dt, int troubled) {
     double size = length_of(force), fast = length_of(g->velocity), lacking = -guard_has(g);
     if (!(size > 0 && fast > 0) || !(troubled || lacking > 0)) return;
@@ -207,7 +207,7 @@ static void guard_damp(guard *g, double *force, double dt, int troubled) {
     g->damped++;
 }
 
-/* Give no more energy in the next tick than the balance has, and what may be spent. */
+/* Limit the energy given in the next tick to the balance plus GUARD_SPENT. */
 static void guard_save(guard *g, double *force, double dt) {
     double work = 0, room = fmax(0, guard_has(g) + GUARD_SPENT);
     for (int k = 0; k < 3; k++) work += force[k] * g->velocity[k] * dt;
@@ -216,11 +216,11 @@ static void guard_save(guard *g, double *force, double dt) {
     g->damped++;
 }
 
-/* Cut a force at the largest that may be given now. */
+/* Limit a force to the largest that is allowed now. */
 static void guard_cut(guard *g, double *force) {
     double most = g->limits.force, size = length_of(force), steady = g->limits.continuous;
     g->at_most = 0;
-    if (steady > 0 && steady < most) { /* the nearer the motors are to what they stand, the less */
+    if (steady > 0 && steady < most) { /* the limit falls as the load nears the sustained force */
         double room = (steady * steady - g->load) / (0.2 * steady * steady);
         most = steady + (most - steady) * fmin(1, fmax(0, room));
     }
@@ -229,7 +229,7 @@ static void guard_cut(guard *g, double *force) {
     g->cut++, g->at_most = 1;
 }
 
-/* Limit what is added to a share of the last force, and the whole change, by the time that has gone. */
+/* Limit the addition to a share of the last force, and the whole change, in proportion to the elapsed time. */
 static void guard_slew(guard *g, double *force, double part) {
     const double most = g->limits.step * part, steepest = g->limits.impulse * part;
     double last = length_of(g->sent), along = 0, added[3], change[3], share = 0;
@@ -250,7 +250,7 @@ static void guard_slew(guard *g, double *force, double part) {
     g->added = fmax(g->added, more), g->steepest = fmax(g->steepest, step);
 }
 
-/* Whether a force may be given: from a tick on that was outside of the object, all held and closed. */
+/* Whether a force may be given: after a tick outside of the object, with the button held and the switch closed. */
 static int guard_armed(guard *g, const device_state *state, const double *force, int armed) {
     int held = !(g->limits.needs & NEEDS_BUTTON) || state->buttons;
     int closed = !(g->limits.needs & NEEDS_SWITCH) || state->safe;
@@ -262,7 +262,7 @@ static int guard_armed(guard *g, const device_state *state, const double *force,
     return g->armed;
 }
 
-/* Let in more of the whole force. A wall that stiffens under a pressing probe gives it energy, so while it is touched
+/* Raise the share of the full force. A wall that stiffens under a pressing probe gives it energy, so during contact
  * the share grows no faster than the device's losses pay for. */
 static void guard_ramp(guard *g, double size) {
     double share = g->limits.ramp > 0 ? fmin(1, g->given / g->limits.ramp) : 1;
@@ -273,17 +273,17 @@ static void guard_ramp(guard *g, double size) {
     g->share = share;
 }
 
-/* Whatever was computed: what goes out is a number and within the limit, or nothing does, and the run ends. */
+/* Final check: a force that is not a number, or is beyond the limit, becomes zero and ends the run. */
 static void guard_close(guard *g, double *force) {
-    if (length_of(force) <= g->limits.force * (1 + 1e-9)) return; /* not so for NaN */
+    if (length_of(force) <= g->limits.force * (1 + 1e-9)) return; /* false for NaN */
     guard_end(g, CAUSE_NUMBER);
     force[0] = force[1] = force[2] = 0;
 }
 
-/* Turn the wanted force into one that may be sent: zero once there is a cause to end the session. `since`: time since
- * the last tick, s. */
+/* Turn the field's force into one that may be sent: zero once there is a cause to end the run. `since`: time since the
+ * last tick, s. */
 static void guard_pass(guard *g, const device_state *state, double since, int armed, double *force) {
-    double dt = since > g->period ? since : g->period; /* calls that catch up are no fast probe */
+    double dt = since > g->period ? since : g->period; /* catch-up calls must not look like a fast probe */
     double part = fmin(1, fmax(0, since / g->period));
     if (!(length_of(force) <= 1e100)) guard_end(g, CAUSE_NUMBER);
     if (!g->cause && g->ticks > 0) guard_observe(g, state->position, state->velocity, dt), guard_compare(g, state, dt);

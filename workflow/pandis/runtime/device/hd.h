@@ -1,7 +1,7 @@
-/* OpenHaptics' HDAPI 3 as a device: its numbers, its functions as a table (so that the library, and what
- * stands in for it, are the same to us), and the driver.
+/* OpenHaptics' HDAPI 3 as a device: its constants, a table of its functions (so that the library and its
+ * stand-in are interchangeable), and the driver.
  *
- * Lengths of HDAPI are millimetres, speeds mm/s, forces newtons; +x to the right, +y up, +z to the user.
+ * HDAPI uses millimetres, mm/s and newtons; +x points right, +y up, +z to the user.
  */
 #ifndef HD_H
 #define HD_H
@@ -54,9 +54,9 @@ enum {
 #define HD_CALLBACK_DONE 0u
 #define HD_CALLBACK_CONTINUE 1u
 #define HD_INVALID_HANDLE 0xFFFFFFFFu
-#define HD_PRIORITY 65535 /* the highest: nothing else is to come first */
+#define HD_PRIORITY 65535 /* the highest: no other callback may run first */
 #define HD_MOTORS 8
-#define HD_BOOLEAN 8 /* bytes of room for what is one in some versions of the library, and four in others */
+#define HD_BOOLEAN 8 /* bytes of room for a boolean, which has one byte or four, depending on the version */
 
 typedef struct {
     unsigned int code;
@@ -87,7 +87,7 @@ typedef struct {
     void (*stop)(void);
 } hd_api;
 
-/* Where each of the library's functions belongs. */
+/* Names of the library's functions, and their offsets in the table. */
 static const struct {
     size_t at;
     const char *name;
@@ -111,17 +111,17 @@ static const struct {
     {offsetof(hd_api, stop), "hdStopScheduler"},
 };
 
-/* As the client, it may outlive its run. */
+/* Static because, like the client, it may outlive its run. */
 static struct {
     hd_api api;
     unsigned int device;
-    int heat, safety; /* whether this device tells its motors' temperatures, and of a safety switch */
+    int heat, safety; /* whether this device reports its motors' temperatures, and a safety switch */
     unsigned long task;
     device_tick tick;
     void *data;
 } hd;
 
-/* Forget errors of what went before, or comes after: no run is to blame for them. Returns the first. */
+/* Read and discard all pending errors. Returns the first. */
 static unsigned int hd_drain(void) {
     unsigned int first = HD_SUCCESS;
     for (int k = 0; k < 64; k++) {
@@ -132,14 +132,14 @@ static unsigned int hd_drain(void) {
     return first;
 }
 
-/* Whether a safety switch is closed, in however many bytes the library says so. */
+/* Whether a safety switch is closed, whatever the size of the library's booleans. */
 static int hd_closed(const unsigned char *safety) {
     int any = 0;
     for (int k = 0; k < HD_BOOLEAN; k++) any |= safety[k];
     return any != 0;
 }
 
-/* A number, or several, that a device may not know. */
+/* Read `count` numbers; returns 0 if the device does not know them. */
 static int hd_ask(unsigned int what, double *values, int count) {
     for (int k = 0; k < count; k++) values[k] = 0;
     hd.api.get_doubles(what, values);
@@ -170,7 +170,7 @@ static unsigned int hd_open(device *self, const char *name, device_spec *spec) {
     hd.heat = hd_ask(HD_MOTOR_TEMPERATURE, heat, HD_MOTORS);
     hd.api.get_booleans(HD_CURRENT_SAFETY_SWITCH, safety);
     hd.safety = hd_drain() == HD_SUCCESS;
-    /* what reads as open at the start may be a device without one */
+    /* a device without a switch reads as open, too */
     spec->has_switch = hd.safety && hd_closed(safety);
     return 0;
 }
@@ -182,7 +182,7 @@ static int hd_calibrated(device *self) {
     return found == HD_CALIBRATION_NEEDS_UPDATE ? DEVICE_NEEDS_UPDATE : DEVICE_NEEDS_MANUAL;
 }
 
-/* Begin a frame, which the force that is written ends. */
+/* Begin a frame and read the state; hd_write ends the frame. */
 static void hd_read(device *self, device_state *state) {
     double heat[HD_MOTORS] = {0}, place[16] = {0};
     int buttons[2] = {0};
@@ -251,7 +251,7 @@ static void hd_close(device *self) {
     hd_drain();
 }
 
-/* The device behind a table of functions. */
+/* Fill in the device for a table of functions. */
 static void hd_device(const hd_api *api, device *made) {
     static const device verbs = {hd_open,   hd_calibrated, hd_read, hd_write, hd_next_error, hd_output,
                                  hd_start, hd_stop,       NULL,    hd_close, NULL};

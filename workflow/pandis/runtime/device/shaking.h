@@ -1,8 +1,8 @@
-/* Shaking: a motion to and fro by more than a tenth of a millimetre, faster than 30 times a second.
+/* Shaking: an oscillation by more than a tenth of a millimetre, at more than 30 Hz.
  *
- * Along each axis turns are counted: places where the motion has gone back by SHAKING_SIZE. Three turns
- * span a whole swing; if they are less than a thirtieth of a second apart, the probe shakes. A knock
- * against a wall turns once, and a slow hand not three times as fast.
+ * Turns are counted along each axis: points where the motion has reversed by SHAKING_SIZE. Three turns
+ * span a whole swing; if they take less than a thirtieth of a second, the probe shakes. A knock against
+ * a wall turns once, and a slow hand does not turn three times that fast.
  */
 #ifndef SHAKING_H
 #define SHAKING_H
@@ -14,9 +14,9 @@
 
 typedef struct {
     double low[3], high[3]; /* since the last turn */
-    int up[3];              /* whether it went up last */
-    double turn[3][2];      /* when it turned last, and the time before */
-    double last;            /* when it last shook */
+    int up[3];              /* whether it last moved up */
+    double turn[3][2];      /* times of the last two turns, s */
+    double last;            /* time of the last shaking, s */
     int begun;
 } shaking;
 
@@ -26,7 +26,7 @@ static void shaking_start(shaking *s) {
     s->last = -1e9;
 }
 
-/* See a position; only what happens while touching counts. */
+/* Observe a position; shaking counts only during contact. */
 static void shaking_see(shaking *s, const double *position, double now, int touching) {
     for (int k = 0; k < 3; k++) {
         double x = position[k];

@@ -1,12 +1,12 @@
-/* What becomes of a run when its process is to stop, end or crash: zero goes out first. Part of client.c. */
+/* Signals that stop, end or crash the process of a run: zero force is sent first. Part of client.c. */
 #ifndef SIGNALS_H
 #define SIGNALS_H
 
-/* Signals of which a program ends or stops. Those of the first row are intercepted, those of the second unless the
- * program has other plans for them: the run ends with zero force, and then they are given to whom they were meant for. */
-static const int client_orderly[] = {SIGINT,  SIGTERM, SIGHUP,  SIGQUIT, SIGTSTP, /* up to here always */
+/* Signals that end or stop a program. Those in the first row are always intercepted, those in the second unless the
+ * program handles them. The run ends with zero force, and then the signal is raised again for the program's handler. */
+static const int client_orderly[] = {SIGINT,  SIGTERM, SIGHUP,  SIGQUIT, SIGTSTP, /* always */
                                      SIGUSR1, SIGUSR2, SIGALRM, SIGXCPU, SIGTTIN, SIGTTOU, SIGVTALRM, SIGPROF};
-/* Signals after which nothing can be relied on: zero goes out from within them. */
+/* Signals after which nothing can be relied on: their handler sends zero force. */
 static const int client_fatal[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
 enum {
     CLIENT_ALWAYS = 5,
@@ -15,11 +15,11 @@ enum {
 };
 static struct sigaction client_before[CLIENT_ORDERLY + CLIENT_FATAL];
 
-/* Switch the motors off, and let the signal do what it would have done. */
+/* Switch the motors off, and raise the signal again with its former action. */
 static void client_die(int number) {
     const double zero[3] = {0};
     device *d = &client.device;
-    /* a frame of this very thread is ended with zero; one of another thread is not ours to touch */
+    /* end this thread's own frame with zero; a frame of another thread must not be touched */
     if (__atomic_load_n(&client.inside, __ATOMIC_SEQ_CST) && pthread_equal(client_ticking, pthread_self()))
         d->write(d, zero, NULL);
     d->output(d, 0);

@@ -1,10 +1,10 @@
-/* A simulated device with the hand that holds it: a pull device whose time is that of ticks, so that a
- * run is the same on every machine. What a driver would refuse is an error, with HDAPI's number, and is
- * not given to the motors.
+/* A simulated device with the hand that holds it: a pull device in simulated time, so that a run is the
+ * same on every machine. A force that a driver would refuse is an error, with HDAPI's number, and does
+ * not reach the motors.
  *
  * Device and hand are one mass: m x'' = F + press + k (rest - x) + b_hand rest' - (b + b_hand) x', with
- * Coulomb friction against the motion; at rest the friction holds whatever is no stronger than it. The
- * motion under a constant force is exact; a tick has four steps, and the friction a direction in each.
+ * Coulomb friction against the motion. At rest, friction holds any force that is not stronger. The motion
+ * under a constant force is exact. A tick has four steps; within each, friction has a fixed direction.
  */
 #ifndef SIMULATED_H
 #define SIMULATED_H
@@ -20,22 +20,22 @@
 
 typedef struct {
     double mass, damping, friction, encoder; /* kg, Ns/m, N, m */
-    double force, impulse, speed;            /* what it reports errors beyond: N, N per ms, m/s */
+    double force, impulse, speed;            /* limits beyond which it reports errors: N, N per ms, m/s */
     double hand_stiffness, hand_damping;     /* N/m, Ns/m */
     double period;                           /* s */
-    double wall;                             /* stiffness of what it meets, N/m: see energy_book */
-    int delay;                               /* ticks by which a force comes late */
+    double wall;                             /* stiffness of the touched surface, N/m: see energy_book */
+    int delay;                               /* of forces, ticks */
 } simulated_spec;
 
 static struct {
     simulated_spec spec;
-    const double *rest, *press; /* per tick: where the hand would rest (m), how it presses (N) */
-    long long ticks, tick;      /* the number of ticks after which the hand holds still; the tick */
-    double *path; /* per tick, unless NULL: where it really is at the end (m) */
+    const double *rest, *press; /* per tick: the hand's rest position (m) and force (N) */
+    long long ticks, tick;      /* ticks after which the hand holds still; the current tick */
+    double *path; /* per tick, unless NULL: true position at its end (m) */
     double position[3], speed[3];
     double late[SIMULATED_DELAY + 1][3], acting[3], sent[3];
     double xx, xv, vx, vv, xu, vu; /* motion of a substep */
-    energy energy;           /* by where it really is, and what it really loses */
+    energy energy;           /* by its true positions and losses */
     int output;
     unsigned int error[SIMULATED_ERRORS];
     int errors;
@@ -61,7 +61,7 @@ static void simulated_motion(void) {
     simulated.vx = sum[1][0], simulated.vv = sum[1][1], simulated.vu = sum[1][2];
 }
 
-/* Prepare a device at rest at a place, with a hand that moves for `ticks` ticks, at least one. */
+/* Prepare a device at rest at `start`, with a hand that moves for `ticks` ticks, at least one. */
 static void simulated_prepare(const simulated_spec *spec, const double *start, const double *rest, const double *press,
                               long long ticks) {
     memset(&simulated, 0, sizeof simulated);
@@ -70,7 +70,7 @@ static void simulated_prepare(const simulated_spec *spec, const double *start, c
     simulated_motion();
 }
 
-/* What it says that it is. */
+/* Report its properties. */
 static void simulated_tell(device_spec *spec) {
     const simulated_spec *s = &simulated.spec;
     memset(spec, 0, sizeof *spec);
@@ -78,7 +78,7 @@ static void simulated_tell(device_spec *spec) {
     spec->force = s->force, spec->speed = s->speed, spec->impulse = s->impulse, spec->rate = 1 / s->period;
 }
 
-/* Where its encoders say that it is. */
+/* The position that its encoders report. */
 static void simulated_place(double *position) {
     double step = simulated.spec.encoder;
     for (int k = 0; k < 3; k++) {
@@ -87,7 +87,7 @@ static void simulated_place(double *position) {
     }
 }
 
-/* A force is sent; what a driver would refuse is reported, and not given to the motors. */
+/* Accept a force; one that a driver would refuse is reported as an error and does not reach the motors. */
 static void simulated_accept(const double *force) {
     const simulated_spec *s = &simulated.spec;
     double change[3];
@@ -95,7 +95,7 @@ static void simulated_accept(const double *force) {
     unsigned int code = HD_SUCCESS;
     if (!(length_of(force) <= s->force * (1 + 1e-9))) code = HD_EXCEEDED_MAX_FORCE;
     else if (length_of(force) > 0 && !(length_of(change) <= s->impulse * s->period * 1e3 * (1 + 1e-9)))
-        code = HD_EXCEEDED_MAX_FORCE_IMPULSE; /* letting go is always allowed */
+        code = HD_EXCEEDED_MAX_FORCE_IMPULSE; /* a drop to zero is always allowed */
     else if (length_of(simulated.speed) > s->speed) code = HD_EXCEEDED_MAX_VELOCITY;
     if (code) simulated_report(code);
     for (int k = 0; k < 3; k++) simulated.sent[k] = code || !simulated.output ? 0 : force[k];
@@ -111,7 +111,7 @@ static unsigned int simulated_take_error(void) {
     return code;
 }
 
-/* Move by a step under a push besides spring and damping; returns how far. */
+/* Move by a step under spring, damping and a push; returns the distance moved. */
 static double simulated_step(const double *rest, const double *push) {
     const simulated_spec *s = &simulated.spec;
     double h = s->period / SIMULATED_SUBSTEPS, fast = length_of(simulated.speed), way[3], speed[3], whole[3];
@@ -135,7 +135,7 @@ static double simulated_step(const double *rest, const double *push) {
         speed[k] = simulated.vx * x + simulated.vv * v + simulated.vu * whole[k];
         onward += v * speed[k], slower += speed[k] * speed[k];
     }
-    if (s->friction > 0 && fast > 0 && !(onward > 0)) { /* it comes to rest on the way */
+    if (s->friction > 0 && fast > 0 && !(onward > 0)) { /* it comes to rest within the step */
         double share = fast / (fast + sqrt(slower));
         for (int k = 0; k < 3; k++) way[k] = simulated.speed[k] * share * h / 2, speed[k] = 0;
     }
@@ -155,7 +155,7 @@ static void simulated_move(void) {
         push[k] = simulated.acting[k] + press[k] + s->hand_damping * (next[k] - rest[k]) / s->period;
     for (int step = 0; step < SIMULATED_SUBSTEPS; step++) {
         double length = simulated_step(rest, push);
-        /* at least this, at whatever speeds the way was gone */
+        /* a lower bound, whatever the speed was along the way */
         lost += s->damping * length * length / h + s->friction * length;
     }
     for (int k = 0; k < 3; k++) work += simulated.acting[k] * (simulated.position[k] - before[k]);
@@ -163,7 +163,7 @@ static void simulated_move(void) {
                 length_of(simulated.acting) > s->force * (1 - 1e-6));
 }
 
-/* The force that was sent acts for a tick, as late as it comes. */
+/* Apply the sent force for a tick, after its delay. */
 static void simulated_advance(void) {
     int last = simulated.spec.delay;
     memcpy(simulated.late[last], simulated.sent, sizeof simulated.sent);
@@ -195,7 +195,7 @@ static void simulated_read(device *self, device_state *state) {
     memcpy(state->velocity, simulated.speed, sizeof simulated.speed);
     state->rotation[0] = state->rotation[4] = state->rotation[8] = 1;
     state->time = (double)simulated.tick * simulated.spec.period;
-    state->buttons = 1, state->safe = 1; /* the hand holds what there is to hold */
+    state->buttons = 1, state->safe = 1; /* the hand holds the button */
 }
 
 static void simulated_write(device *self, const double *force, const double *torque) {
@@ -203,7 +203,7 @@ static void simulated_write(device *self, const double *force, const double *tor
     simulated_accept(force);
 }
 
-/* Driven by a clock, it moves as soon as it has its force. */
+/* When driven by a clock, it moves as soon as it gets its force. */
 static void simulated_write_and_move(device *self, const double *force, const double *torque) {
     simulated_write(self, force, torque);
     simulated_advance();
@@ -232,7 +232,7 @@ static void simulated_close(device *self) {
     simulated.output = 0;
 }
 
-/* The device, for a client's run. */
+/* Fill in the device for a client's run. */
 static void simulated_device(device *made) {
     static const device verbs = {simulated_open,   simulated_calibrated, simulated_read, simulated_write,
                                  simulated_error,  simulated_output,     NULL,           simulated_stop,

@@ -1,4 +1,4 @@
-"""A process of its own that ends a device's force when the run's process is killed or halted."""
+"""A separate process that ends a device's force when the run's process is killed or halted."""
 
 import ctypes
 import mmap
@@ -9,7 +9,7 @@ import time
 
 #: As in ``watchdog.h``.
 STARTS, READY, REFUSED, OVER = range(4)
-#: Seconds in which a process that starts and opens the device has to say so.
+#: Seconds that the process has to start and open the device.
 _PATIENCE = 5.0
 _PROGRAM = (
     "import ctypes, sys; compiled, library, name, file, run = sys.argv[1:]; "
@@ -22,26 +22,26 @@ class _Pulse(ctypes.Structure):
 
 
 class Watchdog:
-    """Starts the process, once the run has the device; used as a context around the run.
+    """Starts the process once the run has opened the device; a context manager around the run.
 
     Parameters
     ----------
     compiled : str
-        The library of ``client.c``.
+        Path of the library compiled from ``client.c``.
     library, name : str
         Library and name of the device: see `pandis.runtime.device.run_device`.
 
     Attributes
     ----------
     pulse : ctypes.Structure
-        What both processes share.
+        State shared by both processes.
     """
 
     def __init__(self, compiled, library, name):
         self._words, self._process = (compiled, library, name), None
 
     def __enter__(self):
-        # memory alone: a tick that writes to a file of a disk may have to wait for it
+        # in memory: a tick that writes to a file on disk may block
         self._file = os.memfd_create("pandis-pulse")
         os.ftruncate(self._file, mmap.PAGESIZE)
         self._memory = mmap.mmap(self._file, mmap.PAGESIZE)
@@ -54,7 +54,7 @@ class Watchdog:
         os.close(self._file)
 
     def _end(self, patience):
-        """Wait some seconds for the process to end, and kill it if it does not."""
+        """Wait up to ``patience`` seconds for the process to end, then kill it."""
         if self._process is None:
             return
         try:
@@ -64,7 +64,7 @@ class Watchdog:
             self._process.wait()
 
     def start(self):
-        """Start the process; return 1 once it has the device, 0 if it cannot."""
+        """Start the process; return 1 once it has opened the device, 0 if it cannot."""
         numbers = str(self._file), str(os.getpid())
         try:
             self._process = subprocess.Popen(

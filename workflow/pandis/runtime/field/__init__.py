@@ -1,4 +1,4 @@
-"""Fields as ``pandis.h`` answers them: the binding of ``field.c``."""
+"""Fields evaluated by ``pandis.h``: the binding of ``field.c``."""
 
 import ctypes
 import weakref
@@ -21,31 +21,31 @@ if TYPE_CHECKING:
 
     from pandis.runtime.field import moving
 else:
-    ArrayLike = object  # numpy.typing.ArrayLike is narrower than what NumPy accepts
+    ArrayLike = object  # NumPy accepts more than numpy.typing.ArrayLike allows
 
-#: What a file can hold; numbers of docs/format.md.
+#: Kinds of fields, as numbered in docs/format.md.
 NETWORK, GRID, SPLINE, MESH, SHAPE, COMPACT = 1, 2, 3, 4, 5, 6
-#: The flags of an answer that is cut (see `pandis.h`), and of a point that no surface is near (see
-#: `NativeField.query_within`).
+#: Flags of an answer whose search was cut short (see `pandis.h`), and of a point with no surface
+#: within reach (see `NativeField.query_within`).
 CUT, BEYOND = 3, 4
-#: How a grid is interpolated.
+#: Interpolation rules of grids.
 RULES = ("nearest", "trilinear", "trilinear-normal", "trilinear-gradient", "tricubic")
 #: Closed forms, in the order of their numbers.
 SHAPES = ("sphere", "torus", "box", "capsule")
-#: Arrays of what C computes with.
+#: Arrays of C doubles.
 Floats = NDArray[np.float64]
-#: A number: to what checks calls while they run a whole one is no float.
+#: Includes int, which run-time type checkers do not accept as float.
 Number = float | int
-#: What a field is opened from.
+#: Sources of a field: a path, or a file's bytes.
 Source = str | PathLike[str] | bytes
-#: Bytes written between queries with cold caches: more than the caches of a core hold.
+#: Bytes written between queries to empty the caches: more than those of a core can hold.
 CACHES = 1 << 26
 #: Fewer points of a network than this are not worth a second thread.
 _FEW = 64
 
 
 class NativeAnswer(NamedTuple):
-    """Distances (n,), normals (n, 3) in mesh units, and flags (n,): `Answer`."""
+    """Distances (n,) in mesh units, unit normals (n, 3) and flags (n,): `Answer`."""
 
     distance: Floats
     normal: Floats
@@ -53,28 +53,28 @@ class NativeAnswer(NamedTuple):
 
 
 class NativeField:
-    """A field in a ``.pandis`` file, answered by ``pandis.h``.
+    """A field in a ``.pandis`` file, evaluated by ``pandis.h``.
 
-    Use it in a ``with`` block, or `close` it, to let go of the file early. A copy is the field
-    itself, for nothing of it changes. A pickle holds the file's path and is refused where the file
-    has changed since; of a field made of bytes it holds the bytes.
+    Use a ``with`` block, or `close`, to release the file early. Fields are immutable, so a copy is
+    the field itself. A pickle stores the file's path, and fails to load if the file has changed
+    since. A field made from bytes is pickled with them.
 
     Parameters
     ----------
     source : path-like or bytes
-        The file, or what it holds.
+        The file, or its bytes.
 
     Raises
     ------
     ArtifactError
-        It cannot be read, is damaged, or holds what does not fit together.
+        It cannot be read, is damaged or is inconsistent.
 
     Attributes
     ----------
     path : Path
         Path of the file; for a field made from bytes, a name for messages.
     frame : pandis.base.frame.Frame
-        The one that the field was made in.
+        The unit frame of the field's mesh.
     """
 
     def __init__(self, source: Source) -> None:
@@ -82,7 +82,7 @@ class NativeField:
         self._begin(None)
         if isinstance(source, bytes):
             self.path, self._bytes = Path("field.pandis"), np.frombuffer(source, np.uint8)
-            if self._bytes.ctypes.data % 8:  # hardly ever; of a large mesh a copy is a gigabyte
+            if self._bytes.ctypes.data % 8:  # rare: copying a large mesh would take a gigabyte
                 self._bytes = self._bytes.copy()
             size = len(self._bytes)
             error = self._library.pandis_open(self._field, self._bytes.ctypes.data, size)
@@ -98,7 +98,7 @@ class NativeField:
         self.frame = Frame(tuple(numbers[:3]), numbers[3])
 
     def _begin(self, lender):
-        """Make room for a field in C, which reads the bytes of another one, or its own."""
+        """Allocate a C field, which borrows the bytes of ``lender`` unless that is None."""
         self._opened = ctypes.create_string_buffer(self._library.runtime_field_bytes())
         self._closed, self._lender, self._borrowers = False, lender, weakref.WeakSet()
         if lender is not None:
@@ -111,10 +111,10 @@ class NativeField:
         return self._opened
 
     def close(self) -> None:
-        """Let go of the file, also for what `placed` and `moving` have made of this field.
+        """Release the file; also closes fields made by `placed` and `moving`.
 
-        Asked again, a closed field raises ValueError; scenes that hold it get no answer from it.
-        No other thread may be asking it meanwhile.
+        A closed field raises ValueError on use; scenes that contain it get no answer from it.
+        No other thread may be using it.
         """
         for borrower in list(self._borrowers):
             borrower.close()
@@ -146,19 +146,19 @@ class NativeField:
 
     def __reduce__(self):
         if self._lender is not None:
-            raise TypeError(f"{self.path}: pickle the field that this one was made of")
+            raise TypeError(f"{self.path}: pickle the field that this one was made from")
         if self._bytes is not None:
             return NativeField, (self._bytes.tobytes(),)
         return reopened, (self.path.absolute(), self._stamp)
 
     def placed(self, frame: Frame) -> "NativeField":
-        """Return the field as it would be, had its mesh come in other units and at another place.
+        """Return this field as if its mesh had other units and another position.
 
         Parameters
         ----------
         frame : pandis.base.frame.Frame
-            The one that it would have been made in then. Not of a closed form, which is a formula
-            in mesh units around the origin.
+            Its new unit frame. Not for closed forms, which are formulas in mesh units around the
+            origin.
         """
         other = object.__new__(NativeField)
         other._library, other.path, other.frame = self._library, self.path, frame
@@ -168,12 +168,12 @@ class NativeField:
         return other
 
     def moving(self) -> "moving.MovingField":
-        """Return a `MovingField` of this one, which must be an exact mesh.
+        """Return a `MovingField` of this field, which must be an exact mesh.
 
         Raises
         ------
         ValueError
-            The field is of another kind: it has no vertices that could move.
+            The field is of another kind, which has no movable vertices.
         """
         from pandis.runtime.field.moving import MovingField
 
@@ -186,43 +186,42 @@ class NativeField:
 
     @property
     def bytes(self) -> int:
-        """How many bytes its answers are made of.
+        """Bytes that answers are computed from.
 
-        All that a program holds in memory but what says where to trust the field and where it is
-        from.
+        This leaves out sections on trust, provenance, original faces and regions.
         """
         return self._library.runtime_bytes(self._field)
 
     @property
     def has_distance(self) -> bool:
-        """Whether it knows a distance outside: all do but grids of forces, which have no slope."""
-        somewhere = self.frame.to_mesh([[0.31, -0.27, 0.19]])  # in the middle a slope may vanish
+        """Whether it has distances outside: all fields but grids of forces, whose slope is 0."""
+        somewhere = self.frame.to_mesh([[0.31, -0.27, 0.19]])  # at the centre the slope may be 0
         return self.kind != GRID or bool(self.query_slopes(somewhere)[1][0] > 0)
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """The lowest and highest corner (3,) of the box in which the surface lies, mesh units."""
+        """The lowest and highest corner (3,) of a box around the surface, mesh units."""
         low, high = np.empty(3), np.empty(3)
         self._library.pandis_bounds(self._field, low.ctypes.data, high.ctypes.data)
         return low, high
 
     @property
     def address(self) -> int:
-        """Where the opened field lies, for other C code."""
+        """Address of the C field, for other C code."""
         return ctypes.addressof(self._field)
 
     def query(self, points: ArrayLike) -> NativeAnswer:
-        """Answer distances (n,), normals (n, 3) and flags (n,) at points (n, 3), mesh units."""
+        """Return distances (n,), normals (n, 3) and flags (n,) at points (n, 3), mesh units."""
         return self._query(points)[0]
 
     def query_slopes(self, points: ArrayLike) -> tuple[NativeAnswer, Floats]:
-        """Answer as `query`, and how long (n,) each normal was before it was made a unit vector."""
+        """Answer like `query`; also return the length (n,) of each normal before normalisation."""
         return self._query(points, slopes=True)
 
     def clear(self, points: ArrayLike) -> Floats:
-        """Return how far (n,) from points (n, 3) no surface is, mesh units.
+        """Return radii (n,) around points (n, 3) that are free of surface, mesh units.
 
-        Where an answer is cut, that is proved; elsewhere it is the distance without its sign.
+        Where the search was cut short they are proven bounds, elsewhere the absolute distance.
         """
         points = as_rows(points)
         clear = np.empty(len(points))
@@ -230,10 +229,10 @@ class NativeField:
         return clear
 
     def faces(self, points: ArrayLike) -> NDArray[np.int32]:
-        """Return the faces (n,) of ``mesh.zarr.zip`` on which the closest points to (n, 3) lie.
+        """Return the faces (n,) of ``mesh.zarr.zip`` with the closest points to points (n, 3).
 
-        Of an exact mesh, and of a compact one with ``export.original_faces``; -1 elsewhere, and
-        where there is no answer.
+        Only exact meshes, and compact ones with ``export.original_faces``, know them; -1 for other
+        fields and where there is no answer.
         """
         points = as_rows(points)
         faces = np.empty(len(points), np.int32)
@@ -241,9 +240,9 @@ class NativeField:
         return faces
 
     def regions(self, points: ArrayLike) -> NDArray[np.int32]:
-        """Return the regions (n,) in which the closest points to (n, 3) lie; -1 where none is said.
+        """Return the regions (n,) of the closest points to points (n, 3); -1 where unknown.
 
-        Of an exact and of a compact mesh whose source names materials.
+        Known for exact and compact meshes whose source file names materials.
         """
         points = as_rows(points)
         regions = np.empty(len(points), np.int32)
@@ -254,20 +253,20 @@ class NativeField:
 
     @property
     def region_names(self) -> tuple[str, ...]:
-        """What the regions are called, in their order: the materials that the mesh's file names."""
+        """Names of the regions, in order: the materials named in the mesh file."""
         names = []
         while (name := self._library.pandis_region(self._field, len(names))) is not None:
             names.append(name.decode())
         return tuple(names)
 
     def query_within(self, points: ArrayLike, reach: Number) -> tuple[NativeAnswer, Floats]:
-        """Answer points (n, 3) that are nearer to the surface than ``reach``, mesh units.
+        """Answer points (n, 3) that are within ``reach`` of the surface, mesh units.
 
         Returns
         -------
         answer : NativeAnswer
-            As of `query`; NaN, flagged 4, where no surface is within reach. A cut answer (flag
-            `CUT`) stays: the surface may be nearer than it says.
+            As from `query`; NaN, with flag 4, where no surface is within reach. Answers with flag
+            `CUT` are kept: the surface may be nearer than their distance.
         clear : ndarray, shape (n,)
             No surface is nearer than this.
         """
@@ -279,12 +278,12 @@ class NativeField:
         return answer, clear
 
     def follow(self, points: ArrayLike) -> NativeAnswer:
-        """Answer points (n, 3) of a path, each with what is known from the one before.
+        """Answer points (n, 3) along a path, starting each search from the previous result.
 
         Returns
         -------
         NativeAnswer
-            That of `query`, to the last bit.
+            As from `query`, to the last bit.
         """
         return self._answers(points, -1.0)[0]
 
@@ -309,30 +308,31 @@ class NativeField:
             where.append(lengths[low:].ctypes.data if slopes else None)
             self._library.runtime_query(self._field, where[0], high - low, *where[1:])
 
-        # a network is slow enough that a second thread pays at once
+        # networks are slow enough for a second thread to pay off early
         in_threads(part, count, small=_FEW if self.kind == NETWORK else SMALL)
         return answer, lengths
 
     def distance_and_normal(self, points: ArrayLike) -> tuple[Floats, Floats]:
-        """Answer distances (n,) and unit normals (n, 3) at points (n, 3), all in mesh units."""
+        """Return distances (n,) and unit normals (n, 3) at points (n, 3), mesh units."""
         return self.query(points)[:2]
 
     def gradient(self, points: ArrayLike) -> Floats:
         """Return the gradients (n, 3) of the distance at points (n, 3).
 
-        Of meshes and closed forms it is the normal. Elsewhere it may be shorter or longer than 1,
-        and of the paper's network it is not the direction that the network answers: it belongs to
-        the distance. NaN where there is no answer, and of grids of forces, which have no distance.
+        For meshes and closed forms the gradient is the normal. For other fields its length may
+        differ from 1. For the paper's network it is the derivative of the distance, not the
+        direction that the network returns. NaN without an answer, and for grids of forces, which
+        have no distance.
         """
         return self._derivatives(points)[0]
 
     def hessian(self, points: ArrayLike) -> Floats:
         """Return the second derivatives (n, 3, 3) of the distance at points (n, 3), per mesh unit.
 
-        They are analytic for meshes and closed forms (by what is nearest: 0 next to a face, round
-        next to an edge or a corner), for splines and for grids of distances. Of networks, and where
-        a point is flagged as a bound, they are differences over a few thousandths of the object or
-        less. NaN where `gradient` is.
+        They are analytic for meshes and closed forms (those of the nearest feature: 0 next to a
+        face, round next to an edge or a corner), for splines and for grids of distances. For
+        networks, and where the flag is a bound, they are differences over a few thousandths of
+        the object or less. NaN where `gradient` is NaN.
         """
         return self._derivatives(points)[1]
 
@@ -354,12 +354,12 @@ class NativeField:
         Parameters
         ----------
         k : float
-            Stiffness, force per mesh unit: a finite number from 0 on.
+            Stiffness, force per mesh unit: finite and not negative.
 
         Raises
         ------
         ValueError
-            ``k`` is another number.
+            ``k`` is out of range.
         """
         if not 0 <= k < np.inf:
             raise ValueError(f"k is a finite number from 0 on, not {k}")
@@ -378,10 +378,10 @@ class NativeField:
         reach: Number | None = None,
         follow: bool = False,
     ) -> Floats:
-        """Return the seconds (queries,) of single queries at points (n, 3) in turn.
+        """Return the duration (queries,) of single queries at points (n, 3) in turn, seconds.
 
-        ``cold``: before each of them other work empties the caches. ``reach``: as `query_within`
-        asks; ``follow``: as `follow` does.
+        ``cold``: empty the caches before each query. ``reach``: query as `query_within` does;
+        ``follow``: as `follow` does.
         """
         points = as_rows(points)
         if not len(points) or queries < 1:

@@ -1,4 +1,4 @@
-"""The library of ``field.c``, with its functions' types declared."""
+"""The library compiled from ``field.c``, with its functions' types declared."""
 
 import ctypes
 from functools import cache
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pandis.engine.compiler import load
 
-#: What is compiled.
+#: C source of the library.
 SOURCE = Path(__file__).with_name("field.c")
 
 
@@ -17,7 +17,7 @@ def library():
 
 
 def declared(lib):
-    """Return a library that was compiled from SOURCE with its functions' types declared."""
+    """Declare the function types of a library compiled from SOURCE, and return it."""
     pointer, size, f64 = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_double
     lib.runtime_field_bytes.restype = size
     lib.pandis_open.argtypes = [pointer, pointer, size]

@@ -1,4 +1,4 @@
-/* pandis.h as a library, for Python; and a clock around single queries. */
+/* pandis.h as a library for Python, and timing of single queries. */
 #ifndef PANDIS_IMPLEMENTATION
 #define _POSIX_C_SOURCE 199309L
 #define PANDIS_IMPLEMENTATION
@@ -15,16 +15,16 @@ void runtime_frame(const pandis_field *field, double *numbers) {
     numbers[3] = field->scale;
 }
 
-/* The same field in another frame: as it would be, had its mesh come in other units and at another place.
- * Not of a closed form, which is a formula in mesh units around the origin. */
+/* The same field in another frame, as if its mesh had other units and another position. Not for closed forms, which
+ * are formulas in mesh units around the origin. */
 void runtime_place(pandis_field *placed, const pandis_field *field, const double *numbers) {
     *placed = *field;
-    placed->mapped = 0; /* the bytes are the other's: it lets go of them */
+    placed->mapped = 0; /* the other field owns the bytes and releases them */
     for (int k = 0; k < 3; k++) placed->centre[k] = numbers[k];
     placed->scale = numbers[3];
 }
 
-/* The bytes that answers are made of: not those that say where to trust a field, or where it is from. */
+/* Bytes that answers are computed from: without sections on trust, provenance, original faces and regions. */
 size_t runtime_bytes(const pandis_field *field) {
     static const char *const others[] = {"COVR", "SAFE", "PROV", "BOND", "ORIG", "REGN", "RNAM"};
     size_t size = 0;
@@ -37,7 +37,7 @@ size_t runtime_bytes(const pandis_field *field) {
     return size;
 }
 
-/* Answers at points, and the slopes of `pandis_answer`. */
+/* Answers at points; with `slopes` also the slopes of `pandis_answer`. */
 void runtime_query(const pandis_field *field, const double *points, size_t count, double *distances, double *normals,
                    unsigned char *flags, double *slopes) {
     pandis_answer answer;
@@ -52,7 +52,7 @@ void runtime_query(const pandis_field *field, const double *points, size_t count
     }
 }
 
-/* Answers at points, within a reach if that is not negative, else from one point to the next. */
+/* Answers at points: within a reach if that is not negative, else with a hint from one point to the next. */
 void runtime_answers(const pandis_field *field, const double *points, size_t count, double reach, double *distances,
                      double *normals, unsigned char *flags, double *clear) {
     pandis_hint hint = {{0}};
@@ -78,13 +78,13 @@ void runtime_derivatives(const pandis_field *field, const double *points, size_t
     }
 }
 
-/* Seconds of one refit; below zero if it failed. */
+/* Duration of a refit, s; negative if it failed. */
 double runtime_refit_time(pandis_field *moving, const double *vertices) {
     double start = seconds();
     return pandis_refit(moving, vertices, pandis_vertex_count(moving)) ? -1 : seconds() - start;
 }
 
-/* How far from points certainly no surface is, as `pandis_answer` says it. */
+/* Radii around points that are certainly free of surface: `clear` of `pandis_answer`. */
 void runtime_clear(const pandis_field *field, const double *points, size_t count, double *clear) {
     pandis_answer answer;
     for (size_t i = 0; i < count; i++) {
@@ -93,7 +93,7 @@ void runtime_clear(const pandis_field *field, const double *points, size_t count
     }
 }
 
-/* The faces of mesh.zarr.zip that closest points lie on; -1 where the field does not say. */
+/* Faces of mesh.zarr.zip that hold the closest points; -1 where the field does not know them. */
 void runtime_faces(const pandis_field *field, const double *points, size_t count, int32_t *faces) {
     pandis_answer answer;
     for (size_t i = 0; i < count; i++) {
@@ -102,7 +102,7 @@ void runtime_faces(const pandis_field *field, const double *points, size_t count
     }
 }
 
-/* Likewise, the regions that they lie in. */
+/* Regions of the closest points, likewise. */
 void runtime_regions(const pandis_field *field, const double *points, size_t count, int32_t *regions) {
     pandis_answer answer;
     for (size_t i = 0; i < count; i++) {
@@ -111,16 +111,15 @@ void runtime_regions(const pandis_field *field, const double *points, size_t cou
     }
 }
 
-/* The penalty forces (three doubles each) and flags at points. */
+/* Penalty forces (three doubles each) and flags at points. */
 void runtime_forces(const pandis_field *field, const double *points, size_t count, double stiffness, double *forces,
                     unsigned char *flags) {
     for (size_t i = 0; i < count; i++)
         flags[i] = (unsigned char)pandis_force(field, points + 3 * i, stiffness, forces + 3 * i);
 }
 
-/* Seconds of each of `queries` single queries, at the points in turn: within a reach if that is not negative, with
- * a hint if it is below -1. With some bytes of other work in
- * between, that empty the caches, the queries find nothing in them. */
+/* Duration (s) of each of `queries` single queries at the points in turn: within a reach if that is not negative,
+ * with a hint if it is below -1. Writing `bytes` bytes of `other` before each query empties the caches. */
 void runtime_time(const pandis_field *field, const double *points, size_t count, size_t queries, double reach,
                   double *taken, unsigned char *other, size_t bytes) {
     pandis_answer answer;

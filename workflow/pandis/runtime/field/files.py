@@ -1,4 +1,4 @@
-"""The bytes of ``.pandis`` files: what docs/format.md describes."""
+"""The bytes of ``.pandis`` files, as docs/format.md describes them."""
 
 import json
 import struct
@@ -24,14 +24,14 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
     kind : int
     frame : pandis.base.frame.Frame
     wholes, reals : sequence of int, of float
-        The numbers of the header, at most 14 and 16.
+        The header's numbers, at most 14 and 16.
     sections : dict of str to ndarray or bytes
-        By names of four letters.
+        Their names have four letters.
     provenance : dict
-        Kept as JSON in a section of its own.
+        Stored as JSON in section PROV.
     version : {1, 2, 3, 4}
-        Version of the format: the first that knows what the file holds, so that older readers of
-        ``pandis.h`` take whatever they can answer.
+        Version of the format. Write the lowest that supports the content, so that older versions of
+        ``pandis.h`` can read it.
     """
     sections = sections | {"PROV": json.dumps(provenance, sort_keys=True).encode()}
     parts = {
@@ -57,7 +57,7 @@ def pack(kind, frame, wholes, reals, sections, provenance, version=1):
 
 
 class Contents(NamedTuple):
-    """What the header of a ``.pandis`` file says, and its sections.
+    """Header and sections of a ``.pandis`` file.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Contents(NamedTuple):
     version : int
         Version of the format.
     wholes, reals : tuple of int, of float
-        By kind: see docs/format.md.
+        Their meaning depends on the kind: see docs/format.md.
     sections : dict of str to memoryview
     """
 
@@ -77,19 +77,19 @@ class Contents(NamedTuple):
 
     @property
     def provenance(self):
-        """Where the field is from; None if the file does not say it.
+        """How the field was made; None if the file has no provenance.
 
         Raises
         ------
         ArtifactError
-            What it says is no JSON object.
+            The provenance is not a JSON object.
         """
         part = self.sections.get("PROV")
         if part is None:
             return None
         try:
             content = json.loads(bytes(part))
-        except ValueError as error:  # what is no UTF-8, too
+        except ValueError as error:  # includes invalid UTF-8
             raise ArtifactError(f"{self.field.path}: its provenance is no JSON: {error}") from error
         if not isinstance(content, dict):
             raise ArtifactError(f"{self.field.path}: its provenance is no JSON object")
@@ -102,9 +102,9 @@ def read_contents(path):
     Raises
     ------
     ArtifactError
-        It is no such file, or damaged.
+        It is not a ``.pandis`` file, or is damaged.
     """
-    field = NativeField(path)  # checks all of it
+    field = NativeField(path)  # checks the whole file
     data = memoryview(Path(path).read_bytes())
     (version,), (count,) = struct.unpack_from("<I", data, 12), struct.unpack_from("<I", data, 36)
     sections = {}
@@ -122,7 +122,7 @@ def read_provenance(path):
     Raises
     ------
     ArtifactError
-        It is no such file, or damaged, or does not say where it is from.
+        It is not a ``.pandis`` file, is damaged or has no provenance.
     """
     provenance = read_contents(path).provenance
     if provenance is None:

@@ -1,4 +1,4 @@
-"""Meshes that one thread moves while another asks, and neither waits: ``pandis_handover``."""
+"""Meshes that one thread moves while another queries them, without waiting: ``pandis_handover``."""
 
 import ctypes
 import time
@@ -10,18 +10,18 @@ from pandis.runtime.field.moving import MovingField
 
 
 class SharedField(MovingField):
-    """An exact mesh whose vertices one thread moves, while another asks the newest whole shape.
+    """An exact mesh that one thread moves while another queries its newest complete shape.
 
-    Queries, `take` among them, belong to one thread, `refit` to one other.
+    Only one thread may query and call `take`, and only one other may call `refit`.
 
     Parameters
     ----------
     field : NativeField
-        Field of kind MESH; it lends its faces, and stays as it is.
+        Field of kind MESH. It lends its faces and is not changed.
     """
 
     def _open(self, room):
-        """Take room for three shapes, which the header counts."""
+        """Allocate room for three shapes; the header computes its size."""
         room = self._library.pandis_handover_room(self._lender._field)
         self._room = np.empty(room // 8)
         self._handover = ctypes.create_string_buffer(self._library.runtime_handover_bytes())
@@ -36,12 +36,12 @@ class SharedField(MovingField):
         Returns
         -------
         float
-            The seconds that it took.
+            Duration, s.
 
         Raises
         ------
         ValueError
-            There are more or fewer, or one is no finite number; the old shape stays.
+            Their number is wrong, or one is not finite or too large; the old shape stays.
         """
         start, vertices = time.perf_counter(), self._checked(vertices)
         if self._library.pandis_handover_refit(self._handover, vertices.ctypes.data, len(vertices)):
@@ -49,5 +49,5 @@ class SharedField(MovingField):
         return time.perf_counter() - start
 
     def take(self) -> bool:
-        """Ask the newest whole shape from now on; tell whether it is another one than before."""
+        """Switch to the newest complete shape; return whether it is a new one."""
         return bool(self._library.pandis_handover_take(self._handover, self._field))

@@ -1,4 +1,4 @@
-"""Exact meshes whose vertices move, from one thread; from two: `pandis.runtime.field.handover`."""
+"""Exact meshes whose vertices move, for one thread; for two: `pandis.runtime.field.handover`."""
 
 import numpy as np
 
@@ -7,32 +7,32 @@ from pandis.runtime.field.points import as_rows
 
 
 class MovingField(NativeField):
-    """An exact mesh whose vertices move: answers as a field of the new shape would.
+    """An exact mesh whose vertices move: it answers like a field of the new shape.
 
     Parameters
     ----------
     field : NativeField
-        Field of kind MESH; it lends its faces, and stays as it is.
+        Field of kind MESH. It lends its faces and is not changed.
     """
 
-    _NO_SHAPE = "a vertex is no finite number, or too far away: the old shape stays"
+    _NO_SHAPE = "a vertex is not finite, or too far away: the old shape stays"
 
     def __init__(self, field: NativeField) -> None:
         room = field._library.pandis_refit_room(field._field)
         if not room:
-            raise ValueError(f"{field.path}: only an exact mesh has vertices that can move")
+            raise ValueError(f"{field.path}: only an exact mesh has movable vertices")
         self._library, self.path, self.frame = field._library, field.path, field.frame
         self._begin(field)
         self._open(room)
 
     def __copy__(self):
-        raise TypeError("a mesh that moves has no copy: make another one with moving()")
+        raise TypeError("a moving mesh cannot be copied: make another one with moving()")
 
     def __deepcopy__(self, memory):
         return self.__copy__()
 
     def _open(self, room):
-        """Take room (bytes) for one shape, and make it that of the lender."""
+        """Allocate ``room`` bytes for one shape, and start with the lender's."""
         self._room = np.empty(room // 8)
         lender = self._lender._field
         address, size = self._room.ctypes.data, self._room.nbytes
@@ -44,18 +44,18 @@ class MovingField(NativeField):
         Parameters
         ----------
         vertices : ndarray, shape (V, 3), mesh units
-            In the order of ``mesh.zarr.zip``. The frame stays as it is: points beyond its box are
-            answered, and flagged as bounds.
+            In the order of ``mesh.zarr.zip``. The frame does not change: points outside its box
+            are answered and flagged as bounds.
 
         Returns
         -------
         float
-            The seconds that it took.
+            Duration, s.
 
         Raises
         ------
         ValueError
-            There are more or fewer, or one is no finite number; the old shape stays.
+            Their number is wrong, or one is not finite or too large; the old shape stays.
         """
         vertices = self._checked(vertices)
         taken = self._library.runtime_refit_time(self._field, vertices.ctypes.data)

@@ -1,10 +1,10 @@
-"""Fields in pickles: the path of a file, and what tells whether it is still the same."""
+"""Pickling of fields: a file's path, and a stamp that shows whether the file has changed."""
 
 from pandis.base.errors import ArtifactError
 
 
 def stamp(path):
-    """Return what tells whether a file is still the one it was; None if it is not there."""
+    """Return size and modification time of a file, to detect changes; None if it is missing."""
     try:
         status = path.stat()
     except OSError:
@@ -13,15 +13,15 @@ def stamp(path):
 
 
 def reopened(path, known):
-    """Open a file that a pickle names.
+    """Open a pickled field's file.
 
     Raises
     ------
     ArtifactError
-        It is gone, or has another stamp than the one known.
+        It is gone, or its stamp differs from ``known``.
     """
     from pandis.runtime.field import NativeField
 
     if stamp(path) != known:
-        raise ArtifactError(f"{path}: it has changed since the field was pickled, or is gone")
+        raise ArtifactError(f"{path}: the file has changed since the field was pickled, or is gone")
     return NativeField(path)

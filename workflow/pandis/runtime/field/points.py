@@ -1,10 +1,10 @@
-"""Points as C takes them."""
+"""Points in the layout that C expects."""
 
 import numpy as np
 
 
 def as_rows(points):
-    """Return points as an array (n, 3) of doubles; one point may come as (3,)."""
+    """Return points as a contiguous array (n, 3) of doubles; accepts one point as (3,)."""
     if np.iscomplexobj(points):
         raise ValueError("points must be real numbers")
     array = np.ascontiguousarray(points, np.float64)

@@ -1,4 +1,4 @@
-"""Several objects under one probe, of which only those are asked that it may touch."""
+"""Several objects under one probe; only those that it may touch are queried."""
 
 import ctypes
 from collections.abc import Iterable
@@ -20,19 +20,19 @@ _UPRIGHT = np.eye(3)
 
 
 class Placed(NamedTuple):
-    """A field and where it lies in a scene.
+    """A field and its pose in a scene.
 
     Attributes
     ----------
     field : pandis.runtime.field.NativeField
     rotation : ndarray, shape (3, 3)
-        A point p of the mesh lies at ``scale * rotation @ p + translation``.
+        Maps a mesh point p to ``scale * rotation @ p + translation``.
     translation : ndarray, shape (3,)
         Scene units.
     scale : float
         Scene lengths per mesh unit.
     stiffness : float
-        Force per length of the scene.
+        Force per scene length.
     """
 
     field: NativeField
@@ -50,14 +50,14 @@ class Placed(NamedTuple):
         position: ArrayLike = (0, 0, 0),
         rotation: ArrayLike = _UPRIGHT,
     ) -> "Placed":
-        """Return a field with its box's centre at a position, and its longest side of a size."""
+        """Return a field with its box centred at a position and its longest side of length size."""
         scale = size * field.frame.scale / UNIT_SIDE
         centre = scale * np.asarray(rotation) @ np.array(field.frame.centre)
         return cls(field, rotation, np.array(position) - centre, scale, stiffness)
 
 
 class Answers(NamedTuple):
-    """Forces (n, 3), flags (n,), fields asked (n,), and seconds (n,) or None, point by point."""
+    """Forces (n, 3), flags (n,), queried fields (n,), and seconds (n,) or None, for each point."""
 
     force: Floats
     flag: NDArray[np.uint8]
@@ -76,7 +76,7 @@ class _Object(ctypes.Structure):
 
 
 class Pose(ctypes.Structure):
-    """Where an object lies in a frame of a simulation, and how it moves: ``pandis_pose``."""
+    """Pose and velocity of an object in a frame of a simulation: ``pandis_pose``."""
 
     _fields_ = (
         ("rotation", ctypes.c_double * 9),
@@ -94,7 +94,7 @@ def _fill(place, placed):
 
 
 def placed_object(placed):
-    """Return an object, for other C code, of something `Placed`, which has to live as long."""
+    """Return the C object of a `Placed`, which the caller must keep alive as long."""
     entry = _Object()
     _fill(entry, placed)
     return entry
@@ -120,7 +120,7 @@ def library():
 
 
 class NativeScene:
-    """Objects under one probe, as ``pandis.h`` answers them.
+    """Objects under one probe, evaluated by ``pandis.h``.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class NativeScene:
     Raises
     ------
     PandisError
-        An object lies nowhere: its rotation is none, its scale not positive.
+        An object's pose is invalid: its matrix is not a rotation, or its scale is not positive.
     """
 
     def __init__(self, objects: Iterable[Placed]) -> None:
@@ -151,7 +151,7 @@ class NativeScene:
             raise PandisError(runtime().pandis_error_text(error).decode())
 
     def move(self, index: int, placed: Placed) -> None:
-        """Give one of the objects another place, another field, or both.
+        """Change an object's pose, its field, or both.
 
         Raises
         ------
@@ -165,21 +165,21 @@ class NativeScene:
 
     @property
     def address(self) -> int:
-        """Where the scene lies, for other C code."""
+        """Address of the C scene, for other C code."""
         return ctypes.addressof(self._scene)
 
     @property
     def placed_address(self) -> int:
-        """Where its objects lie, for other C code, which may move them (`Poses`)."""
+        """Address of the C objects, for other C code, which may move them (`Poses`)."""
         return ctypes.addressof(self._placed)
 
     def lies(self, index: int) -> tuple[Floats, Floats]:
-        """Return the rotation (3, 3) and translation (3,) of an object, as it lies now."""
+        """Return an object's current rotation (3, 3) and translation (3,)."""
         place = self._placed[range(len(self.objects))[index]]
         return np.array(place.rotation).reshape(3, 3), np.array(place.translation)
 
     def answer(self, points: ArrayLike, timed: bool = False) -> Answers:
-        """Return the `Answers` along a path (n, 3), scene units, of which only some are asked."""
+        """Return the `Answers` along a path (n, 3), scene units; queries only the fields needed."""
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         count = len(points)
         force, flag = np.empty((count, 3)), np.empty(count, np.uint8)
@@ -191,7 +191,7 @@ class NativeScene:
         return Answers(force, flag, queries, seconds)
 
     def ask_all(self, points: ArrayLike) -> Floats:
-        """Return the forces (n, 3) at points (n, 3) by asking every object at every point."""
+        """Return the forces (n, 3) at points (n, 3), querying every object at every point."""
         points = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
         force = np.empty_like(points)
         self._library.scene_ask_all(

@@ -1,4 +1,4 @@
-"""Poses that a simulation hands over to a haptic loop, and neither waits: ``pandis_poses``."""
+"""Poses that a simulation hands to a haptic loop without waiting: ``pandis_poses``."""
 
 import ctypes
 
@@ -11,19 +11,19 @@ from pandis.runtime.scene import NativeScene, library
 
 
 class Poses:
-    """Objects of a scene that one thread moves, while another asks.
+    """Objects of a scene that one thread moves while another queries them.
 
-    `step`, and the scene, belong to one thread, `give` to one other.
+    Only one thread may call `step` and use the scene, and only one other may call `give`.
 
     Parameters
     ----------
     scene : pandis.runtime.scene.NativeScene
-        Whose objects are moved, from where they lie.
+        The objects start at their poses in it.
 
     Raises
     ------
     pandis.base.errors.PandisError
-        An object lies nowhere.
+        An object's pose is invalid.
     """
 
     def __init__(self, scene: NativeScene) -> None:
@@ -40,7 +40,7 @@ class Poses:
 
     @property
     def address(self) -> int:
-        """Where these poses lie, for other C code, which may step them."""
+        """Address of the C poses, for other C code, which may step them."""
         return ctypes.addressof(self._poses)
 
     def give(
@@ -51,24 +51,24 @@ class Poses:
         spins: ArrayLike,
         period: Number,
     ) -> None:
-        """Hand over where all objects lie now, and how they move.
+        """Hand over the current poses and velocities of all objects.
 
         Parameters
         ----------
         rotations : ndarray, shape (n, 3, 3)
             See `pandis.runtime.scene.Placed`.
         translations, velocities : ndarray, shape (n, 3)
-            Where each object's origin lies, and how fast it moves; scene lengths, and per second.
+            Position (scene lengths) and velocity (per second) of each object's origin.
         spins : ndarray, shape (n, 3)
-            Axis times radians per second, in the directions of the scene.
+            Axis times radians per second, in scene coordinates.
         period : float
-            Seconds until the next frame is due: until then the objects go to where they will lie
-            by their velocities, and wait there if it is late.
+            Seconds until the next frame is due. Until then the objects move to the poses that
+            their velocities predict, and wait there if it is late.
 
         Raises
         ------
         ValueError
-            There are not as many as objects; a rotation is none; something is not finite; or an
+            An array has the wrong shape, a matrix is not a rotation, a value is not finite, or an
             object turns more than halfway round in a period. The last frame stays.
         """
         shapes = (3, 3), (3,), (3,), (3,)
@@ -76,18 +76,18 @@ class Poses:
         parts = [np.asarray(part, np.float64) for part in arrays]
         if any(part.shape != (self._count, *s) for part, s in zip(parts, shapes, strict=True)):
             raise ValueError(
-                f"the scene has {self._count} objects: give as many rotations (3 by 3), "
+                f"the scene has {self._count} objects: pass as many rotations (3 by 3), "
                 f"translations, velocities and spins, not {[part.shape for part in parts]}"
             )
         rows = np.concatenate([part.reshape(self._count, -1) for part in parts], axis=1)
         error = self._library.pandis_poses_give(self._poses, rows.ctypes.data, self._count, period)
         if error:
             raise ValueError(
-                "a pose is not valid (a rotation that is not one, a value that is not finite or is "
-                "too large), an object turns more than halfway round before the next frame, or the "
+                "a pose is invalid (a matrix is not a rotation, or a value is not finite or too "
+                "large), an object turns more than halfway round before the next frame, or the "
                 "period is not from 0 to 1e6 s: nothing was handed over"
             )
 
     def step(self, dt: Number = 1e-3) -> bool:
-        """Move the objects on by ``dt`` seconds; tell whether a new frame had come."""
+        """Advance the objects by ``dt`` seconds; return whether a new frame had arrived."""
         return bool(self._library.pandis_poses_step(self._poses, self._scene.address, dt))

@@ -1,4 +1,4 @@
-/* Scenes of pandis.h, for Python: along a path, by the scene or by asking every object. */
+/* Scenes of pandis.h, for Python: forces along a path, from the scene or by querying every object. */
 #ifndef PANDIS_IMPLEMENTATION
 #define _POSIX_C_SOURCE 199309L
 #define PANDIS_IMPLEMENTATION
@@ -21,8 +21,8 @@ const layout_entry *scene_layout(void) {
 size_t scene_bytes(void) { return sizeof(pandis_scene); }
 size_t scene_room(size_t count) { return PANDIS_SCENE_ROOM(count); }
 
-/* Forces (three doubles each), flags, and how many fields were asked, point by point; with `taken`
- * also the seconds of each. */
+/* Forces (three doubles each), flags and number of fields queried, for each point; with `taken`
+ * also its duration, s. */
 void scene_forces(pandis_scene *scene, const double *points, size_t count, double *forces, unsigned char *flags,
                   int64_t *asked, double *taken) {
     for (size_t i = 0; i < count; i++) {
@@ -33,7 +33,7 @@ void scene_forces(pandis_scene *scene, const double *points, size_t count, doubl
     }
 }
 
-/* The same by asking every object at every point. */
+/* The same forces, querying every object at every point. */
 void scene_ask_all(const pandis_object *objects, size_t objects_count, const double *points, size_t count,
                    double *forces) {
     for (size_t i = 0; i < count; i++) {

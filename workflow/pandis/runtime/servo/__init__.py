@@ -10,23 +10,23 @@ import numpy as np
 from pandis.engine.compiler import load
 
 _LOCKED, _REALTIME = 1, 2
-#: A tick's last part (s) is not slept away: sleeping is not that exact, and empties the caches.
+#: Final part of a tick (s) spent polling: sleep is not accurate enough, and empties the caches.
 SPIN = 2.5e-4
 
 
 class Run(NamedTuple):
-    """What a servo run saw, per tick.
+    """Measurements of a servo run, per tick.
 
     Attributes
     ----------
     compute : ndarray, shape (n,)
-        Seconds that the force took.
+        Seconds to compute the force.
     lateness : ndarray, shape (n,)
         Seconds between the tick's due time and its start.
     force : ndarray, shape (n, 3)
         At stiffness 1, mesh units; zero where nothing was computed.
     locked, realtime : bool
-        Whether the system let memory be locked, and the loop have a real-time priority.
+        Whether the system allowed locked memory and real-time priority.
     """
 
     compute: np.ndarray
@@ -47,21 +47,21 @@ def library():
 
 
 def run_ticks(field, points, count, rate, again=True):
-    """Ask a field for the force once per tick of a fixed-rate clock.
+    """Compute a field's force once per tick of a fixed-rate clock.
 
     Parameters
     ----------
     field : pandis.runtime.field.NativeField or None
-        None: the clock alone, without work.
+        None: run the clock without work.
     points : ndarray, shape (m, 3), mesh units
-        The probe's path; taken over and over.
+        The probe's path; repeated as often as needed.
     count : int
         Ticks.
     rate : float
         Ticks per second.
     again : bool
-        While it waits for a tick, ask the field once more where the probe was last: who has slept
-        finds the field's bytes gone from the caches.
+        Repeat the last query while waiting for a tick: sleeping evicts the field's bytes from the
+        caches.
 
     Returns
     -------

@@ -1,9 +1,8 @@
 /* A servo loop at a fixed rate: position in, force out, every tick timed.
  *
- * Deadlines are absolute, so that a late tick delays no other. Within the loop nothing is allocated
- * and nothing asked of the system but the clock and to sleep until shortly before a tick is due; the
- * rest of the time is spent watching the clock and, if that is wanted, asking the field once more where
- * the probe was last.
+ * Deadlines are absolute, so that a late tick delays no other. The loop allocates nothing. Its only system
+ * calls read the clock and sleep until shortly before a tick is due. For the rest of the time it polls
+ * the clock and, if `again` is set, repeats the query at the probe's last position.
  */
 #define _GNU_SOURCE
 #define PANDIS_IMPLEMENTATION
@@ -31,11 +30,11 @@ static void sleep_until(int64_t wake) {
         while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) continue;
 }
 
-/* Run `ticks` ticks of `period` nanoseconds along a path of `count` points (mesh units), over and
- * over. Without a field nothing is computed: what is late then is late because of the system.
+/* Run `ticks` ticks of `period` nanoseconds along a path of `count` points (mesh units), repeatedly.
+ * Without a field nothing is computed, so that all lateness is due to the system.
  *
- * taken, late: seconds per tick; forces: three per tick. Returns which of LOCKED and REALTIME the
- * system allowed. */
+ * taken, late: seconds per tick; forces: three doubles per tick. Returns LOCKED and REALTIME, as far as
+ * the system allowed them. */
 int servo_run(const pandis_field *field, const double *points, int64_t count, double stiffness, int64_t ticks,
               int64_t period, int64_t spin, int again, double *taken, double *late, double *forces) {
     int allowed = 0, before = sched_getscheduler(0);
@@ -52,7 +51,7 @@ int servo_run(const pandis_field *field, const double *points, int64_t count, do
     for (int64_t tick = 0; tick < ticks; tick++) {
         int64_t due = start + tick * period, last = tick ? tick - 1 : 0;
         sleep_until(due - spin);
-        /* asked once more where the probe was: who has slept finds the field's bytes gone from the caches */
+        /* repeat the last query: sleeping has evicted the field's bytes from the caches */
         if (field && again && now() < due - spin / 4) pandis_force(field, points + 3 * (last % count), stiffness, warm);
         while (now() < due) continue;
         int64_t begin = now();

@@ -1,4 +1,4 @@
-/* What pandis.h asks of libm: instructions of WebAssembly, and, of what moves and of textures alone, functions of the page. */
+/* The libm functions of pandis.h: instructions of WebAssembly, and functions of the page for moving objects and textures. */
 #ifndef WEB_MATH_H
 #define WEB_MATH_H
 #define NAN __builtin_nanf("")

@@ -1,4 +1,4 @@
-/* What pandis.h asks of memory. */
+/* The memory and string functions of pandis.h. */
 #ifndef WEB_STRING_H
 #define WEB_STRING_H
 #include <stddef.h>

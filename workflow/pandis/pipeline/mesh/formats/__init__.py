@@ -1,7 +1,8 @@
 """Readers of mesh files: one for each format, strict, and exact to the last bit.
 
-What is written is read as it is written, or refused with its place: no lenient reader takes over
-where a strict one says no. What the standards leave open is read as most programs do, and noted.
+A file is read exactly as written or rejected with the place of the fault; no lenient reader takes
+over after a strict one. Where a standard is ambiguous, files are read as most programs do, and a
+note is added.
 """
 
 import re
@@ -23,11 +24,11 @@ READERS = {
     "gltf": gltf.read,
     "3mf": threemf.read,
 }
-#: What content is called in a message, where it is none of these formats.
+#: Names, for messages, of content in other formats.
 _OTHERS = {
     "html": "a web page", "xml": "an XML file",
-    "pointer": "a pointer of Git LFS (fetch the file itself: git lfs pull)",
-    "zip": "a ZIP archive (unpack it)", "gzip": "a gzip file (call it .gz)",
+    "pointer": "a Git LFS pointer (fetch the file itself: git lfs pull)",
+    "zip": "a ZIP archive (unpack it)", "gzip": "a gzip file (rename it to .gz)",
 }  # fmt: skip
 
 
@@ -39,9 +40,9 @@ def read(path, form, folder=None):
     path : Path
         Not compressed.
     form : str
-        A key of `READERS`: what its name says.
+        A key of `READERS`, from the file's name.
     folder : Path, optional
-        Where files lie that it names; beside it by default.
+        Folder of the files that it references; by default its own.
 
     Returns
     -------
@@ -50,24 +51,23 @@ def read(path, form, folder=None):
     Raises
     ------
     FormatError
-        In a sentence without the file's name.
+        The message is a sentence without the file's name.
     """
     content = content_of(path)
     if content in _OTHERS:
-        raise FormatError(f"it is no mesh but {_OTHERS[content]}")
-    same = {form, content} <= {"glb", "gltf"}  # the same format in two forms: text (gltf) and
-    # binary (glb)
+        raise FormatError(f"it is not a mesh but {_OTHERS[content]}")
+    same = {form, content} <= {"glb", "gltf"}  # one format, as binary or text
     if content is not None and content != form and not same:
         raise FormatError(
-            f"its name says {form.upper()}, and its content is {content.upper()}: call it "
+            f"its name says {form.upper()}, but its content is {content.upper()}: rename it to "
             f".{content}"
         )
-    with np.errstate(all="ignore"):  # numbers of any size may stand in a file
+    with np.errstate(all="ignore"):  # a file may contain numbers of any size
         return READERS[form](path, folder)
 
 
 def content_of(path):
-    """Return which format a file's content is of, None where that cannot be told.
+    """Detect a file's format from its content; return None if that is not possible.
 
     Returns
     -------
@@ -110,5 +110,5 @@ def _zipped(path):
         with zipfile.ZipFile(path) as package:
             models = any(name.lower().endswith(".model") for name in package.namelist())
     except threemf.DAMAGED:
-        return None  # its reader says how it is damaged
+        return None  # its reader reports the damage
     return "3mf" if models else "zip"

@@ -1,38 +1,38 @@
-"""What the readers of all formats share: what they return, how they refuse, numbers, polygons."""
+"""Shared by the readers of all formats: results, errors, numbers and polygons."""
 
 import re
 from typing import NamedTuple
 
 import numpy as np
 
-#: What faces without a material are made of.
+#: Material name of faces without a material.
 UNNAMED = "none"
-#: A decimal number, in the C locale, without words and hexadecimals; and a whole one.
+#: A decimal number in the C locale, without words (nan, inf) or hexadecimals; a whole number.
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
-#: Triangles that a file may place in all: parts of parts multiply, and a short file fills a disk.
+#: Most triangles that a file may place: nested parts multiply, so a short file could fill a disk.
 MOST = 50_000_000
-#: What is left to say where a file is damaged.
+#: Advice at the end of messages about damaged files.
 AGAIN = "export it again"
 
 
 class FormatError(ValueError):
-    """A file is not what its format allows, or holds what cannot be read; the message says what."""
+    """A file violates its format or contains something unsupported; the message says what."""
 
 
 class Reading(NamedTuple):
-    """What a file holds.
+    """The contents of a mesh file.
 
     Attributes
     ----------
     vertices : ndarray, shape (V, 3), float64
     faces : ndarray, shape (F, 3), int64
     materials : ndarray, shape (F,), of text, or None
-        Names; `UNNAMED` where there is none. None where the format names none.
+        Names; `UNNAMED` for faces without one. None if the format has no materials.
     notes : list of str
-        What was left out, or taken in a way that somebody may want to know of.
+        Contents that were left out, and interpretations that the user may want to know of.
     unit : str
-        As the format declares it, else ``unknown``.
+        The unit that the format declares, else ``unknown``.
     """
 
     vertices: np.ndarray
@@ -43,36 +43,36 @@ class Reading(NamedTuple):
 
 
 def number(token, where):
-    """Return a token as a number, or refuse it; ``where`` begins the sentence."""
+    """Parse a number, or raise `FormatError`; ``where`` begins the message."""
     if not NUMBER.fullmatch(token):
         raise FormatError(
-            f"{where}: '{token[:40]}' is no number (numbers are written like -1.25 or 3e-4)"
+            f"{where}: '{token[:40]}' is not a number (numbers are written like -1.25 or 3e-4)"
         )
     value = float(token)
     if not np.isfinite(value):
-        raise FormatError(f"{where}: '{token[:40]}' is larger than any number can be stored")
+        raise FormatError(f"{where}: '{token[:40]}' is too large to be stored")
     return value
 
 
 def whole(token, where):
-    """Return a token as a whole number, or refuse it."""
+    """Parse a whole number, or raise `FormatError`."""
     if not INTEGER.fullmatch(token):
-        raise FormatError(f"{where}: '{token[:40]}' is no whole number")
+        raise FormatError(f"{where}: '{token[:40]}' is not a whole number")
     return int(token)
 
 
 def numbers(rows, where):
-    """Return rows of tokens as an array of numbers.
+    """Parse rows of tokens into an array of numbers.
 
     Parameters
     ----------
     rows : list of list of str
         Rows of equal length.
     where : callable
-        Says where a row stands, by its index.
+        Returns a row's place in the file, for messages, from its index.
     """
     try:
-        # whatever else float() takes (nan, 1_0, 0x1) has other characters
+        # everything else that float() accepts (nan, inf, 1_0) has other characters
         if not re.search(r"[^0-9eE.+\- ]", " ".join([" ".join(row) for row in rows])):
             values = np.array([[float(token) for token in row] for row in rows])
             if np.isfinite(values).all():
@@ -83,21 +83,21 @@ def numbers(rows, where):
 
 
 def text_of(data, form):
-    """Return bytes as text; refuse what is none."""
+    """Decode bytes as text; reject binary data."""
     if b"\0" in data:
-        raise FormatError(f"it is no text, as {form} is: it holds zero bytes; {AGAIN}")
+        raise FormatError(f"it is not text, as {form} must be: it contains zero bytes; {AGAIN}")
     return data.decode("utf-8", "replace").removeprefix("﻿")
 
 
 def lines_of(text):
-    """Return the lines of a text: of no other sign than the three that end one."""
+    """Split a text into lines at CR LF, CR and LF only."""
     return re.split(r"\r\n|\r|\n", text)
 
 
 def words(line):
-    """Return the words of a line up to a comment: a ``#`` that begins a word.
+    """Return the words of a line before a comment, which is a word that begins with ``#``.
 
-    Other spaces than those of ASCII part nothing.
+    Only ASCII spaces separate words.
     """
     parts = line.split() if line.isascii() else re.findall(r"[^ \t\v\f]+", line)
     if "#" in line:
@@ -108,22 +108,22 @@ def words(line):
 
 
 def triangles(vertices, polygons, where, first=0):
-    """Cut polygons, whose indices are checked, into triangles.
+    """Check the indices of polygons and cut the polygons into triangles.
 
     Parameters
     ----------
     vertices : ndarray, shape (V, 3)
     polygons : list of list of int
     where : callable
-        Says where a polygon stands, by its index.
+        Returns a polygon's place in the file, for messages, from its index.
     first : int
-        What the format calls the first vertex.
+        The format's index of the first vertex, for messages.
 
     Returns
     -------
     faces : ndarray, shape (F, 3), int64
     counts : ndarray, shape (len(polygons),)
-        Triangles of each polygon.
+        Number of triangles of each polygon.
     """
     count = len(vertices)
     sizes = np.fromiter(map(len, polygons), np.int64, len(polygons))
@@ -132,8 +132,8 @@ def triangles(vertices, polygons, where, first=0):
     if len(bad):
         polygon = int(np.searchsorted(np.cumsum(sizes), bad[0], side="right"))
         raise FormatError(
-            f"{where(polygon)}: a face names vertex {flat[bad[0]] + first}, and there are "
-            f"{count:,}, counted from {first}; the file is cut or damaged: {AGAIN}"
+            f"{where(polygon)}: a face uses vertex {flat[bad[0]] + first}, but there are only "
+            f"{count:,}, counted from {first}; the file is truncated or damaged: {AGAIN}"
         )
     if len(sizes) and (sizes == 3).all():
         return flat.reshape(-1, 3), np.ones(len(sizes), np.int64)
@@ -143,7 +143,7 @@ def triangles(vertices, polygons, where, first=0):
 
 
 def joined(parts, notes=(), unit="unknown"):
-    """Return parts (vertices, faces, material) as one `Reading`."""
+    """Join parts (vertices, faces, material) into one `Reading`."""
     total = sum(len(faces) for _, faces, _ in parts)
     if total > MOST:
         raise FormatError(f"it places {total:,} triangles, more than {MOST:,}: leave parts out")
@@ -157,13 +157,13 @@ def joined(parts, notes=(), unit="unknown"):
 
 
 def _names(material):
-    """Return a name, or one for each face, with `UNNAMED` where there is none."""
+    """Return one material name, or one for each face, as an array; `UNNAMED` if missing."""
     if material is None or isinstance(material, str):
         return np.array(material or UNNAMED)
     return np.array([name or UNNAMED for name in material])
 
 
 def placed(vertices, faces, matrix):
-    """Return a part moved by a matrix (4, 4); what is mirrored keeps its outside."""
+    """Transform a part by a matrix (4, 4); reverse faces that it mirrors."""
     moved = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     return moved, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces

@@ -1,4 +1,4 @@
-"""glTF 2.0, as GLB and as JSON with its buffers beside it or within."""
+"""glTF 2.0, as GLB or as JSON with external or embedded buffers."""
 
 import base64
 import binascii
@@ -16,29 +16,29 @@ _HARMLESS = (
     "KHR_materials_", "KHR_texture_", "KHR_lights_punctual", "KHR_xmp", "KHR_animation_pointer",
     "EXT_texture_", "EXT_lights_", "MSFT_texture_", "MSFT_packing_", "KHR_node_visibility",
 )  # fmt: skip
-#: Extensions by which triangles are compressed: of a primitive, and of a view of a buffer.
+#: Extensions that compress triangles: one in primitives, two in buffer views.
 _PACKINGS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _UNSIGNED = (5121, 5123, 5125)
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-#: How far a quaternion's length may be from one: those of bytes are as coarse.
+#: Largest deviation of a quaternion's length from 1: quaternions stored as bytes are that coarse.
 _COARSE = 0.05
 
 
 def read(path, folder=None):
-    """Read the scene that a glTF file shows: nodes, instances and morph weights applied.
+    """Read the default scene of a glTF file, with nodes, instances and morph weights applied.
 
     Parameters
     ----------
     path : Path
     folder : Path, optional
-        Where the buffers lie that it names; beside it by default.
+        Folder of the buffers that it references; by default its own.
 
     Returns
     -------
     pandis.pipeline.mesh.formats.base.Reading
-        In metres, by the standard.
+        In metres, as the standard requires.
 
     Raises
     ------
@@ -53,28 +53,29 @@ def read(path, folder=None):
         if isinstance(error, FormatError):
             raise
         reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
-        raise FormatError(f"its JSON is no scene of glTF ({reason[:100]}); {AGAIN}") from error
+        raise FormatError(f"its JSON is not a glTF scene ({reason[:100]}); {AGAIN}") from error
 
 
 def _glb(data):
     if len(data) < 20:
-        raise FormatError(f"a GLB of {len(data)} bytes, less than its header; {AGAIN}")
+        raise FormatError(f"a GLB of {len(data)} bytes is shorter than its header; {AGAIN}")
     version, length = struct.unpack_from("<II", data, 4)
     if version != 2:
-        raise FormatError(f"a GLB of version {version}; export it as glTF 2.0")
+        raise FormatError(f"GLB version {version} is not supported; export it as glTF 2.0")
     if length > len(data):
         raise FormatError(
-            f"its header declares {length:,} bytes, and {len(data):,} are there; it is cut: {AGAIN}"
+            f"its header declares {length:,} bytes, but the file has {len(data):,}; "
+            f"it is truncated: {AGAIN}"
         )
     chunks, place = [], 12
     while place + 8 <= length:
         size, kind = struct.unpack_from("<I4s", data, place)
         if place + 8 + size > length:
-            raise FormatError(f"a part of its bytes is cut; {AGAIN}")
+            raise FormatError(f"one of its chunks is truncated; {AGAIN}")
         chunks.append((kind, data[place + 8 : place + 8 + size]))
         place += 8 + size
     if not chunks or chunks[0][0] != b"JSON":
-        raise FormatError(f"its first part is no JSON; {AGAIN}")
+        raise FormatError(f"its first chunk is not JSON; {AGAIN}")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else None
     return _json(chunks[0][1]), binary
 
@@ -83,12 +84,14 @@ def _json(data):
     try:
         document = json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"it holds no JSON ({error}); {AGAIN}") from None
+        raise FormatError(f"its JSON is invalid ({error}); {AGAIN}") from None
     asset = document.get("asset") if isinstance(document, dict) else None
     if not isinstance(asset, dict) or not isinstance(asset.get("version"), str):
-        raise FormatError(f"its JSON is no glTF; {AGAIN}")
+        raise FormatError(f"its JSON is not glTF; {AGAIN}")
     if asset["version"].split(".")[0] != "2":
-        raise FormatError(f"glTF of version {asset['version'][:20]}; export it as glTF 2.0")
+        raise FormatError(
+            f"glTF version {asset['version'][:20]} is not supported; export it as glTF 2.0"
+        )
     return document
 
 
@@ -107,24 +110,24 @@ class _Scene:
     def _refuse(self, name):
         what = "its triangles are compressed with" if name in _PACKINGS else "it needs"
         raise FormatError(
-            f"{what} {name}, which no reader here knows; export the scene again without it"
+            f"{what} {name}, which is not supported; export the scene again without it"
         )
 
     def notes(self):
-        """Return what was left out."""
+        """Return the notes on omissions, each once."""
         return list(dict.fromkeys(self._notes))
 
     def item(self, kind, index):
         """Return an entry of one of the document's lists."""
         entries = self.document.get(kind, [])
         if type(index) is not int or not 0 <= index < len(entries):
-            raise FormatError(f"it names {kind}[{index}], and there are {len(entries)}; {AGAIN}")
+            raise FormatError(f"it uses {kind}[{index}], but there are {len(entries)}; {AGAIN}")
         return entries[index]
 
     # --- nodes ------------------------------------------------------------------------------
 
     def parts(self):
-        """Return the triangles (vertices, faces, material) of everything that is shown."""
+        """Return the parts (vertices, faces, material) of the scene."""
         pieces, total = [], 0
         for node, matrix in self._nodes():
             if "mesh" not in node:
@@ -135,7 +138,7 @@ class _Scene:
             if total > MOST:
                 raise FormatError(f"it places more than {MOST:,} triangles: leave parts out")
             if "skin" in node:
-                self._notes.append("skins are not applied: meshes are as they are bound")
+                self._notes.append("skins are not applied: meshes are in their bind pose")
             for vertices, faces, material in meshes:
                 pieces += [
                     (*placed(vertices, faces, matrix @ instance), material)
@@ -147,21 +150,21 @@ class _Scene:
         """Yield the nodes of the scene, each with its matrix."""
         nodes = self.document.get("nodes", [])
         if len(self.document.get("scenes", [])) > 1:
-            self._notes.append("of several scenes the one that it shows first is read")
+            self._notes.append("it has several scenes; only the default one is read")
         children = {c for node in nodes for c in node.get("children", [])}
         if self.document.get("scenes"):
             roots = self.item("scenes", self.document.get("scene", 0)).get("nodes", [])
         else:
             roots = [index for index in range(len(nodes)) if index not in children]
         if nodes and not roots and not self.document.get("scenes"):
-            raise FormatError(f"its nodes form a circle; {AGAIN}")
+            raise FormatError(f"its nodes form a cycle; {AGAIN}")
         waiting = [(root, np.eye(4), ()) for root in reversed(roots)]
         seen = 0
         while waiting:
             index, above, path = waiting.pop()
             seen += 1
             if index in path or seen > 1_000_000:
-                raise FormatError(f"its nodes form a circle (nodes[{index}]); {AGAIN}")
+                raise FormatError(f"its nodes form a cycle (nodes[{index}]); {AGAIN}")
             node = self.item("nodes", index)
             matrix = above @ _local(node)
             yield node, matrix
@@ -169,7 +172,7 @@ class _Scene:
             waiting += [(child, matrix, (*path, index)) for child in below]
 
     def _instances(self, node):
-        """Return the matrices of a node's instances; of one that has none, the identity."""
+        """Return the matrices of a node's instances; the identity if it declares none."""
         extension = node.get("extensions", {}).get(_INSTANCING)
         if extension is None:
             return [np.eye(4)]
@@ -179,7 +182,7 @@ class _Scene:
         counts = {len(column) for column in columns.values()}
         if len(counts) != 1:
             raise FormatError(
-                f"{_INSTANCING}: its attributes must have one common number of instances, not "
+                f"{_INSTANCING}: its attributes must have equal numbers of instances, not "
                 f"{sorted(counts)}; {AGAIN}"
             )
         (count,) = counts
@@ -196,7 +199,7 @@ class _Scene:
                 if (part := self._primitive(primitive, weights))]  # fmt: skip
 
     def _primitive(self, primitive, weights):
-        """Return (vertices, faces, material) of a primitive, None of points and lines."""
+        """Return (vertices, faces, material) of a primitive; None for points and lines."""
         mode, attributes = primitive.get("mode", _TRIANGLES), primitive.get("attributes", {})
         if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in attributes:
             self._notes.append("points and lines are left out")
@@ -208,7 +211,7 @@ class _Scene:
         vertices = self.accessor(attributes["POSITION"])
         targets = primitive.get("targets", [])
         if weights is not None and len(weights) != len(targets):
-            raise FormatError(f"{len(weights)} weights of {len(targets)} morph targets; {AGAIN}")
+            raise FormatError(f"{len(weights)} weights for {len(targets)} morph targets; {AGAIN}")
         for weight, target in zip(weights or (), targets, strict=False):
             if weight and "POSITION" in target:
                 vertices = vertices + weight * self.accessor(target["POSITION"])
@@ -218,7 +221,7 @@ class _Scene:
             corners = np.arange(len(vertices))
         if len(corners) and corners.max() >= len(vertices):
             raise FormatError(
-                f"a face names vertex {corners.max()}, and there are {len(vertices):,}; {AGAIN}"
+                f"a face uses vertex {corners.max()}, but there are only {len(vertices):,}; {AGAIN}"
             )
         material = primitive.get("material")
         name = None if material is None else self.item("materials", material).get("name")
@@ -229,13 +232,13 @@ class _Scene:
         entry = self.item("accessors", index)
         unsigned = entry["componentType"] in _UNSIGNED and not entry.get("normalized", False)
         if not unsigned or entry["type"] != "SCALAR":
-            raise FormatError(f"accessors[{index}] holds no indices; {AGAIN}")
+            raise FormatError(f"accessors[{index}] does not contain indices; {AGAIN}")
         return self.accessor(index)[:, 0].astype(np.int64)
 
     def _faces(self, corners, mode):
         if mode == _TRIANGLES:
             if len(corners) % 3:
-                raise FormatError(f"{len(corners)} corners are not a multiple of three; {AGAIN}")
+                raise FormatError(f"{len(corners)} corners, not a multiple of three; {AGAIN}")
             return corners.reshape(-1, 3)
         if mode == _FAN:
             first = np.full(max(len(corners) - 2, 0), corners[0] if len(corners) else 0)
@@ -247,13 +250,13 @@ class _Scene:
     # --- numbers ----------------------------------------------------------------------------
 
     def accessor(self, index):
-        """Return an accessor's values (count, width), float64, normalised if it says so."""
+        """Return an accessor's values (count, width), float64, normalised if so declared."""
         entry = self.item("accessors", index)
         count, width = entry["count"], _WIDTHS[entry["type"]]
         kind = np.dtype(_TYPES[entry["componentType"]])
         where = f"accessors[{index}]"
         if type(count) is not int or not 0 <= count <= MOST:
-            raise FormatError(f"{where}: a count of {count}; {AGAIN}")
+            raise FormatError(f"{where}: invalid count {count}; {AGAIN}")
         values = np.zeros((count, width), kind)
         if "bufferView" in entry:
             offset = entry.get("byteOffset", 0)
@@ -262,17 +265,17 @@ class _Scene:
             values = self._sparse(entry["sparse"], values.copy(), where)
         if not np.isfinite(values).all():
             bad = int((~np.isfinite(values)).any(axis=1).sum())
-            raise FormatError(f"{where}: {bad} of {count} are NaN or infinite; {AGAIN}")
+            raise FormatError(f"{where}: {bad} of {count} values are NaN or infinite; {AGAIN}")
         values = values.astype(np.float64)
         if entry.get("normalized", False) and kind.kind in "iu":
-            # the lowest signed integer is -1, too
+            # the lowest signed integer would be less than -1
             values = np.maximum(values / np.iinfo(kind).max, -1.0)
         return values
 
     def _sparse(self, sparse, values, where):
         places, news, few = sparse["indices"], sparse["values"], sparse["count"]
         if places["componentType"] not in _UNSIGNED:
-            raise FormatError(f"{where}: its sparse indices are none; {AGAIN}")
+            raise FormatError(f"{where}: its sparse indices are not unsigned integers; {AGAIN}")
         kind = np.dtype(_TYPES[places["componentType"]])
         at = self._view(places["bufferView"], places.get("byteOffset", 0), kind, 1, few, where)
         at = at[:, 0].astype(np.int64)
@@ -286,7 +289,7 @@ class _Scene:
         return values
 
     def _view(self, index, start, kind, width, count, where):
-        """Return values (count, width) of a view of a buffer."""
+        """Return values (count, width) of a buffer view."""
         view = self.item("bufferViews", index)
         packing = next((p for p in _PACKINGS if p in view.get("extensions", {})), None)
         data = self._buffer(view["buffer"], packing)
@@ -296,8 +299,8 @@ class _Scene:
         whole = all(type(n) is int and n >= 0 for n in (start, offset, length, stride, count))
         if not whole or stride < size or offset + length > len(data):
             raise FormatError(
-                f"{where}: bufferViews[{index}] has {length} bytes from {offset} on, and its "
-                f"buffer {len(data):,}; it is cut or damaged: {AGAIN}"
+                f"{where}: bufferViews[{index}] has {length} bytes from {offset} on, but its "
+                f"buffer has {len(data):,}; it is truncated or damaged: {AGAIN}"
             )
         if count and start + stride * (count - 1) + size > length:
             raise FormatError(
@@ -327,7 +330,7 @@ class _Scene:
             try:
                 data = base64.b64decode(unquote(uri.partition(",")[2]), validate=True)
             except (binascii.Error, ValueError):
-                raise FormatError(f"{name} holds no base64; {AGAIN}") from None
+                raise FormatError(f"{name} is not valid base64; {AGAIN}") from None
         else:
             name = unquote(uri)
             try:
@@ -335,7 +338,7 @@ class _Scene:
             except (OSError, ValueError):
                 short = name[:80]
                 raise FormatError(
-                    f"it needs {short}, which is not there; put {short} beside it"
+                    f"it needs {short}, which is missing; put {short} beside it"
                 ) from None
         if len(data) < length:
             raise FormatError(
@@ -346,7 +349,7 @@ class _Scene:
 
 
 def _local(node):
-    """Return a node's own matrix (4, 4)."""
+    """Return a node's local matrix (4, 4)."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     return _matrix(
@@ -361,7 +364,7 @@ def _matrix(move, turn, size):
     turn = np.asarray(turn, np.float64)
     length = np.linalg.norm(turn)
     if not abs(length - 1) < _COARSE:
-        raise FormatError(f"a rotation by a quaternion of length {length:.3g}; {AGAIN}")
+        raise FormatError(f"a rotation quaternion has length {length:.3g}, not 1; {AGAIN}")
     x, y, z, w = turn / length
     matrix = np.eye(4)
     matrix[:3, :3] = np.array([

@@ -17,24 +17,24 @@ from pandis.pipeline.mesh.formats.base import (
 from pandis.pipeline.mesh.formats.base import triangles as cut
 from pandis.pipeline.mesh.formats.base import words as words_of
 
-#: Free-form geometry, which needs a modeller.
+#: Statements of free-form geometry, which only a modeller can evaluate.
 _FREE_FORM = {"surf", "curv", "curv2", "cstype"}
-#: A statement's name: what begins otherwise is a line that has lost its beginning.
+#: A statement's name. A line that begins otherwise has lost its beginning.
 _STATEMENT = re.compile(r"[A-Za-z_][A-Za-z0-9_.]*")
-#: A face's corner: a vertex, perhaps a texture's and a normal's.
+#: A corner of a face: indices of its vertex and, optionally, texture coordinate and normal.
 _CORNER = re.compile(r"(-?[0-9]{1,18})(/(-?[0-9]+)?){0,2}")
 
 
 def read(path, folder=None):
-    """Read positions, polygons and the names of materials of an OBJ file.
+    """Read positions, polygons and material names of an OBJ file.
 
-    Indices may be relative; they then count from the vertices read so far.
+    Relative indices count back from the vertices read so far.
 
     Parameters
     ----------
     path : Path
     folder : Path, optional
-        Where the files that it names lie; an OBJ file needs none, so it is not used.
+        Folder of the files that it references; not used, as OBJ needs none.
 
     Returns
     -------
@@ -51,7 +51,9 @@ def read(path, folder=None):
         key = words[0]
         if key == "v":
             if len(words) < 4:
-                raise FormatError(f"line {line}: a vertex of {len(words) - 1} numbers; {AGAIN}")
+                raise FormatError(
+                    f"line {line}: a vertex has only {len(words) - 1} numbers; {AGAIN}"
+                )
             rows.append(words[1:4])
             at.append(line)
         elif key in ("f", "fo"):
@@ -62,28 +64,28 @@ def read(path, folder=None):
             name = " ".join(words[1:]) or UNNAMED
         elif key in _FREE_FORM:
             raise FormatError(
-                f"line {line}: '{key}': free-form curves and surfaces cannot be read; export the "
-                "object as polygons"
+                f"line {line}: '{key}': free-form curves and surfaces are not supported; export "
+                "the object as polygons"
             )
         elif not _STATEMENT.fullmatch(key):
-            raise FormatError(f"line {line}: '{key[:40]}' begins no statement of OBJ; {AGAIN}")
+            raise FormatError(f"line {line}: '{key[:40]}' is not an OBJ statement; {AGAIN}")
         elif key.lower() in ("v", "f") or (key not in _SILENT and _is_place(words[1:])):
-            raise FormatError(f"line {line}: '{key}' is not known, and may be a vertex; {AGAIN}")
+            raise FormatError(f"line {line}: '{key}' is unknown and may be a vertex; {AGAIN}")
         elif key not in _SILENT:
             unknown.append((line, key))
     vertices = numbers(rows, lambda i: f"line {at[i]}").reshape(-1, 3)
     few = next((i for i, polygon in enumerate(polygons) if len(polygon) < 3), None)
     if few is not None:
-        raise FormatError(f"line {where[few]}: a face of {len(polygons[few])} corners; {AGAIN}")
+        raise FormatError(f"line {where[few]}: a face with {len(polygons[few])} corners; {AGAIN}")
     faces, counts = cut(vertices, polygons, lambda i: f"line {where[i]}", first=1)
     notes = []
     if unknown:
         line, key = unknown[0]
-        notes.append(f"{len(unknown)} statements are not known (line {line}: '{key}')")
+        notes.append(f"ignored: {len(unknown)} unknown statements (line {line}: '{key}')")
     return Reading(vertices, faces, np.repeat(np.array(names, str), counts), notes)
 
 
-#: Statements that place no polygon.
+#: Known statements that define no polygon.
 _SILENT = frozenset(
     """vt vn vp p l o g s mg mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj
     deg bmat step parm trim hole scrv sp end con ctech stech""".split()  # noqa: SIM905
@@ -91,12 +93,12 @@ _SILENT = frozenset(
 
 
 def _is_place(words):
-    """Tell whether words are three numbers or more."""
+    """Return whether words are three or more numbers."""
     return len(words) > 2 and all(NUMBER.fullmatch(word) for word in words)
 
 
 def _statements(text):
-    """Yield the number and the words of every line; a backslash at its end continues it."""
+    """Yield each line's number and words; a backslash at its end continues it."""
     begun, first = [], 0
     for line, content in enumerate(lines_of(text), 1):
         if content.endswith("\\"):
@@ -112,10 +114,10 @@ def _statements(text):
 
 
 def _index(word, line, count):
-    """Return the vertex that a corner names, counted from 0."""
+    """Return the vertex index of a corner, counted from 0."""
     match = _CORNER.fullmatch(word)
     if not match:
-        raise FormatError(f"line {line}: '{word[:40]}' is no corner of a face; {AGAIN}")
+        raise FormatError(f"line {line}: '{word[:40]}' is not a corner of a face; {AGAIN}")
     index = int(match[1])
     if index > 0:
         return index - 1
@@ -126,6 +128,6 @@ def _index(word, line, count):
         )
     if count + index < 0:
         raise FormatError(
-            f"line {line}: index {index} counts back from the {count:,} vertices before it; {AGAIN}"
+            f"line {line}: index {index} reaches back past the {count:,} vertices read; {AGAIN}"
         )
     return count + index

@@ -1,4 +1,4 @@
-"""OFF, the format of Geomview."""
+"""OFF, Geomview's format."""
 
 import re
 
@@ -14,7 +14,7 @@ from pandis.pipeline.mesh.formats.base import (
 )
 from pandis.pipeline.mesh.formats.base import triangles as cut
 
-#: Its first word; what stands directly behind it, as in ModelNet's files, is the first count.
+#: A file's first word. ModelNet's files have the first count directly after it, without a space.
 _HEAD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF")
 
 
@@ -24,7 +24,7 @@ def read(path, folder=None):
     Parameters
     ----------
     path, folder
-        As of `pandis.pipeline.mesh.formats.obj.read`.
+        As in `pandis.pipeline.mesh.formats.obj.read`.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def read(path, folder=None):
         rest = row[taken:]
         lines[:1] = [(line, rest)] if rest else []
     if len(counts) < 2 or min(counts) < 0:
-        raise FormatError(f"it declares no counts of vertices and faces; {AGAIN}")
+        raise FormatError(f"it does not declare how many vertices and faces it has; {AGAIN}")
     count, declared = counts[:2]
     _check_amount(lines, count, declared)
     if len(lines) != count + declared:
@@ -55,7 +55,7 @@ def read(path, folder=None):
     for line, row in lines[:count]:
         if len(row) < 3 or len(row) != len(lines[0][1]):
             raise FormatError(
-                f"line {line}: a vertex of {len(row)} numbers, the first has "
+                f"line {line}: a vertex has {len(row)} numbers, but the first has "
                 f"{len(lines[0][1])}; {AGAIN}"
             )
     rows = [row[:3] for _, row in lines[:count]]
@@ -66,20 +66,20 @@ def read(path, folder=None):
 
 
 def _take_head(lines):
-    """Take the first word off, and refuse what is not in three dimensions, or binary."""
+    """Remove the first word; reject binary files and dimensions other than three."""
     if not lines:
-        raise FormatError(f"it holds nothing; {AGAIN}")
+        raise FormatError(f"it is empty; {AGAIN}")
     line, row = lines[0]
     match = _HEAD.match(row[0])
     if not match:
         if not re.fullmatch(r"[0-9]+", row[0]):
-            raise FormatError(f"line {line}: '{row[0][:40]}' in place of OFF; {AGAIN}")
+            raise FormatError(f"line {line}: '{row[0][:40]}' instead of OFF; {AGAIN}")
         return
     if match[4] or match[5]:
-        raise FormatError(f"line {line}: {match[0]} is not of three dimensions; export it as OFF")
+        raise FormatError(f"line {line}: {match[0]} is not three-dimensional; export it as OFF")
     rest = [row[0][match.end() :], *row[1:]]
     if "BINARY" in rest:
-        raise FormatError("binary OFF cannot be read; export it as text")
+        raise FormatError("binary OFF is not supported; export it as text")
     rest = [word for word in rest if word]
     lines[:1] = [(line, rest)] if rest else []
 
@@ -88,16 +88,16 @@ def _check_amount(lines, count, declared):
     words_there = sum(len(row) for _, row in lines)
     if count > words_there // 3 or declared > words_there:
         raise FormatError(
-            f"it declares {count:,} vertices and {declared:,} faces, and {len(lines):,} lines "
-            f"follow; it is cut or damaged: {AGAIN}"
+            f"it declares {count:,} vertices and {declared:,} faces, but {len(lines):,} lines "
+            f"follow; it is truncated or damaged: {AGAIN}"
         )
 
 
 def _regrouped(lines, count, declared):
-    """Return a row for each vertex and face of a file that breaks its lines more often.
+    """Return a row for each vertex and face of a file that splits rows over several lines.
 
-    A line belongs to one of them, and there is nothing but positions and corners: which vertex
-    else would have a number more could not be told.
+    No line may contain parts of two rows, and rows may contain only positions and corners:
+    with further numbers it would be unclear where a row ends.
     """
     waiting, rows = iter(lines), []
     try:
@@ -114,8 +114,8 @@ def _regrouped(lines, count, declared):
         pass
     if len(rows) < count + declared or next(waiting, None):
         raise FormatError(
-            f"it declares {count:,} vertices and {declared:,} faces, and {len(lines):,} lines "
-            f"follow, which leaves {max(len(lines) - count, 0):,} for faces; it is cut or "
+            f"it declares {count:,} vertices and {declared:,} faces, but {len(lines):,} lines "
+            f"follow, which leaves {max(len(lines) - count, 0):,} for faces; it is truncated or "
             f"damaged: {AGAIN}"
         )
     return rows
@@ -125,6 +125,6 @@ def _polygon(row, line):
     size = whole(row[0], f"line {line}")
     if size < 1 or len(row) < 1 + size:
         raise FormatError(
-            f"line {line}: a face of {size} corners, and {len(row) - 1} numbers follow; {AGAIN}"
+            f"line {line}: a face of {size} corners, but {len(row) - 1} numbers follow; {AGAIN}"
         )
     return [whole(word, f"line {line}") for word in row[1 : 1 + size]]

@@ -1,4 +1,4 @@
-"""PLY, as text and binary of both byte orders."""
+"""PLY, as text or as binary in either byte order."""
 
 from typing import NamedTuple
 
@@ -22,12 +22,12 @@ _TYPES = {
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-#: What the list of a face's corners is called.
+#: Possible names of the list of a face's corners.
 _CORNERS = ("vertex_indices", "vertex_index")
 
 
 class Element(NamedTuple):
-    """A kind of row: its name, how many there are, and (name, type, type of a list's length)."""
+    """A kind of row: its name, its count, and its properties (name, type, list length's type)."""
 
     name: str
     count: int
@@ -40,7 +40,7 @@ def read(path, folder=None):
     Parameters
     ----------
     path, folder
-        As of `pandis.pipeline.mesh.formats.obj.read`.
+        As in `pandis.pipeline.mesh.formats.obj.read`.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def read(path, folder=None):
 def _header(data):
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0:
-        raise FormatError(f"it has no whole header of PLY; {AGAIN}")
+        raise FormatError(f"it has no complete PLY header; {AGAIN}")
     stop = data.find(b"\n", end)
     order, elements, notes = None, [], []
     for line, content in enumerate(lines_of(data[:end].decode("latin-1")), 1):
@@ -93,41 +93,41 @@ def _header(data):
         where = f"line {line}"
         if row[0] == "format" and len(row) > 1:
             if row[1] not in _ORDERS:
-                raise FormatError(f"{where}: format '{row[1][:40]}' is not known; {AGAIN}")
+                raise FormatError(f"{where}: unknown format '{row[1][:40]}'; {AGAIN}")
             order = _ORDERS[row[1]]
         elif row[0] == "element" and len(row) == 3:
             count = whole(row[2], where)
             if count < 0:
-                raise FormatError(f"{where}: {count} of {row[1]}; {AGAIN}")
+                raise FormatError(f"{where}: negative count {count} of {row[1]}; {AGAIN}")
             elements.append(Element(row[1], count, []))
         elif row[0] == "property" and elements:
             known = elements[-1].properties
             known.append(_property(row, f"line {line}"))
             if len({name for name, *_ in known}) < len(known):
-                raise FormatError(f"line {line}: a second property {row[-1][:40]}; {AGAIN}")
+                raise FormatError(f"line {line}: repeated property {row[-1][:40]}; {AGAIN}")
         else:
-            notes.append(f"line {line} of its header is none that PLY knows: '{content[:40]}'")
+            notes.append(f"line {line} of its header is not a PLY statement: '{content[:40]}'")
     if order is None:
-        raise FormatError(f"its header names no format; {AGAIN}")
+        raise FormatError(f"its header declares no format; {AGAIN}")
     return order, elements, stop + 1 if stop >= 0 else len(data), notes
 
 
 def _property(row, where):
-    """Return the name of a property, its type, and the type of its list's length."""
+    """Return a property's name, its type, and the type of its list length."""
     least = 2 if row[1:2] == ["list"] else 1
     kinds, name = row[least : 2 * least], row[-1]
     if len(row) != 2 * least + 1 or any(kind not in _TYPES for kind in kinds):
         raise FormatError(f"{where}: '{' '.join(row)[:60]}' is not a PLY property; {AGAIN}")
     if least == 2 and _TYPES[kinds[0]][0] == "f":
-        raise FormatError(f"{where}: the length of a list is no whole number; {AGAIN}")
+        raise FormatError(f"{where}: a list length must have an integer type; {AGAIN}")
     return name, _TYPES[kinds[-1]], _TYPES[kinds[0]] if least == 2 else None
 
 
 def _check_kinds(elements):
-    """Refuse positions that are lists, and corners that are none, or no whole numbers."""
+    """Reject positions that are lists, and corners that are not lists of whole numbers."""
     for element in elements:
         if not element.properties:
-            raise FormatError(f"its {element.name} has no property; {AGAIN}")
+            raise FormatError(f"its {element.name} has no properties; {AGAIN}")
         for name, kind, size in element.properties:
             place = element.name == "vertex" and name in ("x", "y", "z")
             corners = element.name in ("face", "tristrips") and name in _CORNERS
@@ -145,7 +145,7 @@ def _check_sizes(lists):
 
 
 def _strips(lists):
-    """Return the triangles of strips: -1 ends one."""
+    """Return the triangles of strips, which end with -1."""
     faces = []
     for strip in lists:
         run = []
@@ -161,11 +161,11 @@ def _strips(lists):
 
 
 class _Text:
-    """Takes rows from text: one line for each."""
+    """Reads rows from text, one per line."""
 
     def __init__(self, data, start):
         if b"\0" in data[start:]:
-            raise FormatError(f"its header says text, and zero bytes follow; {AGAIN}")
+            raise FormatError(f"its header declares text, but zero bytes follow; {AGAIN}")
         first = data[:start].count(b"\n") + 1
         lines = lines_of(data[start:].decode("latin-1"))
         self.lines = [(first + i, row) for i, line in enumerate(lines) if (row := words(line))]
@@ -176,8 +176,8 @@ class _Text:
         rows = self.lines[self.place : self.place + element.count]
         if len(rows) < element.count:
             raise FormatError(
-                f"its header declares {element.count:,} of {element.name}, and {len(rows):,} lines "
-                f"are there; it is cut or damaged: {AGAIN}"
+                f"its header declares {element.count:,} of {element.name}, but {len(rows):,} lines "
+                f"follow; it is truncated or damaged: {AGAIN}"
             )
         self.place += element.count
         if all(size is None for _, _, size in element.properties):
@@ -193,7 +193,7 @@ class _Text:
                 values = line_words[place : place + count]
                 if count < 0 or len(values) < count:
                     raise FormatError(
-                        f"line {line}: {len(line_words)} numbers, more are declared; {AGAIN}"
+                        f"line {line}: {len(line_words)} numbers, but more are declared; {AGAIN}"
                     )
                 place += count
                 read_word = number if kind[0] == "f" else whole
@@ -201,8 +201,8 @@ class _Text:
                 columns[name].append(row if size else row[0])
             if place != len(line_words):
                 raise FormatError(
-                    f"line {line}: {len(line_words)} numbers, {place} are declared; its counts are "
-                    f"wrong: {AGAIN}"
+                    f"line {line}: {len(line_words)} numbers, but {place} are declared; its counts "
+                    f"are wrong: {AGAIN}"
                 )
         return columns
 
@@ -218,23 +218,23 @@ class _Text:
         return dict(zip(names, values.reshape(-1, len(names)).T, strict=True))
 
     def finish(self, notes):
-        """See that nothing is left."""
+        """Check that nothing is left."""
         left = len(self.lines) - self.place
         if left:
             raise FormatError(
-                f"line {self.lines[self.place][0]}: {left:,} lines more than its header declares; "
+                f"line {self.lines[self.place][0]}: {left:,} more lines than its header declares; "
                 f"{AGAIN}"
             )
 
 
 def _word(row, place, line):
     if place >= len(row):
-        raise FormatError(f"line {line}: {len(row)} numbers, more are declared; {AGAIN}")
+        raise FormatError(f"line {line}: {len(row)} numbers, but more are declared; {AGAIN}")
     return row[place]
 
 
 class _Binary:
-    """Takes rows from bytes."""
+    """Reads rows from bytes."""
 
     def __init__(self, data, start, order):
         self.data, self.place, self.order = data, start, order
@@ -250,7 +250,7 @@ class _Binary:
         return columns
 
     def _uniform(self, element):
-        """Return columns where all lists are as long as the first ones, else None."""
+        """Return the columns if all rows' lists are as long as the first row's, else None."""
         sizes, place = {}, self.place
         for name, kind, size in element.properties:
             if size:
@@ -274,8 +274,8 @@ class _Binary:
             if not sizes:
                 there = (len(self.data) - self.place) // record.itemsize
                 raise FormatError(
-                    f"its header declares {element.count:,} of {element.name}, and {there:,} are "
-                    f"there; it is cut: {AGAIN}"
+                    f"its header declares {element.count:,} of {element.name}, but there are only "
+                    f"{there:,}; it is truncated: {AGAIN}"
                 )
             return None
         rows = np.frombuffer(self.data, record, element.count, self.place)
@@ -311,16 +311,16 @@ class _Binary:
 
     def _cut(self, element, index):
         return FormatError(
-            f"its header declares {element.count:,} of {element.name}, and it ends at number "
-            f"{index + 1:,}; it is cut, or its counts are wrong: {AGAIN}"
+            f"its header declares {element.count:,} of {element.name}, but it ends at number "
+            f"{index + 1:,}; it is truncated, or its counts are wrong: {AGAIN}"
         )
 
     def finish(self, notes):
-        """See that nothing is left."""
+        """Check that nothing is left."""
         left = len(self.data) - self.place
         if left and self.data[self.place :].strip(b"\0\r\n "):
             raise FormatError(
-                f"{left:,} bytes more than its header declares; its counts are wrong: {AGAIN}"
+                f"{left:,} more bytes than its header declares; its counts are wrong: {AGAIN}"
             )
         if left:
-            notes.append(f"{left:,} empty bytes stand behind what its header declares")
+            notes.append(f"{left:,} blank bytes follow the data that its header declares")

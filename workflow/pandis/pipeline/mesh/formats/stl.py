@@ -1,4 +1,4 @@
-"""STL, as text and binary."""
+"""STL, as text or binary."""
 
 import re
 
@@ -6,10 +6,10 @@ import numpy as np
 
 from pandis.pipeline.mesh.formats.base import AGAIN, FormatError, Reading, number, numbers
 
-#: Bytes before the triangles of a binary file, and of each.
+#: Bytes before the triangles of a binary file, and of each triangle.
 _HEAD, _EACH = 84, 50
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-#: The words of a facet; what is None is a number.
+#: The words of a facet; each "." represents a number.
 _FACET = (
     "facet", "normal", *"...", "outer", "loop", "vertex", *"...", "vertex", *"...",
     "vertex", *"...", "endloop", "endfacet",
@@ -23,7 +23,7 @@ def read(path, folder=None):
     Parameters
     ----------
     path, folder
-        As of `pandis.pipeline.mesh.formats.obj.read`.
+        As in `pandis.pipeline.mesh.formats.obj.read`.
 
     Returns
     -------
@@ -43,11 +43,11 @@ def read(path, folder=None):
         return _text(data.decode("latin-1"))
     there, left = divmod(max(len(data) - _HEAD, 0), _EACH)
     if len(data) < _HEAD:
-        raise FormatError(f"a binary STL of {len(data)} bytes, less than its header; {AGAIN}")
+        raise FormatError(f"a binary STL of {len(data)} bytes is shorter than its header; {AGAIN}")
     raise FormatError(
-        f"its header declares {count:,} triangles, and {there:,} are there"
-        + (f", with {left} bytes more" if left else "")
-        + f"; it is cut, or written wrongly: {AGAIN}"
+        f"its header declares {count:,} triangles, but there are {there:,}"
+        + (f", followed by {left} bytes" if left else "")
+        + f"; it is truncated or was written incorrectly: {AGAIN}"
     )
 
 
@@ -63,7 +63,7 @@ def _text(text):
     ends = [bool(bound[1]) for bound in _BOUND.finditer(text)]
     if 2 * sum(ends) != len(ends):
         notes.append(
-            f"{len(ends) - sum(ends)} times solid and {sum(ends)} times endsolid: it may be cut"
+            f"{len(ends) - sum(ends)} solid but {sum(ends)} endsolid lines: it may be truncated"
         )
     body = _BOUND.sub("", text)
     words = body.split()
@@ -90,15 +90,15 @@ def _text(text):
 
 
 def _check_normals(columns, where, notes):
-    """Say if normals are no numbers: they are not used, but somebody has written them wrongly."""
+    """Add a note if normals are not numbers: they are not used, but were written incorrectly."""
     try:
         numbers(list(zip(*columns, strict=True)), where)
     except FormatError as error:
-        notes.append(f"its normals are not used, and are not all numbers ({error})")
+        notes.append(f"some of its normals are not numbers; normals are not used ({error})")
 
 
 def _line_of(body, index):
-    """Return the line of a word."""
+    """Return the line number of a word, from its index."""
     for line, content in enumerate(body.split("\n"), 1):
         index -= len(content.split())
         if index < 0:
@@ -107,7 +107,7 @@ def _line_of(body, index):
 
 
 def _first_fault(body):
-    """Say what is the first fault of a text that is no row of facets."""
+    """Describe the first fault of a text that is not a sequence of facets."""
     place, line = 0, 1
     for line, content in enumerate(body.split("\n"), 1):
         for word in content.split():
@@ -119,7 +119,7 @@ def _first_fault(body):
                     except FormatError as error:
                         return str(error)
             elif word.lower() != keyword:
-                return f"line {line}: '{word[:40]}' in place of '{keyword}'; {AGAIN}"
+                return f"line {line}: '{word[:40]}' instead of '{keyword}'; {AGAIN}"
             place += 1
     whole = place // len(_FACET)
-    return f"line {line}: it is cut in the middle of facet {whole + 1:,}; {AGAIN}"
+    return f"line {line}: it is truncated in facet {whole + 1:,}; {AGAIN}"

@@ -1,7 +1,7 @@
-"""3MF: what a package builds, with the production extension.
+"""3MF: the build items of a package, with the production extension.
 
-lib3mf, the consortium's own reader, keeps coordinates in single precision; this one keeps what is
-written.
+lib3mf, the consortium's own reader, stores coordinates in single precision; this reader uses double
+precision.
 """
 
 import lzma
@@ -24,18 +24,18 @@ from pandis.pipeline.mesh.formats.base import (
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 _PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-#: The relationship of a package to its model.
+#: Type of the relationship from a package to its root model.
 _START = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
-#: Extensions that a file may require: what they add changes no triangle, or is read.
+#: Extensions that a file may require: they are read, or change no triangle.
 _READ = (_CORE, _PRODUCTION, "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
          "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07")  # fmt: skip
-#: What other extensions are called.
+#: Names of other extensions, for messages.
 _CALLED = {
     "beamlattice": "beam lattices", "slice": "slices", "volumetric": "volumetric data",
     "implicit": "implicit functions", "securecontent": "encrypted parts", "displacement":
     "displacement maps", "boolean": "boolean shapes",
 }  # fmt: skip
-#: Types of objects that are no part of what is built.
+#: Types of objects that are not part of the built product.
 _LEFT_OUT = ("support", "solidsupport", "other")
 _UNITS = {
     "micron": "micron", "millimeter": "mm", "centimeter": "cm", "inch": "in", "foot": "ft",
@@ -50,17 +50,17 @@ DAMAGED = (
 
 
 def read(path, folder=None):
-    """Read what a 3MF package builds: its items, their components, each placed.
+    """Read the build items of a 3MF package and their components, each placed.
 
     Parameters
     ----------
     path, folder
-        As of `pandis.pipeline.mesh.formats.obj.read`.
+        As in `pandis.pipeline.mesh.formats.obj.read`.
 
     Returns
     -------
     pandis.pipeline.mesh.formats.base.Reading
-        Supports are left out, and named in the notes.
+        Supports are left out and listed in the notes.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def read(path, folder=None):
     except FormatError:
         raise
     except DAMAGED as error:
-        raise FormatError(f"no whole 3MF package ({error}); {AGAIN}") from None
+        raise FormatError(f"not a complete 3MF package ({error}); {AGAIN}") from None
 
 
 class _Package:
@@ -87,7 +87,7 @@ class _Package:
         self.root = self._start()
 
     def _start(self):
-        """Return the part that the package says to begin with."""
+        """Return the absolute name of the package's root model."""
         rels = self._names.get("_rels/.rels")
         if rels is not None:
             for entry in self._parse(rels):
@@ -95,7 +95,7 @@ class _Package:
                     return _absolute(entry.get("Target", ""), "/")
         models = sorted(name for name in self._names if name.endswith(".model"))
         if not models:
-            raise FormatError(f"the package holds no model; {AGAIN}")
+            raise FormatError(f"the package contains no model; {AGAIN}")
         return "/" + models[0]
 
     def _parse(self, name):
@@ -105,33 +105,33 @@ class _Package:
         try:
             return etree.fromstring(self.package.read(name), parser)
         except etree.XMLSyntaxError as error:
-            raise FormatError(f"{name}: no whole XML ({error}); {AGAIN}") from None
+            raise FormatError(f"{name}: invalid XML ({error}); {AGAIN}") from None
 
     def model(self, part):
         """Return the `_Model` of a part, by its absolute name."""
         if part not in self._models:
             name = self._names.get(part.lstrip("/").lower())
             if name is None:
-                raise FormatError(f"it names {part}, which is not in the package; {AGAIN}")
+                raise FormatError(f"it references {part}, which is not in the package; {AGAIN}")
             self._models[part] = _Model(part, self._parse(name))
         return self._models[part]
 
     def reading(self):
-        """Return what is built."""
+        """Return all build items as one `Reading`."""
         root = self.model(self.root)
         build = root.tree.find(_tag("build"))
         items = [] if build is None else build.findall(_tag("item"))
         if not items:
-            raise FormatError(f"the package builds nothing (its build has no item); {AGAIN}")
+            raise FormatError(f"the package builds nothing (its build has no items); {AGAIN}")
         parts = []
         for item in items:
             part = _absolute(item.get(f"{{{_PRODUCTION}}}path"), root.part)
             parts += self._built(part, item.get("objectid"), _transform(item, root.part), ())
         if not parts and self.notes:
-            raise FormatError(f"none of the package's objects is left: {'; '.join(self.notes)}")
+            raise FormatError(f"all objects of the package are left out: {'; '.join(self.notes)}")
         unit = root.tree.get("unit", "millimeter")
         if unit not in _UNITS:
-            raise FormatError(f"its unit '{unit[:40]}' is none of {', '.join(_UNITS)}; {AGAIN}")
+            raise FormatError(f"its unit '{unit[:40]}' is not one of {', '.join(_UNITS)}; {AGAIN}")
         return joined(parts, self.notes, _UNITS[unit])
 
     def _built(self, part, identity, matrix, above):
@@ -141,14 +141,14 @@ class _Package:
         if element is None:
             raise FormatError(f"{part} has no object {identity}; {AGAIN}")
         if (part, identity) in above:
-            raise FormatError(f"{part}: the components of object {identity} form a circle; {AGAIN}")
+            raise FormatError(f"{part}: the components of object {identity} form a cycle; {AGAIN}")
         self._places += 1
         if self._places > 1_000_000:
             raise FormatError("it places more than a million parts: leave parts out")
         kind = element.get("type", "model")
         if kind in _LEFT_OUT:
             name = element.get("name") or f"object {identity}"
-            self.notes.append(f"left out: {name}, which is of type '{kind}'")
+            self.notes.append(f"left out: {name}, of type '{kind}'")
             return []
         parts = []
         for component in element.iterfind(f"{_tag('components')}/{_tag('component')}"):
@@ -179,7 +179,7 @@ class _Model:
                 called = next((name for word, name in _CALLED.items() if f"/{word}" in space), None)
                 title = f"{called} ({space})" if called else space
                 raise FormatError(
-                    f"it needs {title}, which cannot be read; export the object as triangles"
+                    f"it uses an unsupported extension, {title}; export the object as triangles"
                 )
         resources = tree.find(_tag("resources"))
         resources = [] if resources is None else resources
@@ -188,12 +188,12 @@ class _Model:
         if len(self.objects) < len(objects):
             names = [o.get("id") for o in objects]
             twice = next(name for name in names if names.count(name) > 1)
-            raise FormatError(f"{part} has two objects {twice}; {AGAIN}")
+            raise FormatError(f"{part} has more than one object {twice}; {AGAIN}")
         self.bases = {b.get("id"): [base.get("name") for base in b.iterfind(_tag("base"))]
                       for b in resources if b.tag == _tag("basematerials")}  # fmt: skip
 
     def mesh(self, resource, mesh):
-        """Return vertices, faces and the names of materials of an object's own mesh."""
+        """Return vertices, faces and material names of an object's own mesh."""
         identity = resource.get("id")
         if identity not in self._meshes:
             self._meshes[identity] = self._read(resource, mesh)
@@ -213,14 +213,14 @@ class _Model:
         ).reshape(-1, 3)  # fmt: skip
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
             raise FormatError(
-                f"{where}: triangles name vertices from {faces.min()} to {faces.max()}, and there "
+                f"{where}: triangles use vertices from {faces.min()} to {faces.max()}, but there "
                 f"are {len(vertices):,}; {AGAIN}"
             )
         names = [self._material(t, resource) for t in triangles] if self.bases else None
         return vertices, faces, names
 
     def _material(self, triangle, resource):
-        """Return a material's name; None for colours and textures, which name none."""
+        """Return a material's name; None for colours and textures, which have no names."""
         group, first = triangle.get("pid"), triangle.get("p1")
         if group is None:
             group = resource.get("pid")
@@ -237,7 +237,7 @@ def _tag(name):
 
 
 def _absolute(target, base):
-    """Return the absolute name of a part; without a target that of the base itself."""
+    """Return the absolute name of a part; without a target, the base itself."""
     return posixpath.normpath(posixpath.join(posixpath.dirname(base), target)) if target else base
 
 
@@ -248,6 +248,6 @@ def _transform(element, part):
     if text is not None:
         values = [number(token, f"{part}: a transform") for token in text.split()]
         if len(values) != 12:
-            raise FormatError(f"{part}: a transform of {len(values)} numbers, not 12; {AGAIN}")
+            raise FormatError(f"{part}: a transform has {len(values)} numbers, not 12; {AGAIN}")
         matrix[:3] = np.array(values).reshape(4, 3).T
     return matrix

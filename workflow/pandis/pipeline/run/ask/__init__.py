@@ -1,1 +1,1 @@
-"""What users ask for: configuration, options, names of fields, sources."""
+"""User input: configuration, options, names of fields, sources."""

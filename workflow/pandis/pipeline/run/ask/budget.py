@@ -1,6 +1,6 @@
-"""What a field should achieve: amounts of force as a user writes them, and as they are compared.
+"""Limits on a field's errors: amounts of force as users write them, and as they are compared.
 
-This module stands on the ground floor: planning reads budgets, too.
+Planning reads budgets, too, so this module imports neither torch nor trimesh.
 """
 
 import math
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 #: An amount of force as text: in mN or N at the configured device, or as a share of the mean force.
 AMOUNT = r"\d+(\.\d*)?([eE][+-]?\d+)? *(mN|N|%)"
-#: The tail may be so many times the mean, where a budget does not name it.
+#: Default limit of the tail, as a multiple of the mean's.
 TAIL = 10.0
 
 
@@ -19,7 +19,7 @@ def amount(value):
     Raises
     ------
     ValueError
-        It is no amount of force above zero.
+        The value is not an amount of force above zero.
     """
     text, unit = str(value).strip(), ""
     if isinstance(value, str) and re.fullmatch(AMOUNT, text):
@@ -38,12 +38,12 @@ def amount(value):
 
 
 class Limits(NamedTuple):
-    """What a field may err by, on the contact set down to a depth of 0.04.
+    """Largest errors allowed for a field, on the contact set down to a depth of 0.04.
 
     Attributes
     ----------
     mean, tail : float
-        Of ‖F − F_exact‖: the mean and the 99th percentile; unit frame, k = 1.
+        Mean and 99th percentile of ‖F − F_exact‖; unit frame, k = 1.
     missed : float
         Share of the area on which the force may be missing.
     """
@@ -54,12 +54,12 @@ class Limits(NamedTuple):
 
     @classmethod
     def of(cls, target, newtons, mean_force):
-        """Return the limits of what asks for ``force_error``, ``tail`` and ``missed``.
+        """Return the limits of options with ``force_error``, ``tail`` and ``missed``.
 
         Parameters
         ----------
-        target : pandis.pipeline.run.ask.targets.BudgetOptions, GridTarget or
-        pandis.pipeline.run.ask.recipes.ExactRecipe newtons : float
+        target : BudgetOptions, GridTarget or ExactRecipe
+        newtons : float
             Newtons per force of the unit frame at k = 1.
         mean_force : float
             The exact force's mean on the contact set, unit frame.
@@ -69,7 +69,7 @@ class Limits(NamedTuple):
         return cls(mean, tail, target.missed)
 
     def excess(self, figures):
-        """Return by how many times figures exceed the limits: the worst of the three.
+        """Return the worst ratio of the three figures to their limits.
 
         Parameters
         ----------
@@ -88,20 +88,20 @@ def _in_unit_frame(value, newtons, mean_force):
 
 
 def describe_force(force, newtons, mean_force):
-    """Say an amount of force in all three ways: millinewtons, percent, unit frame."""
+    """Describe an amount of force in all three units: millinewtons, percent, unit frame."""
     percent = 100 * force / mean_force if mean_force else float("nan")
-    words = f"{percent:.2g} % of the mean force, {force:.3g} of the unit frame"
+    words = f"{percent:.2g} % of the mean force, {force:.3g} in the unit frame"
     return f"{1e3 * newtons * force:.3g} mN ({words})"
 
 
 def describe_figures(figures, newtons, mean_force):
-    """Say what was measured of a field: mean, tail, surface that lacks the force or is too thin."""
+    """Describe a field's figures: mean, tail, surface that lacks the force or is too thin."""
     lacks = (
         f"lacks the force on {100 * figures['missing']:.3g} % of the surface "
         f"({100 * figures['left_out']:.3g} % of it is too thin to be judged)"
     )
     if figures["left_out"] >= 1:
-        lacks = "cannot be judged, for all of the surface is too thin"
+        lacks = "cannot be judged, because all of the surface is too thin"
     return (
         f"has a force error of {describe_force(figures['mean'], newtons, mean_force)} on average "
         f"and of {1e3 * newtons * figures['p99']:.3g} mN at p99, and {lacks}"

@@ -1,4 +1,4 @@
-"""Which fields there are: what a name stands for, in which order they come."""
+"""The catalogue of fields: their names, and the order of tables."""
 
 import re
 
@@ -8,11 +8,11 @@ from pandis.pipeline.run.ask.kinds import KINDS
 MESH_NAME = "[a-z][a-z0-9_-]*"
 #: Folders of ``results/`` that are not meshes.
 RESERVED_NAMES = ("logs", "benchmarks", "scenes", "native")
-#: All fields, whatever their sizes, in the order of tables.
+#: All forms of fields, in the order of tables.
 FORMS = (*(form for kind in KINDS.values() for form in kind.forms), AUTO)
 #: The kind of a form.
 KIND_OF = {form: kind for kind in KINDS.values() for form in kind.forms}
-#: Those of which `bake.auto` may name a target, and what holds where the user names none.
+#: Forms for which `bake.auto` may set a target, and the default targets.
 SIZED = tuple(form for kind in KINDS.values() for form in kind.sized)
 TARGETS = {form: target for kind in KINDS.values() for form, target in kind.targets.items()}
 #: Names that an error lists as known.
@@ -24,13 +24,13 @@ EXAMPLES = (
 
 
 def is_builtin_field(name):
-    """Tell whether ``name`` is taken by a field that is not a recipe."""
+    """Return whether ``name`` belongs to a field that is not a recipe."""
     if re.fullmatch(rf"({'|'.join(SIZED)})-(\d+|auto)", name):
         return True
     try:
         parse_field(name, ())
     except UnknownFieldError as error:
-        return error.name != name  # of a field that is tracked on one that is unknown
+        return error.name != name  # a field tracked on an unknown one
     except ValueError:
         return True
     return True
@@ -39,7 +39,7 @@ def is_builtin_field(name):
 def in_order(names, recipes):
     """Return names of fields in the order of the kinds, then by form, by size and by name.
 
-    A configuration may list them in any order: that alone changes no result.
+    So the order in a configuration changes no result.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def in_order(names, recipes):
     Raises
     ------
     ValueError
-        As of `parse_field`.
+        As for `parse_field`.
     """
 
     def place(name):
@@ -68,7 +68,7 @@ class _AllNames:
 
 
 def known_field(name):
-    """Return the FieldSpec of a name that planning has passed: of a built-in field or a recipe."""
+    """Return the FieldSpec of a name that planning has accepted: a built-in field or a recipe."""
     return parse_field(name, _AllNames())
 
 
@@ -93,7 +93,7 @@ def parse_field(name, recipes):
     Raises
     ------
     ValueError
-        The name is unknown, or a grid too small or too large.
+        The name is unknown, or its size is out of range.
     """
 
     def parse(inner):

@@ -1,11 +1,10 @@
-"""What a configuration file may hold, checked before anything runs.
+"""The contents of a configuration file, checked before anything runs.
 
 The models here, in `pandis.pipeline.run.ask.options` and in `pandis.pipeline.run.ask.recipes` are
-the single source of the
-options' names, their defaults and their meaning: ``workflow/schemas/config.schema.json`` and the
-tables of ``config/README.md`` are generated from them (``make docs``).
+the single source of the options' names, defaults and meaning. From them ``make docs`` generates
+``workflow/schemas/config.schema.json`` and the tables of ``config/README.md``.
 
-These modules run at every planning of the workflow and import neither torch nor trimesh.
+These modules run whenever the workflow is planned, and import neither torch nor trimesh.
 """
 
 from contextlib import suppress
@@ -59,10 +58,10 @@ class StageOptions(Options):
         ],
         description="what to build and compare: "
         + ", ".join(kind.help for kind in KINDS.values() if kind.help)
-        + "; `fields: auto` stands alone and builds the one that `budget` asks for, and no other",
+        + "; `fields: auto`, as the only entry, builds the one field that `budget` describes",
     )
     budget: BudgetOptions = Field(
-        default_factory=BudgetOptions, description="what `fields: auto` should achieve"
+        default_factory=BudgetOptions, description="requirements on the field of `fields: auto`"
     )
     mesh: MeshOptions = Field(default_factory=MeshOptions, description="loading and repair")
     samples: SampleOptions = Field(default_factory=SampleOptions, description="training points")
@@ -88,7 +87,7 @@ class StageOptions(Options):
     )
 
     contact: ContactOptions = Field(
-        default_factory=ContactOptions, description="how a device feels the object"
+        default_factory=ContactOptions, description="how the object feels on a device"
     )
 
     @model_validator(mode="after")
@@ -99,7 +98,7 @@ class StageOptions(Options):
 
     @model_validator(mode="after")
     def _in_order(self):
-        with suppress(ValueError):  # a field's name has a fault, which is told by itself
+        with suppress(ValueError):  # an invalid field name is reported separately
             self.fields = in_order(self.fields, self.train)
         return self
 
@@ -125,20 +124,20 @@ class StageOptions(Options):
 
 
 class MeshEntry(StageOptions):
-    """One mesh: where it comes from, and its overrides."""
+    """One mesh: its source, and its overrides."""
 
     source: str = Field(
         description="a path (relative to the working directory), a URL (with `sha256`), "
         "`pymeshlab:NAME` or `analytic:NAME`"
     )
     sha256: Annotated[str, Field(pattern="^[0-9a-fA-F]{64}$")] | None = Field(
-        None, description="digest of the source file; checked where given"
+        None, description="digest of the source file; checked if given"
     )
 
     @model_validator(mode="after")
     def _url_needs_digest(self):
         if self.source.startswith(("http://", "https://")) and self.sha256 is None:
-            raise ValueError("source: a URL needs the sha256 of the file beside it")
+            raise ValueError("source: a URL needs the sha256 of its file")
         return self
 
     @model_validator(mode="after")
@@ -147,11 +146,11 @@ class MeshEntry(StageOptions):
         try:
             fields = distance_fields(self) if formats else [None]
         except ValueError:
-            return self  # a field's name has a fault, which is told by itself
+            return self  # an invalid field name is reported separately
         if not fields:
             raise ValueError(
-                f"export.also: {', '.join(formats)}: all fields are grids of forces, which know no "
-                "distance outside: add another one to fields"
+                f"export.also: {', '.join(formats)}: all fields are grids of forces, which have no "
+                "distances outside: add another field to fields"
             )
         return self
 
@@ -161,18 +160,18 @@ class SceneObject(Options):
 
     mesh: str = Field(description="one of `meshes`")
     field: str = Field(
-        description="which of its fields; it need not stand under `fields`, but must have a file "
+        description="one of its fields; it need not be listed under `fields`, but must have a file "
         "for `pandis.h`"
     )
     position: tuple[Place, Place, Place] = Field(
-        (0.0, 0.0, 0.0), description="where its box's centre lies (m)"
+        (0.0, 0.0, 0.0), description="position of its box's centre (m)"
     )
     rotation: tuple[Angle, Angle, Angle] = Field(
         (0.0, 0.0, 0.0),
-        description="how it is turned: the axis, as long as the angle in degrees",
+        description="rotation vector: along the axis, its length is the angle in degrees",
     )
     size: Annotated[float, Field(ge=1e-3, le=10)] | None = Field(
-        None, description="metres of its longest side; null: `device.size` of its mesh"
+        None, description="length of its longest side (m); null: `device.size` of its mesh"
     )
     stiffness: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         None, description="N/m; null: `device.stiffness` of its mesh"
@@ -180,22 +179,20 @@ class SceneObject(Options):
 
 
 class SceneOptions(Options):
-    """Several objects under one probe. With scenes, `all` builds what they need, and no more."""
+    """Several objects under one probe. With scenes, `all` builds only what they need."""
 
     objects: Annotated[dict[str, SceneObject], Field(min_length=1)] = Field(
-        description="name: {mesh: …, field: …, and where it lies}"
+        description="name: {mesh: …, field: …, and its placement}"
     )
     ticks: Annotated[int, Field(ge=1, le=10_000_000)] = Field(
-        20_000, description="ticks of the walk through the scene that tries it"
+        20_000, description="ticks of the trial walk through the scene"
     )
-    speed: Positive = Field(0.5, le=10, description="of the probe on it, m/s")
-    radius: float = Field(
-        0.0, ge=0, le=0.1, description="of the probe, m, where it goes through proxies"
-    )
+    speed: Positive = Field(0.5, le=10, description="speed of the probe on that walk, m/s")
+    radius: float = Field(0.0, ge=0, le=0.1, description="radius of the probe, m, with proxies")
     contact: SurfaceOptions | None = Field(
         None,
-        description="how its objects are felt: as under `contact`, without a probe; null: as their "
-        "meshes are",
+        description="how its objects feel: the options of `contact`, without those of the probe; "
+        "null: as their meshes do",
     )
 
 
@@ -209,14 +206,14 @@ class Config(StageOptions):
 
     results: ResultsFolder = Field(
         "results",
-        description="folder of everything that a run makes, relative to the working directory: "
-        "give every configuration its own, and none rebuilds the other's meshes",
+        description="folder of all outputs of a run, relative to the working directory: with a "
+        "separate folder for each, configurations do not rebuild each other's meshes",
     )
 
     until: Literal["exports"] | None = Field(
         None,
-        description="`exports`: make nothing beyond the exported files, and one table of all "
-        "meshes instead of the report: for a collection of many. null: everything",
+        description="`exports`: make only the exported files and, instead of the report, one table "
+        "of all meshes: for large collections. null: make everything",
     )
     meshes: Annotated[dict[MeshName, MeshEntry], Field(min_length=1)] = Field(
         description="name: {source: …, and any option above that differs for this mesh}"
@@ -240,7 +237,7 @@ def plain(value):
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of the configuration file, for editors."""
     schema = Config.model_json_schema()
-    # in the file, `loss` may be left out, so the recipe's kind cannot be told by its tag
+    # the file may leave `loss` out, so it cannot serve as the discriminator there
     for definition in schema["$defs"].values():
         train = definition.get("properties", {}).get("train")
         if train:

@@ -20,7 +20,7 @@ from pandis.pipeline.run.ask.recipes import ExactRecipe, PaperRecipe
 
 
 def stage_faults(model, values):
-    """Map dotted path to message for all faults of stages' options, names of fields included."""
+    """Map dotted path to message for all faults of stages' options, including field names."""
     faults = faults_of(model, values)
     for key, message in name_faults(values):
         faults.setdefault(key, message)
@@ -28,7 +28,7 @@ def stage_faults(model, values):
 
 
 def raise_faults(faults):
-    """Raise a PandisError that lists faults, messages by dotted path, if there are any."""
+    """Raise a PandisError that lists all faults (messages by dotted path), if there are any."""
     if faults:
         lines = [f"  {key or 'config'}: {message}" for key, message in faults.items()]
         raise PandisError(
@@ -39,7 +39,7 @@ def raise_faults(faults):
 
 
 def faults_of(model, values):
-    """Map dotted path to message for everything that ``model`` refuses in ``values``."""
+    """Map dotted path to message for everything in ``values`` that ``model`` rejects."""
     try:
         model.model_validate(values)
     except ValidationError as error:
@@ -48,12 +48,12 @@ def faults_of(model, values):
 
 
 def name_faults(values):
-    """Yield path and message for every recipe and field whose name cannot be."""
+    """Yield path and message for every recipe and field with an invalid name."""
     recipes = values.get("train") or {}
     names = values.get("fields", StageOptions.model_fields["fields"].default)
     names = [names] if isinstance(names, str) else names
     if not isinstance(recipes, dict) or not isinstance(names, list):
-        return  # the models have said so
+        return  # the models report this
     for name in recipes:
         if not re.fullmatch(MESH_NAME, str(name)) or is_builtin_field(str(name)):
             yield (
@@ -63,7 +63,7 @@ def name_faults(values):
             )
     known = {"pandis": None, "pandis-exact": None} | recipes
     if AUTO in names and len(names) > 1:
-        yield "fields", "auto stands alone: it is the one field that the budget asks for"
+        yield "fields", "auto stands alone: the budget describes a single field"
         return
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -90,7 +90,7 @@ def name_faults(values):
 
 
 def near_field(name, recipes):
-    """Return the field whose name is most like one that is no field's, or None."""
+    """Return the field name that is most similar to an unknown one, or None."""
     form, dash, size = name.rpartition("-")
     if dash and (size.isdigit() or size == AUTO):
         near = difflib.get_close_matches(form, SIZED, n=1, cutoff=0.7)
@@ -109,7 +109,7 @@ def _targets(values):
 
 def _describe(fault, model):
     path = [str(part) for part in fault["loc"]]
-    # the tag of the chosen recipe stands in pydantic's path, but not in the file
+    # pydantic's path contains the tag of the chosen recipe, which is not in the file
     if len(path) > 2 and path[0] == "train" and path[2] in ("paper", "exact"):
         del path[2]
     message = fault["msg"].removeprefix("Value error, ")

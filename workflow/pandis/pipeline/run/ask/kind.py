@@ -1,11 +1,11 @@
-"""What planning knows of a kind of field: names and options alone, no code that answers a query."""
+"""Kinds of fields as planning sees them: names and options, and no code that answers queries."""
 
 from typing import ClassVar, NamedTuple
 
 from pandis.pipeline.run.ask.targets import DeviceOptions, GridTarget
 from pandis.pipeline.run.ask.values import Options
 
-#: A size that is searched, and the field that a budget alone describes.
+#: Name of a size that is searched for, and of the field that only a budget describes.
 AUTO = "auto"
 
 
@@ -17,19 +17,19 @@ class FieldSpec(NamedTuple):
     name : str
         As the user wrote it.
     kind : str
-        A key of `pandis.pipeline.run.ask.kinds.KINDS`, or AUTO: the artifact says which.
+        A key of `pandis.pipeline.run.ask.kinds.KINDS`; AUTO if only the artifact knows the kind.
     form : str
-        Which field of its kind it is, as tables of times, targets and colours call it.
+        Variety within its kind, as named in the tables of times, targets and colours.
     artifact : str
-        Stem of the artifact that holds it: ``results/{mesh}/{artifact}.zarr.zip``.
+        Stem of the artifact that contains it: ``results/{mesh}/{artifact}.zarr.zip``.
     size : int, "auto" or None
         Nodes per axis of a grid; bits of a compact mesh.
     exports : tuple of str
         Endings of its files under ``results/{mesh}/export/``, except ``.pandis``.
     native : bool
-        It has a file for ``pandis.h``, ``results/{mesh}/export/{name}.pandis``.
+        Whether it has a file for ``pandis.h``, ``results/{mesh}/export/{name}.pandis``.
     distances : bool
-        It knows distances outside of the surface.
+        Whether it knows distances outside of the surface.
     through : FieldSpec or None
         The field that a contact point is tracked on.
     """
@@ -51,13 +51,13 @@ class FieldSpec(NamedTuple):
 
 
 class BuildTask(Options):
-    """Build what fields of a kind are answered from."""
+    """Build the data from which fields of a kind are answered."""
 
     kind: str
 
 
 class SearchTask(BuildTask):
-    """Search the size of a field, and build it; the band is that of grids (unit frame)."""
+    """Search for the size of a field, and build it; the band is that of grids (unit frame)."""
 
     form: str
     target: GridTarget
@@ -67,32 +67,32 @@ class SearchTask(BuildTask):
 
 
 class Kind:
-    """A kind of field, as planning sees it; `pandis.pipeline.kinds` says what else it has.
+    """A kind of field, as planning sees it; `pandis.pipeline.kinds` describes the rest of it.
 
     Attributes
     ----------
     name : str
-        That of its folder.
+        Name of its folder.
     help : str
-        How its fields are written, for the table of options.
+        Notation of its field names, for the table of options.
     forms : tuple of str
         In the order of tables.
     examples : tuple of str
         Names of fields that an error lists as known.
     sized : tuple of str
-        Forms of which `bake.auto` may name a target.
+        Forms for which `bake.auto` may set a target.
     targets : dict of str to dict
-        Targets of these, what holds where the user names none.
+        Default targets of these forms.
     chosen : bool
-        `fields: auto` tries it; the list of kinds goes from cheap to dear.
+        Whether `fields: auto` tries it; the list of kinds goes from cheap to expensive.
     regions : bool
-        Its files say which material a place is made of.
+        Whether its files know the material at a place.
     colours : dict of str to str
-        In figures, by form.
+        Colours in figures, by form.
     growth : float
-        The least power of its work that the time of a query grows with beyond the table of times.
+        Least exponent with which a query's time grows with its work beyond the table of times.
     task, search : type
-        The models of what building it is asked: of a given size, and of one that is searched.
+        Models of the options for building it: with a given size, and with one to be searched for.
     """
 
     name = help = ""
@@ -110,12 +110,12 @@ class Kind:
         ----------
         name : str
         parse : callable
-            Returns that of another name, of any kind.
+            Returns the `FieldSpec` of another name, of any kind.
 
         Raises
         ------
         ValueError
-            The name is of this kind, but its size cannot be.
+            The name is of this kind, but its size is out of range.
         """
         return None
 
@@ -124,13 +124,13 @@ class Kind:
         return None
 
     def options(self, job, spec):
-        """Return what building an artifact is asked: a `BuildTask`.
+        """Return the options for building an artifact: a `BuildTask`.
 
         Parameters
         ----------
         job : pandis.pipeline.run.plan.stages.PlannedJob
         spec : FieldSpec
-            A field that the artifact holds.
+            A field that the artifact contains.
         """
         if spec.size != AUTO:
             return self.sized_options(job, spec)
@@ -141,7 +141,7 @@ class Kind:
         )  # fmt: skip
 
     def sized_options(self, job, spec):
-        """Return what building an artifact of a given size is asked; by default its kind alone."""
+        """Return the options for building an artifact of a given size; by default only its kind."""
         return self.task(kind=self.name)
 
     def unused(self, options):
@@ -149,11 +149,11 @@ class Kind:
         return []
 
     def work(self, size):
-        """Return what the time of a query follows, by the size in the table of times."""
+        """Return the work that a query's time depends on, from a size of the table of times."""
         return size
 
     def stream(self, spec):
-        """Return the names that the seed of building an artifact is drawn by."""
+        """Return the names from which the seed for building an artifact is derived."""
         return (f"bake_{self.name}",)
 
 

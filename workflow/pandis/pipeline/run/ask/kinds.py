@@ -1,13 +1,13 @@
-"""The kinds of fields: the one list of the folders of `pandis.pipeline.kinds`.
+"""The kinds of fields: the only list of the folders of `pandis.pipeline.kinds`.
 
-Planning reads each folder's names alone, and a stage loads of the kinds that it is asked for the
-modules that it runs: so they are loaded by name. `kind_module(kind, "file")` is the module ``file``
-of a kind's folder; `pandis.pipeline.run.job.provenance` follows it as it follows an import.
+Kinds are loaded by name, because planning needs only the names and options of each, and a stage
+only the modules that it runs. `kind_module(kind, "file")` is the module ``file`` in a kind's
+folder; `pandis.pipeline.run.job.provenance` follows such calls as it follows imports.
 """
 
 from importlib import import_module
 
-#: From cheap to build to dear; tables list fields in this order.
+#: From cheap to expensive to build; tables list fields in this order.
 _NAMES = ("exact", "compact", "grid", "spline", "network", "paper")
 
 
@@ -20,6 +20,6 @@ KINDS = {name: kind_module(name, "spec").KIND for name in _NAMES}
 
 
 def build_task(kind, **options):
-    """Return what building a field is asked as its model: what a stage gets back as `options`."""
+    """Return the options for building a field, as the model that a stage gets as `options`."""
     model = KINDS[kind].search if "target" in options else KINDS[kind].task
     return model(kind=kind, **options)

@@ -10,25 +10,25 @@ from pandis.pipeline.run.ask.values import Count, Options, Positive
 
 
 class MeshOptions(Options):
-    """Loading and repair. What each rung does, and to which meshes: docs/repair.md."""
+    """Loading and repair. docs/repair.md describes each rung, and the meshes that it applies to."""
 
     unit: str = Field(
         "unknown",
         pattern=r"^[A-Za-zµ]{1,12}$",
-        description="what one mesh unit is (`mm`, `m`, …): recorded, nothing is scaled by it; "
-        "glTF and 3MF files say it themselves",
+        description="unit of the mesh (`mm`, `m`, …): recorded, but nothing is scaled by it; "
+        "glTF and 3MF files contain their unit",
     )
     weld: float = Field(
         1e-8,
         ge=0,
         le=1e-3,
-        description="vertices closer than this share of the diagonal become one; used only where "
+        description="vertices closer than this share of the diagonal are merged; used only if "
         "exact welding leaves the mesh open; 0: never",
     )
     rungs: list[Literal["clean", "union", "fill", "meshfix", "remesh", "wrap"]] = Field(
         ["clean", "union", "fill", "meshfix", "remesh", "wrap"],
         description="the repairs that may be tried, in this order, on a mesh that is not valid; "
-        "leave out what you do not want",
+        "leave out those you do not want",
     )
     small_hole: float = Field(
         0.5,
@@ -40,22 +40,23 @@ class MeshOptions(Options):
     max_hole_edges: int = Field(500, ge=0, description="a hole with more edges is not small")
     open: Literal["refuse", "cap", "thicken"] = Field(
         "refuse",
-        description="a surface with holes that are not small: `refuse` it, `cap` the holes all "
-        "the same, or `thicken` it to a wall of `thickness`",
+        description="what to do with a surface whose holes are not small: `refuse` it, `cap` the "
+        "holes anyway, or `thicken` it to a wall of `thickness`",
     )
     thickness: Positive = Field(
         0.01, le=0.2, description="thickness of that wall, as a share of the diagonal"
     )
     nested: Literal["cavity", "solid"] = Field(
         "cavity",
-        description="what to make of a component wholly inside another: a `cavity` (inside which "
+        description="treatment of a component entirely inside another: a `cavity` (inside which "
         "the next one is solid again, and so on), or `solid`: only the outer surface remains",
     )
     deviation_p99: float = Field(
         0.005,
         ge=0,
-        description="a repair is kept only if 99 % of the surface, both ways, moves no farther "
-        "than this share of the diagonal (caps of holes and walls inside the solid not counted)",
+        description="a repair is kept only if 99 % of the surface, in both directions, moves no "
+        "farther than this share of the diagonal (without caps of holes and walls inside the "
+        "solid)",
     )
     deviation_max: float = Field(0.03, ge=0, description="the same for all of the surface")
     rung_seconds: Positive = Field(240.0, description="time limit of each rung")
@@ -67,7 +68,7 @@ class MeshOptions(Options):
 class SampleOptions(Options):
     """Training and held-out points. Lengths are in the unit frame (longest side 1.8).
 
-    Recipes on exact distances draw points of their own, in the same proportions.
+    Recipes on exact distances draw their own points, in the same proportions.
     """
 
     surface: Count = Field(50_000, description="points on the surface")
@@ -78,12 +79,12 @@ class SampleOptions(Options):
         [0.003, 0.01, 0.03], description="standard deviations of the offsets"
     )
     shallow: int = Field(350_000, ge=0, description="points within 0.0115 below the surface")
-    penetration: int = Field(250_000, ge=0, description="points within `depth` below it")
+    penetration: int = Field(250_000, ge=0, description="points within `depth` below the surface")
     bent: int = Field(
         250_000,
         ge=0,
-        description="points below the surface, up to eight times denser where it bends: the "
-        "angles between neighbouring faces, per 0.05 of length",
+        description="points below the surface, up to eight times denser where it bends (angles "
+        "between neighbouring faces, per 0.05 of length)",
     )
     depth: Positive = Field(0.045, description="largest depth below the surface")
     core: int = Field(
@@ -92,7 +93,7 @@ class SampleOptions(Options):
         description="points deeper than `depth` along the normal, up to 1: where the part is thin, "
         "they may end up outside",
     )
-    box: int = Field(50_000, ge=0, description="points uniform in the box [-1, 1]³")
+    box: int = Field(50_000, ge=0, description="points spread uniformly in the box [-1, 1]³")
     held_out: Annotated[int, Field(ge=100)] = Field(
         20_000, description="points never trained on: half at most 0.01 deep, half at most 0.04"
     )
@@ -102,15 +103,17 @@ class BakeOptions(Options):
     """Grids. Lengths are in the unit frame (longest side 1.8)."""
 
     inside: Positive = Field(
-        0.045, le=1, description="depth below the surface down to which grids are right"
+        0.045, le=1, description="depth below the surface down to which grids are valid"
     )
-    outside: Positive = Field(0.02, le=1, description="height above it up to which they are")
+    outside: Positive = Field(
+        0.02, le=1, description="height above the surface up to which grids are valid"
+    )
     chunk: Annotated[int, Field(ge=4)] = Field(32, description="nodes per axis of a stored chunk")
     auto: dict[Literal[SIZED], GridTarget] = Field(
         default_factory=dict,
-        description="what `nearest-auto`, `trilinear-auto`, `compact-auto`, … should achieve, by "
-        "kind: `force_error` (the smallest field that meets it, `tail` and `missed`) or `bytes` "
-        "(the best that fits); by default `spline-auto` gets 800,000 bytes, and `compact-auto` "
+        description="targets of `nearest-auto`, `trilinear-auto`, `compact-auto`, …, by kind: "
+        "`force_error` (the smallest field that meets it, `tail` and `missed`) or `bytes` (the "
+        "best field that fits); by default `spline-auto` gets 800,000 bytes, and `compact-auto` "
         "500,000",
     )
     vti: bool = Field(
@@ -130,13 +133,13 @@ class NativeOptions(Options):
     weight_bits: Literal[16, 32] = Field(
         32,
         description="bits per weight of a network's hidden layers in its `.pandis` file; 16 halves "
-        "the size of the file, and the export's log says by how much the answers change",
+        "the file size, and the export's log states how much the answers change",
     )
     original_faces: bool = Field(
         False,
-        description="the `.pandis` file of a compact mesh also says on which face of "
-        "`mesh.zarr.zip` a closest point lies (`pandis_answer.face`), in about four bytes a face; "
-        "an exact mesh always says so",
+        description="the `.pandis` file of a compact mesh also identifies the face of "
+        "`mesh.zarr.zip` that contains a closest point (`pandis_answer.face`), at about four bytes "
+        "a face; an exact mesh always does",
     )
 
 
@@ -147,7 +150,7 @@ class ExportOptions(NativeOptions):
         default_factory=list,
         description="files for other programs, in `results/{mesh}/export/`: `mjcf`, a model for "
         "MuJoCo (`mujoco.xml`, with `mesh.obj`); `newton`, distances for Newton's cache "
-        "(`newton.npz`); `page`, a page on which fields are touched in a browser (`touch.html`); "
+        "(`newton.npz`); `page`, a page for touching fields in a browser (`touch.html`); "
         "`vdb`, volumes for OpenVDB (`fields.vdb`)",
     )
 
@@ -158,7 +161,8 @@ class TrajectoryOptions(Options):
     kind: Literal["surface", "spiral"] = Field(
         "surface",
         description="surface: along the surface, turning at random; spiral: six turns from pole "
-        "to pole of a closed-form sphere, 2 to 5 % of its radius deep whatever the depths say",
+        "to pole of a closed-form sphere, 2 to 5 % of its radius deep, regardless of `shallow` and "
+        "`deep`",
     )
     samples: Annotated[int, Field(ge=10)] = Field(2000, description="samples, one per tick")
     step: Positive = Field(0.004, description="distance between samples (unit frame)")
@@ -178,7 +182,7 @@ class EvaluationOptions(Options):
     probes: Annotated[int, Field(ge=100)] = Field(50_000, description="points of each probe set")
     paths: Count = Field(
         1,
-        description="trajectories that errors are measured on; of more than one the report gives "
+        description="trajectories that errors are measured on; for more than one, the report gives "
         "means with 95 % intervals",
     )
 
@@ -189,8 +193,8 @@ class StressOptions(Options):
     mass: Positive = Field(0.045, description="moving mass at the tip, kg")
     damping: float = Field(0.1, ge=0, description="viscous damping of the device, Ns/m")
     friction: float = Field(0.26, ge=0, description="Coulomb friction of the device, N")
-    encoder: Positive = Field(55e-6, description="step of the position that it reports, m")
-    delay: int = Field(0, ge=0, le=20, description="ticks by which a force comes late")
+    encoder: Positive = Field(55e-6, description="step of the reported position, m")
+    delay: int = Field(0, ge=0, le=20, description="ticks by which a force is late")
     force_limit: Positive = Field(3.3, description="largest force, N")
     hand_stiffness: float = Field(20.0, ge=0, description="stiffness of the hand, N/m")
     hand_damping: float = Field(3.0, ge=0, description="damping of the hand, Ns/m")
@@ -249,18 +253,18 @@ class HardwareOptions(Options):
         0.001, ge=0, lt=1, description="largest share of misses with which a field passes"
     )
     loaded_seconds: float = Field(
-        0.5, ge=0, le=600, description="length of a second run, beside a busy loop on every core"
+        0.5, ge=0, le=600, description="length of a second run, with a busy loop on every core"
     )
     ask_again: bool = Field(
         True,
-        description="while the loop waits for a tick, ask the field once more where the probe was "
-        "last, so that its bytes are still in the caches; a device's own scheduler cannot",
+        description="while the loop waits for a tick, query the field again at the probe's last "
+        "position, to keep its data in the caches; a device's own scheduler cannot do this",
     )
     devices: list[Literal["touch", "touch-x", "omega-3", "falcon"]] = Field(
         ["touch"],
-        description="devices that are simulated, with the hand of `stress`, to find the largest "
-        "safe stiffness",
+        description="devices to simulate, with the hand of `stress`, to find the largest safe "
+        "stiffness",
     )
     attached: AttachedOptions | None = Field(
-        None, description="a device to run every field on, through OpenHaptics; null: none"
+        None, description="device on which every field is run, through OpenHaptics; null: none"
     )

@@ -1,4 +1,4 @@
-"""What each stage makes of a mesh: paths below the mesh's folder, and the wildcards of its rule."""
+"""Outputs of each stage for a mesh: paths below the mesh's folder, and wildcards of its rule."""
 
 from pandis.pipeline.run.ask.catalogue import AUTO, parse_field
 from pandis.pipeline.run.ask.sourcing import url_extension
@@ -10,16 +10,16 @@ def field_specs(entry):
 
 
 def field_holders(entry):
-    """Return one FieldSpec for each artifact that holds a field, except the mesh itself.
+    """Return one FieldSpec for each artifact that contains a field, except the mesh itself.
 
-    The field that a contact point's runs through is among them.
+    For a tracked contact point, this is the field that it is tracked on.
     """
     specs = [spec.through or spec for spec in field_specs(entry)]
     return [s for s in {s.artifact: s for s in specs}.values() if s.artifact != "mesh"]
 
 
 def one_file(name):
-    """Return the function that returns one file that every mesh has."""
+    """Return a function that returns a file that every mesh has."""
     return lambda entry: [(name, {})]
 
 
@@ -30,7 +30,7 @@ def source(entry):
 
 
 def samples(entry):
-    """Return the samples, where a field learns from them."""
+    """Return the samples, if a field learns from them."""
     return [("samples.zarr.zip", {})] if models(entry) else []
 
 
@@ -41,12 +41,12 @@ def models(entry):
 
 
 def choice(entry):
-    """Return the field that a budget alone describes."""
+    """Return the artifact of the field that only a budget describes."""
     return [(f"{s.artifact}.zarr.zip", {}) for s in field_holders(entry) if s.kind == AUTO]
 
 
 def baked(entry):
-    """Return what is built from the mesh alone."""
+    """Return the artifacts that are built from the mesh alone."""
     specs = [spec for spec in field_holders(entry) if spec.kind != AUTO and not spec.learned]
     return [(f"{spec.artifact}.zarr.zip", {"artifact": spec.artifact}) for spec in specs]
 
@@ -74,15 +74,15 @@ def native(entry):
 
 
 def distance_fields(entry):
-    """Return the fields of a mesh that have a file and may know distances; of `auto` it says."""
+    """Return the fields of a mesh that have a file and may know distances; `auto` counts."""
     return [spec for spec in field_specs(entry) if spec.native and spec.distances]
 
 
 def also(kind, name):
-    """Return the function that returns a file for another program if its kind is asked for."""
+    """Return a function that returns a file for another program if the options list its kind."""
     return lambda entry: [(name, {})] if kind in entry.export.also else []
 
 
 def hardware(entry):
-    """Return what the validation writes."""
+    """Return the files of the hardware validation."""
     return [("hardware.zarr.zip", {}), ("hardware.json", {})]

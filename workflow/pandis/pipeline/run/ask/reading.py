@@ -1,4 +1,4 @@
-"""Reading a configuration: YAML without doubled keys, numbers, each mesh's overrides."""
+"""Reads a configuration: YAML without duplicate keys, numbers, each mesh's overrides."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ from pandis.pipeline.run.ask.faults import raise_faults, stage_faults
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML in which a key that stands twice is an error, not the last one's victory."""
+    """YAML loader that rejects duplicate keys instead of keeping the last one."""
 
     def construct_mapping(self, node, deep=False):
         seen = set()
@@ -22,7 +22,7 @@ class _StrictLoader(yaml.SafeLoader):
             name = self.construct_object(key, deep=True)
             if name in seen:
                 raise PandisError(
-                    f"{self.name}, line {key.start_mark.line + 1}: the key '{name}' stands twice; "
+                    f"{self.name}, line {key.start_mark.line + 1}: the key '{name}' occurs twice; "
                     "rename or remove one of them"
                 )
             seen.add(name)
@@ -30,10 +30,10 @@ class _StrictLoader(yaml.SafeLoader):
 
 
 def check_yaml(path):
-    """Raise PandisError if the YAML file has a doubled key or does not parse.
+    """Raise PandisError if the YAML file has a duplicate key or does not parse.
 
-    Snakemake has read the file by then, and kept the last of two equal keys
-    without a word: two meshes of one name would become one.
+    Snakemake has read the file by then, and silently kept the last of two
+    equal keys: two meshes of the same name would become one.
     """
     with Path(path).open(encoding="utf-8") as stream:
         loader = _StrictLoader(stream)
@@ -61,7 +61,7 @@ def _read_numbers(value):
 
 
 def merge(base, override):
-    """Merge two nested dicts key by key; anything else in ``override`` replaces."""
+    """Merge two nested dicts key by key; any other value of ``override`` replaces the base's."""
     merged = dict(base)
     for key, value in override.items():
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
@@ -75,7 +75,7 @@ def results_folder(raw):
     Raises
     ------
     PandisError
-        It is no relative path of plain names.
+        It is not a relative path of plain names.
     """
     folder = raw.get("results", "results")
     if not isinstance(folder, str) or not re.fullmatch(FOLDER, folder):
@@ -87,12 +87,12 @@ def results_folder(raw):
 
 
 def last_target(raw):
-    """Return the named target that a configuration ends with; None: everything is made.
+    """Return the named target that a configuration ends with; None if it makes everything.
 
     Raises
     ------
     PandisError
-        It is no target that one may end with, or there are scenes besides.
+        A run may not end with this target, or the configuration also has scenes.
     """
     until = raw.get("until")
     if until not in (None, "exports"):
@@ -110,8 +110,8 @@ def load_config(raw, refused=None):
     raw : dict
         The parsed YAML.
     refused : dict, optional
-        Gets the names of meshes whose own options have faults, and what is wrong: the others
-        are returned. Without it, or if no mesh is left, the faults are raised.
+        Receives the faults of meshes whose own options are wrong, by name: the other meshes are
+        returned. Without it, or if no mesh is left, the faults are raised.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def load_config(raw, refused=None):
         if isinstance(name, bool):
             faults[path] = "YAML reads on, off, yes and no as true or false: put the name in quotes"
         elif not re.fullmatch(MESH_NAME, str(name)):
-            faults[path] = "a mesh's name starts with a-z and goes on with a-z, 0-9, - or _"
+            faults[path] = "a mesh's name starts with a-z and continues with a-z, 0-9, - or _"
         elif name in RESERVED_NAMES:
             faults[path] = "this name is taken by a folder of results/: choose another"
         if not isinstance(entry, dict):
@@ -153,7 +153,7 @@ def load_config(raw, refused=None):
                 merged[name] = MeshEntry.model_validate(options)
     if refused is not None and merged and not shared:
         for key, message in faults.items():
-            # a name that is none may have a dot in it
+            # an invalid name may contain a dot
             name = next(n for n in meshes if f"{key}.".startswith(f"meshes.{n}."))
             line = f"{key}: {message}"
             refused[name] = f"{refused[name]}; {line}" if name in refused else line

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from pandis.pipeline.run.ask.values import Count, Force, Missed, Options, Positive
 
 _MUON = (
-    "Muon's largest step size, for the matrices between sine layers (of ω0·W); null: Adam moves "
+    "Muon's largest step size, for the matrices between sine layers (of ω0·W); null: Adam trains "
     "them too"
 )
 _SCHEDULE = (
@@ -21,29 +21,29 @@ _SCHEDULE = (
 
 
 class Recipe(Options):
-    """What both recipes of the sine network share."""
+    """Options that both recipes of the sine network share."""
 
     width: Annotated[int, Field(ge=1, le=1024)] = Field(256, description="units of each sine layer")
     depth: Annotated[int, Field(ge=1, le=16)] = Field(
         4, description="number of sine layers; 4 is the paper's 800 KB"
     )
     steps: Count | None = Field(
-        None, description="budget in optimiser steps, with which the result is reproducible"
+        None, description="budget in optimiser steps: the result is reproducible"
     )
     seconds: Positive | None = Field(
         None,
         description="budget in seconds instead: the steps reached are recorded, "
-        "and the result does not reproduce",
+        "and the result is not reproducible",
     )
     direction: Literal["output", "gradient"] = Field(
         "output",
-        description="where the normal comes from: three outputs of their own, as in the paper, or "
-        "the gradient of the distance, which makes the force all but conservative",
+        description="source of the normal: three separate outputs, as in the paper, or the "
+        "gradient of the distance, which makes the force almost conservative",
     )
     base: Annotated[int, Field(ge=4, le=64)] | None = Field(
         None,
-        description="cells per axis of a tricubic spline of the distance over the whole box, to "
-        "which the network adds what it lacks; null: the network alone",
+        description="cells per axis of a tricubic spline of the distance over the whole box, which "
+        "the network corrects; null: the network alone",
     )
     matrix_rate: Positive | None = Field(None, description=_MUON)
     schedule: Literal["constant", "cosine"] = Field("constant", description=_SCHEDULE)
@@ -51,15 +51,15 @@ class Recipe(Options):
         0.02,
         ge=0,
         lt=1,
-        description="with cosine: share of the budget during which they rise",
+        description="with cosine: share of the budget during which step sizes rise",
     )
     threads: Count = Field(
         1,
         description="CPU threads; a part of the result's identity. With one, `-j2` trains two "
-        "networks at once; more pay only where there are more cores than networks",
+        "networks at once; more pay off only with more cores than networks",
     )
     device: Literal["cpu", "cuda", "auto"] = Field(
-        "cpu", description="where to train; auto takes CUDA if found and records which"
+        "cpu", description="where to train; auto uses CUDA if available, and records the choice"
     )
 
     @model_validator(mode="after")
@@ -76,17 +76,16 @@ class PaperRecipe(Recipe):
     omega: Positive = Field(30.0, description="ω0, the factor inside every sine")
     points: Literal["area", "vertices"] = Field(
         "area",
-        description="points on the surface: spread evenly by area, with the normals of their "
-        "faces, as many as `samples.surface` says; or the vertices, with their own normals, as in "
-        "the paper",
+        description="points on the surface: `samples.surface` points spread evenly by area, with "
+        "the normals of their faces; or the vertices with their normals, as in the paper",
     )
-    batch: Count = Field(1400, description="points on the surface per step; as many again off it")
+    batch: Count = Field(1400, description="points on the surface per step, and as many off it")
     weighting: Literal["subset", "batch"] = Field(
         "subset",
         description="how a term that applies to only half of the points is averaged: `subset`, "
         "over that half; `batch`, over the whole batch, as in SIREN's code, which halves its "
-        "weight relative to the others: as good in short trainings, and at least as good in long "
-        "ones (docs/benchmarks/README.md)",
+        "weight relative to the others. `batch` is as good in short trainings, and at least as "
+        "good in long ones (docs/benchmarks/README.md)",
     )
     learning_rate: Positive = Field(1e-4, description="Adam's largest step size")
     clip: Positive | None = Field(1.0, description="largest norm of the gradient; null: no limit")
@@ -95,7 +94,9 @@ class PaperRecipe(Recipe):
         description="weights of the loss terms, in the order printed in the paper",
     )
     alpha: Positive = Field(100.0, description="a in exp(-a·|Φ|)")
-    stop_gradient: bool = Field(True, description="Ψ·∇Φ trains Ψ only, not Φ (the paper: unsaid)")
+    stop_gradient: bool = Field(
+        True, description="Ψ·∇Φ trains only Ψ, not Φ (unspecified in the paper)"
+    )
 
 
 class ExactRecipe(Recipe):
@@ -104,28 +105,29 @@ class ExactRecipe(Recipe):
     loss: Literal["exact"] = "exact"
     direction: Literal["output", "gradient"] = Field(
         "gradient",
-        description="where the normal comes from: the gradient of the distance, which makes the "
-        "force all but conservative and the error smaller, or three outputs of their own, which "
-        "shortens a query",
+        description="source of the normal: the gradient of the distance, which makes the force "
+        "almost conservative and the error smaller, or three separate outputs, which makes queries "
+        "faster",
     )
     width: Annotated[int, Field(ge=1, le=1024)] = Field(
-        248, description="units of each sine layer; 248 and the base are as large as the paper's"
+        248,
+        description="units of each sine layer; 248 units and the base are as large as the paper's "
+        "network",
     )
     base: Annotated[int, Field(ge=4, le=64)] | None = Field(
         16,
-        description="cells per axis of a tricubic spline of the distance over the whole box, to "
-        "which the network adds what it lacks; null: the network alone, which makes contacts in "
-        "free space",
+        description="cells per axis of a tricubic spline of the distance over the whole box, which "
+        "the network corrects; null: the network alone, which creates contacts in free space",
     )
     omega: Positive | None = Field(
         None,
-        description="ω0, the factor inside every sine: the finer the shape, the larger; null: "
+        description="ω0, the factor inside every sine; finer shapes need a larger one; null: "
         "80·√(width / 256)",
     )
     force_error: Force | None = Field(
         None,
-        description="train the narrowest network, of widths up to `width`, with this mean force "
-        "error on the contact set: written as in `budget`",
+        description="train the narrowest network, up to `width`, that has at most this mean force "
+        "error on the contact set; written as in `budget`",
     )
     tail: Force | None = Field(
         None, description="with `force_error`: its 99th percentile; null: ten times the mean"
@@ -133,9 +135,9 @@ class ExactRecipe(Recipe):
     missed: Missed = Field(
         0.005, description="with `force_error`: share of the surface that may lack the force"
     )
-    batch: Count = Field(4096, description="points per step, each shown once")
+    batch: Count = Field(4096, description="points per step, each used once")
     learning_rate: Positive = Field(
-        2e-4, description="Adam's largest step size; first and last layer, biases"
+        2e-4, description="Adam's largest step size, for the first and last layer and the biases"
     )
     matrix_rate: Positive | None = Field(0.05, description=_MUON)
     schedule: Literal["constant", "cosine"] = Field("cosine", description=_SCHEDULE)
@@ -147,19 +149,19 @@ class ExactRecipe(Recipe):
         0.3,
         ge=0,
         le=1,
-        description="least weight of a point's distance, however far it is (a third of it for its "
-        "normal)",
+        description="least weight of a point's distance, however far the point is; a third of it "
+        "for its normal",
     )
     normal_weight: Positive = Field(0.05, description="weight of the normal's error in the loss")
 
 
-#: Recipes that need no entry under ``train``, and what their names stand for.
+#: Recipes that need no entry under ``train``, with their options.
 RECIPES = {
     "pandis": {"loss": "paper"},
     "pandis-grad": {"loss": "paper", "direction": "gradient"},
     "pandis-exact": {"loss": "exact"},
 }
-#: Steps used where a recipe names no budget (about three minutes of one CPU core).
+#: Steps used if a recipe has no budget (about three minutes of one CPU core).
 DEFAULT_STEPS = {"paper": 3000, "exact": 1500}
 
 

@@ -1,8 +1,8 @@
-"""The files that a mesh is read from: which they are, whether they are there, and their digest.
+"""The source files of a mesh: their names, whether they exist, and their digest.
 
-A mesh is more than one file: a glTF scene has its buffers beside it, an OBJ file its materials and
-their textures. All of them are a part of what a result was made from. This module stands on the
-ground floor: planning asks it about every mesh.
+A mesh may have several files: a glTF scene has buffers beside it, an OBJ file has materials with
+textures. All of them are inputs of a result. Planning uses this module for every mesh, so it
+imports neither torch nor trimesh.
 """
 
 import gzip
@@ -18,7 +18,7 @@ from pandis.base.errors import PandisError
 from pandis.engine.cache import cache_folder, keep
 
 FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
-#: Sources that are no files of the user's.
+#: Prefixes of sources that are not files of the user.
 SHIPPED, ANALYTIC = "pymeshlab:", "analytic:"
 #: Suffix of the array beside a mesh file that names a material for each face.
 _REGIONS = ".regions.npy"
@@ -33,7 +33,7 @@ def file_digest(path):
 
 
 def url_extension(source):
-    """Return the file ending of a URL (``ply``, ``ply.gz``), or None if it is none."""
+    """Return the file ending of a URL (``ply``, ``ply.gz``), or None if it is not a URL."""
     if not source.startswith(("http://", "https://")):
         return None
     suffixes = PurePosixPath(urlsplit(source).path).suffixes[-2:]
@@ -43,7 +43,7 @@ def url_extension(source):
 
 
 def format_of(path):
-    """Return the ending of a mesh file, without a ``.gz`` behind it, in small letters."""
+    """Return the ending of a mesh file in lower case, without a final ``.gz``."""
     suffixes = [s.lower().removeprefix(".") for s in Path(path).suffixes]
     if suffixes[-1:] == ["gz"]:
         suffixes = suffixes[:-1]
@@ -51,7 +51,7 @@ def format_of(path):
 
 
 def shipped_folder():
-    """Return the folder of the meshes that ship with PyMeshLab, None without it."""
+    """Return the folder of the meshes that ship with PyMeshLab; None if it is not installed."""
     spec = find_spec("pymeshlab")
     if spec is None or not spec.submodule_search_locations:
         return None
@@ -59,12 +59,12 @@ def shipped_folder():
 
 
 def source_path(source):
-    """Return the file of a source, None for a URL and a closed form.
+    """Return the file of a source; None for a URL or a closed form.
 
     Raises
     ------
     PandisError
-        It is in no package, or there is no such file.
+        The file does not exist, or needs PyMeshLab, which is not installed.
     """
     if source.startswith(ANALYTIC) or url_extension(source):
         return None
@@ -90,14 +90,14 @@ def source_path(source):
 
 
 def source_fault(source):
-    """Say in one sentence what is wrong with a source, as far as can be known before reading it.
+    """Return what is wrong with a source, as far as is known before reading it, in a sentence.
 
     Returns
     -------
     str or None
     """
     if source.startswith(ANALYTIC):
-        return None  # the closed forms are known to the stage
+        return None  # the stage itself checks the names of closed forms
     ending = format_of(urlsplit(source).path if url_extension(source) else source)
     if ending not in FORMATS:
         return (
@@ -115,7 +115,7 @@ def source_fault(source):
 
 
 def regions_file(path):
-    """Return where the array lies that says what each face of a mesh file is made of, if it does.
+    """Return the path of the array that names a material for each face; it need not exist.
 
     ``part.stl.regions.npy`` beside ``part.stl``: `pandis.pipeline.mesh.regions.read_beside`.
     """
@@ -124,7 +124,7 @@ def regions_file(path):
 
 
 def source_files(path):
-    """Return a mesh file and those beside it that it names, as far as they are there.
+    """Return a mesh file and the files beside it that it refers to, as far as they exist.
 
     Its `regions_file` is one of them.
 
@@ -135,7 +135,7 @@ def source_files(path):
     Returns
     -------
     list of Path
-        The mesh's own file first, the others by name.
+        The mesh file first, then the others by name.
     """
     path = Path(path)
     named, seen = [regions_file(path).name, *_named(path)], {path}
@@ -158,13 +158,13 @@ def _named(path):
         data = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
         return reader(data)
     except (OSError, EOFError, ValueError, TypeError, AttributeError):
-        return []  # not whole: the readers will say how
+        return []  # damaged: the readers report how
 
 
 def _of_obj(data):
     lines = re.findall(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", data, re.M)
     names = [line.decode("utf-8", "replace").strip() for line in lines]
-    # one name with spaces, or several: take what is there
+    # one name with spaces, or several names: return both readings
     return [*names, *(word for line in names for word in line.split())]
 
 
@@ -203,12 +203,12 @@ def source_digest(files, digest=file_digest):
 
 
 class SourceDigests:
-    """Digests of sources, remembered by path, size, times and inode: a plan reads no file twice.
+    """Digests of sources, cached by path, size, times and inode: a plan reads no file twice.
 
     Parameters
     ----------
     memory : Path, optional
-        Where they are kept; in the user's cache by default. Lost, it is made anew.
+        File of the digests; in the user's cache by default. A lost file is rebuilt.
     """
 
     def __init__(self, memory=None):
@@ -216,7 +216,7 @@ class SourceDigests:
         self._known, self._changed = None, False
 
     def of(self, source):
-        """Return the digest of a source; an empty text where there is no file to read."""
+        """Return the digest of a source; empty if there is no file to read."""
         try:
             path = source_path(source)
         except PandisError:
@@ -228,7 +228,7 @@ class SourceDigests:
         return digest
 
     def files(self, path):
-        """Return what `source_files` does, without reading a file that has not changed."""
+        """Return the files of `source_files`, without reading files that have not changed."""
         seen, waiting = [Path(path)], [Path(path)]
         if (beside := regions_file(seen[0])).is_file():
             seen.append(beside)
@@ -248,7 +248,7 @@ class SourceDigests:
             except (OSError, ValueError):
                 self._known = {}
         stat = os.stat(path)
-        # the time of the last change of any kind cannot be set back by a copy that keeps times
+        # a copy that preserves times cannot set back the time of the last change of any kind
         stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
         entry = self._known.get(str(path.resolve()))
         if not entry or entry.get("stamp") != stamp:

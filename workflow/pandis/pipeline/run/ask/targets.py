@@ -1,17 +1,19 @@
-"""What a field should achieve, and the physical scale at which it is told."""
+"""Requirements on fields, and the physical scale that they refer to."""
 
 from pydantic import Field, field_validator, model_validator
 
 from pandis.pipeline.run.ask.values import Count, Force, Missed, Options, Positive
 
-#: Metres that an object may have in a device's workspace.
+#: Largest size of an object in a device's workspace, m.
 LARGEST_DEVICE = 10.0
 
 
 class DeviceOptions(Options):
     """Physical scale: how large and how stiff the object is under the device."""
 
-    size: Positive = Field(0.10, description="metres of the mesh's longest side in the workspace")
+    size: Positive = Field(
+        0.10, description="length of the mesh's longest side in the workspace, m"
+    )
     stiffness: Positive = Field(400.0, description="stiffness k of the surface in N/m")
 
     @field_validator("size")
@@ -26,7 +28,7 @@ class DeviceOptions(Options):
 
 
 class GridTarget(Options):
-    """What a field named `…-auto` should achieve."""
+    """Requirements on a field named `…-auto`."""
 
     force_error: Force | None = Field(
         None, description="mean force error on the contact set: written as in `budget`"
@@ -37,7 +39,7 @@ class GridTarget(Options):
     missed: Missed = Field(
         0.005, description="with `force_error`: share of the surface that may lack the force"
     )
-    bytes: Count | None = Field(None, description="bytes that a program holds in memory")
+    bytes: Count | None = Field(None, description="memory that a program needs for it, bytes")
 
     @model_validator(mode="after")
     def _one_target(self):
@@ -47,10 +49,10 @@ class GridTarget(Options):
 
 
 class BudgetOptions(Options):
-    """What the field named `auto` should achieve: the cheapest to build that does is built.
+    """Requirements on the field named `auto`: the cheapest to build that meets them is built.
 
     Errors are those of the contact set: points down to 0.04 below the surface, or to nine tenths of
-    the largest ball inside that touches it there.
+    the radius of the largest ball inside that touches it there.
     """
 
     force_error: Force | None = Field(
@@ -69,4 +71,4 @@ class BudgetOptions(Options):
         description="median time of one query, in seconds, as listed in `config/query-times.csv` "
         "(`snakemake -j1 -f calibrate` measures that table on your machine)",
     )
-    bytes: Count | None = Field(None, description="bytes that a program holds in memory")
+    bytes: Count | None = Field(None, description="memory that a program needs for it, bytes")

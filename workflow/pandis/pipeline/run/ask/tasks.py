@@ -1,9 +1,9 @@
-"""What each stage is asked: the models of `job.options`.
+"""The options of each stage: the models of `job.options`.
 
-The plan fills one for every job out of the configuration, Snakemake carries it as plain values, and
-the stage's script names its model and gets it back. A model holds what makes its stage stale when
-it changes, and nothing else. Like those of the configuration it names and checks values and does
-nothing with them, so that it is no part of a stage's code.
+The plan fills one for every job from the configuration, Snakemake passes it on as plain values, and
+the stage's script turns them back into its model. A model contains exactly the values that make its
+stage stale when they change. Like the models of the configuration, it only names and checks values,
+so it does not count as a part of a stage's code.
 """
 
 from typing import Annotated, Literal
@@ -42,13 +42,13 @@ class MeshTask(MeshOptions):
 
 
 class RefuseTask(Options):
-    """Say why a mesh cannot be built."""
+    """Report why a mesh cannot be built."""
 
     why: str
 
 
 class SampleTask(SampleOptions):
-    """Draw and label the points that a mesh is learnt from."""
+    """Draw and label the training points of a mesh."""
 
     seed: int
 
@@ -79,24 +79,24 @@ class ExportNativeTask(NativeOptions):
 
 
 class ExportMeshTask(Options):
-    """Write the repaired mesh for other programs: nothing is asked."""
+    """Write the repaired mesh for other programs: there are no options."""
 
 
 class ExportMjcfTask(Options):
-    """Write a model for MuJoCo with the exported fields of a mesh; its longest side, m."""
+    """Write a MuJoCo model with the exported fields of a mesh; ``size`` is its longest side, m."""
 
     size: float
     fields: list[str]
 
 
 class ExportNewtonTask(Options):
-    """Write a mesh's distances for Newton's cache; its longest side, m."""
+    """Write a mesh's distances for Newton's cache; ``size`` is its longest side, m."""
 
     size: float
 
 
 class ExportPageTask(DeviceOptions):
-    """Put the exported fields of a mesh on a page; at first with the device's scale."""
+    """Put the exported fields of a mesh on a page, initially at the device's scale."""
 
     fields: list[str]
 
@@ -114,7 +114,7 @@ class TrajectoryTask(TrajectoryOptions):
 
 
 class EvaluateTask(EvaluationOptions, DeviceOptions):
-    """Compare the fields with the exact one; with several paths, of this kind of trajectory."""
+    """Compare the fields with the exact one; ``trajectory`` is for drawing several paths."""
 
     fields: list[str]
     trajectory: TrajectoryOptions | None
@@ -122,7 +122,7 @@ class EvaluateTask(EvaluationOptions, DeviceOptions):
 
 
 class StressTask(StressOptions, DeviceOptions):
-    """Put the fields under a device and a hand, and, if asked for, a proxy between them."""
+    """Test the fields with a device and a hand and, with ``proxies``, through a proxy."""
 
     fields: list[str]
     proxies: bool
@@ -130,13 +130,13 @@ class StressTask(StressOptions, DeviceOptions):
 
 
 class TimingTask(TimingOptions):
-    """Time the fields; some are asked in Python."""
+    """Time the fields, those of ``in_python`` from Python."""
 
     in_python: list[str]
 
 
 class HandOptions(Options):
-    """The hand that holds a simulated device: N/m, Ns/m, N, and ticks that a force comes late."""
+    """The hand that holds a simulated device: N/m, Ns/m, N, and ticks by which a force is late."""
 
     stiffness: float
     damping: float
@@ -154,9 +154,9 @@ class ValidateTask(HardwareOptions, DeviceOptions):
 
 
 class PlacedObject(Options):
-    """An object of a scene: metres, degrees about the axis, N/m.
+    """An object of a scene: m, rotation vector in degrees, N/m.
 
-    ``beside`` is a field of the same mesh that says which material a place is made of.
+    ``beside`` is a field of the same mesh that knows the material at a place.
     """
 
     name: str
@@ -171,7 +171,7 @@ class PlacedObject(Options):
 
 
 class SceneTask(Options):
-    """Walk through a scene; m/s."""
+    """Walk through a scene; ``speed`` in m/s, ``radius`` in m."""
 
     objects: list[PlacedObject]
     ticks: int
@@ -180,19 +180,19 @@ class SceneTask(Options):
 
 
 class SummaryTask(Options):
-    """Collect the rows, or the page, of all meshes: their fields by name."""
+    """Collect the rows, or the page, of all meshes; ``fields`` are by mesh."""
 
     fields: dict[str, list[str]]
 
 
 class CalibrateTask(Options):
-    """Time every kind of field; the table's place."""
+    """Time every kind of field; ``table`` is the path of the table."""
 
     table: str
 
 
 class VerifyTask(Options):
-    """Check the whole chain of results against these files, if no object store has the results."""
+    """Check the whole chain of results against these files, unless an object store has them."""
 
     configfiles: list[str]
     store: str = ""

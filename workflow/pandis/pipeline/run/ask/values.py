@@ -1,4 +1,4 @@
-"""Kinds of values that options take, and the base of all models of options."""
+"""Types of option values, and the base of all models of options."""
 
 from typing import Annotated
 
@@ -12,7 +12,7 @@ Angle = Annotated[float, Field(ge=-360, le=360)]
 
 
 def _amount(value):
-    """Check an amount of force, and keep it as the user wrote it."""
+    """Check an amount of force, and return it as the user wrote it."""
     amount(value)
     return value
 

@@ -1,1 +1,1 @@
-"""What surrounds the jobs: processes, schedulers, the end of a run."""
+"""Processes, schedulers and the end of a run."""

@@ -1,4 +1,4 @@
-"""How a run ends: what it says, and the report of the meshes that are whole, if others failed."""
+"""The end of a run: its last message, and a report of the complete meshes if others failed."""
 
 import json
 import os
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def farewell(plan):
-    """Return what a successful run prints at its end."""
+    """Return the last message of a successful run."""
     if plan.store:
         return f"\nThe results are in {_place(plan)}/"
     if plan.scenes:
@@ -23,44 +23,44 @@ def farewell(plan):
 
 
 def condolence(plan):
-    """Return what a failed run prints at its end."""
+    """Return the last message of a failed run."""
     return (
         "\nA job failed or was stopped; its message is above, after 'error:' or in a traceback.\n"
         f"All logs are in    {_place(plan)}/logs/\n"
-        "Other meshes went on. Fix the cause and run the same command again: only what is "
-        "missing or stale will run."
+        "Other meshes went on. Fix the cause and run the same command again: only missing or stale "
+        "results will be made."
     )
 
 
 def _place(plan):
-    """Return where the results lie: a folder, or one in an object store."""
+    """Return the folder of the results, which may be in an object store."""
     return f"{plan.store.rstrip('/')}/{plan.folder}" if plan.store else plan.folder
 
 
 def partial_note(plan):
-    """Path of the list of meshes that the report leaves out; there while it does."""
+    """Return the path of the list of meshes missing from the report; it exists while any are."""
     return Path(plan.folder) / "refused.json"
 
 
 def forget_partial_report(plan):
-    """See to it that a report that leaves meshes out is made anew, however it was copied."""
+    """Make sure that a report without all meshes is rebuilt, whatever its times after a copy."""
     if partial_note(plan).is_file():
         for path in (plan.report, plan.summary):
             if Path(path).is_file():
-                os.utime(path, (1, 1))  # older than everything that it is made from
+                os.utime(path, (1, 1))  # older than all its inputs
 
 
 def partial_report(plan, workflow):
-    """Write the report and the summary of the meshes that are whole, after a failed run.
+    """Write the report and the summary of the complete meshes, after a failed run.
 
-    In a process of its own, for planning loads no numerics. What is written is no result of
-    Snakemake's: it is older than all its inputs, and its records go.
+    This runs in a separate process, because planning loads no numerics. For Snakemake the files are
+    not results: they are dated older than all their inputs, and their records are deleted.
 
     Parameters
     ----------
     workflow : snakemake.workflow.Workflow
-        Whose run has failed; only if it would have made the report, nobody stopped it, and the
-        results lie in files.
+        The workflow whose run failed. Nothing is written if it would not have made the report, if
+        it was stopped, or if the results are not local files.
     """
     if plan.store:
         return

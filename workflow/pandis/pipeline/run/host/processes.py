@@ -1,7 +1,6 @@
-"""Work of Python's own on several processes, for it holds Python's lock.
+"""Runs Python code in several processes, because of the GIL.
 
-Each process is forked from its parent and has all that its parent had: nothing is sent to it but
-which piece of the work it shall do.
+Each process is forked and so shares its parent's data: only the index of an item is sent to it.
 """
 
 import ctypes
@@ -18,13 +17,13 @@ _TASK = {}
 
 
 def each(work, items, count):
-    """Yield ``work(item)`` for every item, in order, as many at a time as ``count``.
+    """Yield ``work(item)`` for every item, in order, with ``count`` at a time.
 
     Parameters
     ----------
     work : callable
-        What it returns is sent back. Native code that it calls runs on one thread, unless there is
-        one process: then nothing is forked.
+        Its return value is sent back. Native code that it calls runs on one thread, unless there is
+        only one process: then nothing is forked.
     items : sequence
     count : int
         Processes.
@@ -38,17 +37,17 @@ def each(work, items, count):
             yield from pool.map(_do, range(len(items)))
         except BrokenProcessPool as error:
             raise PandisError(
-                "a process of this stage was killed, perhaps for want of memory; run the same "
+                "a process of this stage was killed, perhaps because memory ran out; run the same "
                 "command again, with one thread if memory is short (-j1)"
             ) from error
         except BaseException:
             for process in active_children():
-                process.kill()  # or the pool would wait for what they are at
+                process.kill()  # or the pool would wait for their current items
             raise
 
 
 def _begin(work, items):
-    """Leave it to the parent to answer an interrupt, and end with it, however it ends."""
+    """Let the parent handle interrupts, and make this process end with it, however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with suppress(OSError, AttributeError):

@@ -1,6 +1,6 @@
-"""What Snakemake's scheduler does of itself, and should not."""
+"""Corrects the default behaviour of Snakemake's scheduler."""
 
-#: Snakemake's own limit: jobs in so many seconds.
+#: Snakemake's default limit: jobs, and the seconds in which they may start.
 _DEFAULT = (100, 1)
 
 
@@ -9,9 +9,8 @@ def wait_for_jobs(workflow):
 
     By default Snakemake 9.27 starts at most a hundred jobs per second. Each time it looks for jobs
     it also sets a timer to look again a second later, so every job that ends adds one look per
-    second for the rest of the run. With hundreds of jobs, looking takes a core of its own and
-    starts none sooner. A limit other than the default (``--max-jobs-per-timespan``) is left as it
-    is.
+    second for the rest of the run. With hundreds of jobs, looking occupies a whole core and starts
+    none of them sooner. A limit other than the default (``--max-jobs-per-timespan``) is kept.
     """
     limit = workflow.scheduling_settings.max_jobs_per_timespan
     if limit is not None and (limit.max_jobs, limit.timespan) == _DEFAULT:

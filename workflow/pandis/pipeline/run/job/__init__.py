@@ -1,1 +1,1 @@
-"""What a running script needs: options, artifacts, limits, provenance."""
+"""Support for running scripts: options, artifacts, limits, provenance."""

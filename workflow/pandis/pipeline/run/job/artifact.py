@@ -1,13 +1,13 @@
-"""How a result is stored: one deterministic ``*.zarr.zip`` file, atomic, checked on read.
+"""Storage of results: one deterministic ``*.zarr.zip`` file, written atomically, checked on read.
 
 The file is a zarr 3 group packed as an uncompressed zip (the chunks are
 compressed by zarr's Blosc codec), so any zarr reader opens it
 with ``zarr.open_group(zarr.storage.ZipStore(path, mode="r"))``. On top of zarr:
 
-- entries have a fixed order, stamps and modes: same content, same bytes;
+- entries have a fixed order, timestamps and modes: same content, same bytes;
 - the zip comment is the SHA-256 of everything before it, so that no flipped
   bit, not even in an unused header field, goes unnoticed;
-- the group's attributes name the kind of artifact, the digest of every array
+- the group's attributes contain the kind of artifact, the digest of every array
   and the provenance (see `pandis.pipeline.run.job.provenance`).
 """
 
@@ -34,7 +34,7 @@ _CHUNK_BYTES = 1 << 22
 
 @dataclass(frozen=True)
 class Artifact:
-    """A result that was read and found whole.
+    """A result that was read and passed all checks.
 
     Attributes
     ----------
@@ -43,9 +43,9 @@ class Artifact:
         ``mesh``, ``samples``, ``model``, ``grid``, …
     arrays : dict of str to ndarray
     attributes : dict
-        Everything the stage had to say beside the arrays.
+        Everything that the stage stores besides the arrays.
     provenance : dict
-        Why the artifact is current: options, code, inputs, versions.
+        Options, code, inputs and versions that made the artifact.
     digest : str
         SHA-256 of kind, arrays and attributes; provenance excluded.
     """
@@ -70,13 +70,13 @@ def array_digest(name, array):
 
 
 def content_digest(kind, digests, attributes):
-    """Return the SHA-256 that identifies an artifact's content, whatever made it."""
+    """Return the SHA-256 that identifies an artifact's content, independent of provenance."""
     text = json.dumps([SCHEMA, kind, digests, attributes], sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
-    """Write an artifact; it exists under ``path`` only once it is whole and on disk.
+    """Write an artifact; it appears under ``path`` only once it is complete and on disk.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
     provenance : dict
         From `pandis.pipeline.run.job.provenance.provenance`.
     chunks : mapping of str to tuple of int, optional
-        Chunk shape of the arrays that do not want the default (4 MB along the first axis).
+        Chunk shapes of arrays that differ from the default (4 MB along the first axis).
 
     Returns
     -------
@@ -99,7 +99,7 @@ def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
     Raises
     ------
     PandisError
-        The disk is full or the folder cannot be written. No partial file is left.
+        The disk is full or the folder is not writable. No partial file is left.
     """
     with ArtifactWriter(path, kind) as writer:
         for name in sorted(arrays):
@@ -110,10 +110,10 @@ def write_artifact(path, kind, arrays, attributes, provenance, chunks=None):
 
 
 class ArtifactWriter:
-    """Writes an artifact piece by piece, so that no array has to be whole in memory.
+    """Writes an artifact piece by piece, so that no array has to fit in memory.
 
-    ``with ArtifactWriter(path, kind) as writer:`` and in it `declare` and `append` for every
-    array, at last `finish`. What was not finished leaves no file. Raises as `write_artifact`.
+    Use it as ``with ArtifactWriter(path, kind) as writer:``. Call `declare` and `append` for every
+    array, then `finish`; without `finish` no file is left. Raises the errors of `write_artifact`.
     """
 
     def __init__(self, path, kind):
@@ -131,13 +131,13 @@ class ArtifactWriter:
         return self
 
     def __exit__(self, kind, error, traceback):
-        self._zip.close = lambda: None  # what is unfinished needs no directory
+        self._zip.close = lambda: None  # an unfinished zip needs no directory
         self._file.discard()
         if isinstance(error, OSError):
             raise self._file.explain(error) from error
 
     def declare(self, name, shape, dtype, chunks=None, fill=0):
-        """Announce an array. Chunks that hold ``fill`` only are not stored."""
+        """Declare an array. Chunks that contain only ``fill`` are not stored."""
         from zarr.codecs import BloscCodec
 
         shape, dtype = tuple(shape), np.dtype(dtype).newbyteorder("<")
@@ -149,7 +149,7 @@ class ArtifactWriter:
             shape=shape,
             dtype=dtype,
             chunks=tuple(max(1, n) for n in chunks[: len(shape)]),
-            # bytes of equal weight side by side: a fifth less for smooth fields
+            # shuffling bytes makes smooth fields a fifth smaller
             compressors=[BloscCodec(cname="zstd", clevel=5, shuffle="shuffle")],
             fill_value=fill,
         )
@@ -182,7 +182,7 @@ class ArtifactWriter:
         return None
 
     def finish(self, attributes, provenance):
-        """Put the artifact in its place; return its content digest."""
+        """Complete the artifact and move it into place; return its content digest."""
         for name, growing in self._arrays.items():
             if growing.done != growing.total:
                 raise ValueError(f"{name}: {growing.done} of {growing.total} rows were written")
@@ -206,7 +206,7 @@ class ArtifactWriter:
         return digest
 
     def _drain(self, metadata=False):
-        """Move what zarr has encoded from its store into the zip."""
+        """Move the entries that zarr has encoded from its store into the zip."""
         entries = self._store._store_dict
         for key in sorted(k for k in entries if metadata or not k.endswith("zarr.json")):
             info = zipfile.ZipInfo(key, _STAMP)
@@ -216,7 +216,7 @@ class ArtifactWriter:
 
 
 class _Growing:
-    """An array of which rows are still to come."""
+    """An array that is being written row by row."""
 
     def __init__(self, stored, digest):
         self.stored, self.digest = stored, digest
@@ -225,7 +225,7 @@ class _Growing:
 
 
 class _AtomicFile:
-    """A file that appears under its name in one step: all of it, or nothing."""
+    """A file that appears under its name in one step, completely or not at all."""
 
     def __init__(self, path):
         self.path = Path(path)
@@ -233,7 +233,7 @@ class _AtomicFile:
         self.stream = None
 
     def open(self):
-        """Return the stream to write to."""
+        """Open a temporary file and return the stream to write to."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.stream = self.part.open("w+b")
@@ -242,7 +242,7 @@ class _AtomicFile:
         return self.stream
 
     def seal(self):
-        """Replace the comment at the end by the checksum of all before it."""
+        """Replace the comment at the end with the checksum of everything before it."""
         self.stream.flush()
         left = self.stream.seek(0, os.SEEK_END) - _COMMENT
         self.stream.seek(0)
@@ -255,7 +255,7 @@ class _AtomicFile:
         self.stream.write(_MARK + digest.hexdigest().encode())
 
     def keep(self):
-        """Put the file in its place once it is on disk."""
+        """Move the file into place once it is on disk."""
         self.stream.flush()
         os.fsync(self.stream.fileno())
         self.stream.close()
@@ -267,14 +267,14 @@ class _AtomicFile:
             os.close(folder)
 
     def discard(self):
-        """Remove what is not kept."""
+        """Remove the temporary file, if there is one."""
         if self.stream and not self.stream.closed:
-            with suppress(OSError):  # closing flushes: a full disk is full once more
+            with suppress(OSError):  # closing flushes, which fails again on a full disk
                 self.stream.close()
         self.part.unlink(missing_ok=True)
 
     def explain(self, error):
-        """Return the error in words that say what to do."""
+        """Return a PandisError that says what to do about an error."""
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         return PandisError(
             f"{self.path}: cannot write: {error.strerror or error}; "
@@ -284,12 +284,12 @@ class _AtomicFile:
 
 
 def write_atomically(path, data):
-    """Put ``data`` (bytes) under ``path`` in one step: all of it, or nothing.
+    """Write ``data`` (bytes) to ``path`` in one step, completely or not at all.
 
     Raises
     ------
     PandisError
-        The disk is full or the folder cannot be written.
+        The disk is full or the folder is not writable.
     """
     file = _AtomicFile(path)
     try:
@@ -308,12 +308,12 @@ def read_artifact(path, kind=None):
     ----------
     path : path-like
     kind : str, optional
-        What it must be.
+        Required kind.
 
     Raises
     ------
     ArtifactError
-        Missing, truncated, damaged, or of another kind or schema.
+        The file is missing, truncated or damaged, or has another kind or schema.
     """
     path = Path(path)
     check_seal(path)
@@ -347,18 +347,18 @@ def _damaged(path, what):
 
 
 def seal_zip(data):
-    """Return the bytes of a zip file that has no comment with the seal of artifacts in it."""
+    """Seal a zip file (bytes) that has no comment, as artifacts are sealed; return its bytes."""
     sealed = data[:-2] + _COMMENT.to_bytes(2, "little")
     return sealed + _MARK + hashlib.sha256(sealed).hexdigest().encode()
 
 
 def check_seal(path):
-    """Refuse a zip file whose comment is not the checksum of all before it.
+    """Refuse a zip file whose comment is not the checksum of everything before it.
 
     Raises
     ------
     ArtifactError
-        It is missing or damaged.
+        The file is missing or damaged.
     """
     if not path.is_file():
         raise ArtifactError(f"{path}: missing; build it with: snakemake -j2 {path}")

@@ -1,7 +1,7 @@
-"""A stage ends by itself: nothing runs for ever, or takes all of a machine's memory, in silence.
+"""Limits of a stage's time and memory: it ends with a message instead of running forever.
 
-A rule states its minutes and its memory for clusters; here they hold, too. Most parts of a stage
-have limits of their own, which say more; this is what is left where one has none.
+Rules state minutes and memory for clusters; here the same limits apply. Most parts of a stage have
+more specific limits with better messages. These limits catch the rest.
 """
 
 import faulthandler
@@ -10,9 +10,9 @@ import threading
 import time
 from contextlib import contextmanager
 
-#: Seconds between two looks at the memory.
+#: Seconds between checks of time and memory.
 _EVERY = 1.0
-#: Seconds after the time is up in which a stage may still say so itself.
+#: Seconds after the time limit for a stage to report it itself.
 _GRACE = 20.0
 
 
@@ -27,9 +27,9 @@ def limited(name, minutes, megabytes, say, file):
     minutes, megabytes : float or None
         None: no limit.
     say : callable
-        Takes the line that says which limit was exceeded and what to do.
+        Receives a line that names the exceeded limit and says what to do.
     file : file object
-        Gets a traceback if the process can no longer report anything itself.
+        Receives a traceback if the process can no longer report anything itself.
     """
     over = threading.Event()
     start = time.monotonic()
@@ -41,7 +41,7 @@ def limited(name, minutes, megabytes, say, file):
                 say(reason)
                 os._exit(1)
 
-    if minutes:  # in C, whatever holds Python's lock
+    if minutes:  # in C: works even while other code holds the GIL
         faulthandler.dump_traceback_later(60 * minutes + _GRACE, exit=True, file=file)
     watcher = threading.Thread(target=look, daemon=True)
     watcher.start()
@@ -53,24 +53,23 @@ def limited(name, minutes, megabytes, say, file):
 
 
 def _beyond(name, minutes, megabytes, seconds):
-    """Say which limit is passed; an empty text if none is."""
+    """Return a message about the exceeded limit; empty if there is none."""
     if minutes and seconds > 60 * minutes:
         return (
             f"it has taken more than its {minutes:g} minutes; give it more with "
-            f"--set-resources {name}:runtime={2 * minutes:g}, or reduce what it is asked"
+            f"--set-resources {name}:runtime={2 * minutes:g}, or reduce its work"
         )
     used = resident_megabytes()
     if megabytes and used > megabytes:
         return (
             f"it has taken {used:,.0f} MB of memory, and {megabytes:,.0f} are allowed; give it "
-            f"more with --set-resources {name}:mem_mb={round(2 * used, -3):.0f}, or reduce what it "
-            "is asked"
+            f"more with --set-resources {name}:mem_mb={round(2 * used, -3):.0f}, or reduce its work"
         )
     return ""
 
 
 def resident_megabytes():
-    """Return the memory that this process uses (MB), 0 if the system does not report it."""
+    """Return the resident memory of this process (MB); 0 if the system does not report it."""
     try:
         with open("/proc/self/statm", encoding="ascii") as stream:
             return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

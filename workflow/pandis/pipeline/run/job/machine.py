@@ -1,4 +1,4 @@
-"""What machine this is, for results that do not reproduce and say so."""
+"""Description of this machine, for results that are marked as not reproducible."""
 
 import os
 import platform
@@ -23,7 +23,7 @@ def describe():
 
 
 def governor():
-    """Return how the first core chooses its frequency; None where the system does not say."""
+    """Return the frequency governor of the first core; None if the system does not report it."""
     path = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
     try:
         return path.read_text(encoding="utf-8").strip()

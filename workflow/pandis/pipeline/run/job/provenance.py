@@ -1,11 +1,11 @@
-"""Why a result is current: the code, options, inputs and versions that made it.
+"""Provenance of a result: the code, options, inputs and versions that made it.
 
-Snakemake tracks a script by its modification time and an imported module not
+Snakemake tracks a script by its modification time, and an imported module not
 at all. Here every rule gets a ``code`` param instead: a digest of its script
-and of all library modules that it imports, directly or through others, C included.
+and of all library modules that it imports, directly or indirectly, C included.
 Comments, docstrings, annotations of signatures and formatting do not count. The
-same facts are stored inside each artifact, so that `verify` can judge a folder of
-results alone.
+same facts are stored inside each artifact, so that `verify` needs only the
+folder of results.
 """
 
 import ast
@@ -24,23 +24,24 @@ from pandis.pipeline.run.ask.catalogue import known_field
 from pandis.pipeline.run.ask.kind import AUTO
 from pandis.pipeline.run.ask.kinds import KINDS
 
-#: Files beside a package's modules that are a part of it: templates; sources in C, and with them
-#: what they include.
+#: Suffixes of files that belong to a package besides its modules: templates, and C sources, which
+#: are digested together with the files they include.
 _DATA, _SOURCES = {".html", ".css", ".js"}, {".c", ".cpp"}
 
-#: Packages that are installed under another name than they are imported by.
+#: Distribution names of packages that are imported under another name.
 DISTRIBUTIONS = {
     "igl": "libigl", "mujoco": "mujoco-core", "yaml": "PyYAML", "skimage": "scikit-image",
     "warp": "warp-lang",
 }  # fmt: skip
-#: What does nothing to a result: ourselves, who are digested, and what only names shapes.
+#: Packages whose versions do not count: pandis itself, which is digested, and those that do not
+#: affect results.
 _NOTHING = {"pandis", "snakemake", "jaxtyping", ""}
 #: Python is recorded as major.minor: patch releases do not change results.
 _PYTHON = "python"
 
 
-#: Models of options: they name and check values, and what they let through reaches a stage as its
-#: options, which are compared themselves.
+#: Models of options are not digested. They only name and check values; the values themselves reach
+#: a stage as its options, which are compared.
 _MODELS = tuple(
     f"pandis.pipeline.run.ask.{name}"
     for name in ("options", "recipes", "targets", "tasks", "values")
@@ -52,29 +53,29 @@ _CHOSEN = tuple(name for name, kind in KINDS.items() if kind.chosen)
 
 
 class Needs(NamedTuple):
-    """What of its code a stage needs with some options.
+    """The part of its code that a stage needs with certain options.
 
     Attributes
     ----------
     kinds : tuple of str
         Kinds of fields whose modules it loads by `pandis.pipeline.run.ask.kinds.kind_module`.
     unused : tuple of str
-        Modules that it imports, but never runs.
+        Modules that it imports but never runs.
     """
 
     kinds: tuple[str, ...] = tuple(KINDS)
     unused: tuple[str, ...] = ()
 
 
-#: What a stage needs at most.
+#: The most that a stage can need.
 EVERYTHING = Needs()
 
 
 def needs(options):
     """Return the `Needs` of a stage with these options.
 
-    Left out are kinds that no field is of which it asks; the search of a size that is given; and
-    what else its kinds say that they never run.
+    They leave out kinds of which the stage uses no field, the search for a size that is given, and
+    modules that its kinds report as unused.
     """
     kinds, unused = _kinds(options), []
     if options.get("kind") in KINDS and "target" not in options:
@@ -85,7 +86,7 @@ def needs(options):
 
 
 def _kinds(options):
-    """Return the kinds of the fields that a stage builds, exports, or asks without their files."""
+    """Return the kinds of fields that a stage builds, exports, or queries without their files."""
     if options.get("kind") in KINDS:
         return (options["kind"],)
     specs = []
@@ -97,7 +98,7 @@ def _kinds(options):
         value = options.get(key, ())
         lists = value.values() if isinstance(value, dict) else [value]
         names = [name for names in lists for name in names]
-        # what has a file is answered by that
+        # a field with a file is answered from it
         specs += [s for s in map(known_field, names) if not s.native]
     specs += [spec.through for spec in specs if spec.through]
     if any(spec.kind == AUTO for spec in specs):
@@ -111,7 +112,7 @@ class CodeDigests:
     Parameters
     ----------
     root : path-like
-        The folder that holds the package ``pandis`` (``workflow/``).
+        The folder that contains the package ``pandis`` (``workflow/``).
     scripts : path-like, optional
         The folder of the scripts; ``root/../scripts`` by default.
     """
@@ -160,7 +161,7 @@ class CodeDigests:
         self._packages[module] = set(facts["packages"])
         self._parts[module] = facts["parts"]
         if path.name == "__init__.py":
-            # templates and the like belong to the package they lie in
+            # templates and sources belong to the package whose folder they are in
             files = [f for f in path.parent.iterdir() if not f.name.startswith(".")]
             digests = {
                 f.name: hashlib.sha256(f.read_bytes()).hexdigest()
@@ -176,8 +177,8 @@ class CodeDigests:
     def _resolve(self, name):
         """Return the modules that ``import name`` runs: the module and its packages.
 
-        But for ``pandis`` itself, which holds the version and a way in for users, and nothing that
-        a stage runs; and for the models of options.
+        Left out are the models of options, and ``pandis`` itself, which contains only the version
+        and an entry point for users: no stage runs it.
         """
         if name.startswith(_MODELS):
             return []
@@ -190,13 +191,13 @@ class CodeDigests:
             elif base.with_suffix(".py").is_file():
                 self._load(module, base.with_suffix(".py"), package=".".join(parts[: depth - 1]))
             else:
-                break  # a name inside the module, or no module of ours
+                break  # a name inside the module, or not one of our modules
             modules.append(module)
         return modules
 
 
 def package_version(name):
-    """Return the version of what ``import name`` imports; ``absent`` if it is not installed."""
+    """Return the version of an imported package; ``absent`` if it is not installed."""
     try:
         return metadata.version(DISTRIBUTIONS.get(name, name))
     except metadata.PackageNotFoundError:
@@ -210,10 +211,10 @@ def combine(digests):
 
 
 def _facts(source, package):
-    """Return the digest of a module's source, its imports of ``pandis``, and others' packages.
+    """Return a module's digest, its imports of ``pandis``, and its third-party packages.
 
-    Parsing takes a third of a second for a stage, in every job and at every planning: what is known
-    of a text is kept in the user's cache, under the text's digest.
+    Parsing takes a third of a second per stage, in every job and every planning. So the facts are
+    stored in the user's cache, under the digest of the text.
     """
 
     def facts():
@@ -229,7 +230,7 @@ def _facts(source, package):
 
 
 def _tree_digest(tree):
-    """Digest what the code does: unparsed source without comments, docstrings, and annotations.
+    """Digest the code: unparsed source without comments, docstrings and annotations.
 
     `ast.unparse` gives the same text on Python 3.11 to 3.13; `ast.dump` does not.
     """
@@ -245,7 +246,7 @@ def _tree_digest(tree):
 
 
 def _imported(tree, package):
-    """Yield the dotted names of ``pandis`` that a module imports, wherever it does."""
+    """Yield the dotted names of ``pandis`` that a module imports, anywhere in its code."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -261,14 +262,14 @@ def _imported(tree, package):
 
 
 def _parts(tree):
-    """Yield the names of modules that a module loads of kinds: of `kind_module` the last word."""
+    """Yield the names of kinds' modules that a module loads: second arguments of `kind_module`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "kind_module":
             yield node.args[1].value
 
 
 def _foreign(tree):
-    """Yield the names of the packages of others that a module imports, wherever it does."""
+    """Yield the names of third-party packages that a module imports, anywhere in its code."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -301,7 +302,7 @@ def versions(modules):
 
 @cache
 def compiler_version():
-    """Return what the C compiler calls itself; an empty text without one."""
+    """Return the version line of the C compiler; empty if there is none."""
     compiler = find_compiler()
     if compiler is None:
         return ""
@@ -310,21 +311,21 @@ def compiler_version():
 
 
 def provenance(stage, wildcards, options, modules, inputs):
-    """Assemble an artifact's provenance. It holds no time, host or path of the machine.
+    """Assemble an artifact's provenance, without time, host or paths of the machine.
 
     Parameters
     ----------
     stage : str
         Name of the rule and its script.
     wildcards : dict of str to str
-        Which of the stage's outputs this is.
+        Wildcards that identify this output among those of the stage.
     options : dict
         The options that the stage was given.
     modules : dict of str to str
         From `CodeDigests.modules`.
     inputs : dict of str to str
-        Content digest of each input file, by its path relative to the working directory; below the
-        folder of results it begins with `pandis.pipeline.run.job.stored.RESULTS`.
+        Content digest of each input file, by its path relative to the working directory. Paths in
+        the results folder begin with `pandis.pipeline.run.job.stored.RESULTS`.
     """
     return {
         "stage": stage,

@@ -1,8 +1,8 @@
-"""How a script runs: its log, its errors, its threads, its progress, its one artifact.
+"""Runs a script as a stage: its log, errors, threads, progress and artifact.
 
-Every script is ``with stage(snakemake, Task) as job:``, with the model of what it is
-asked, around a few calls of the library. What is written to the job's log also appears
-on the terminal, except errors: Snakemake prints the log of a failed job itself, if it is a file.
+Every script is ``with stage(snakemake, Task) as job:`` around a few calls of the library; ``Task``
+is the model of its options. The job's log also appears on the terminal, except for errors:
+Snakemake prints the log of a failed job itself, if it is a file.
 """
 
 import hashlib
@@ -33,11 +33,11 @@ from pandis.pipeline.run.job.stored import RESULTS, is_copy, original
 
 PROGRESS_SECONDS = 5.0
 CHANGED = "the code was changed after this run was planned; run the same command again"
-#: What a job that was stopped says.
-INTERRUPTED = "interrupted; run the same command again to go on: what was finished stays"
+#: Message of a job that was stopped.
+INTERRUPTED = "interrupted; run the same command again to go on: finished work is kept"
 
 
-#: How many threads a BLAS takes that is loaded later, or in a process that a stage starts.
+#: Variables for the threads of a BLAS that is loaded later, or in a process that a stage starts.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
 
 
@@ -52,7 +52,7 @@ def stage(snakemake, task):
     Parameters
     ----------
     snakemake : object
-        What Snakemake injects into a script.
+        The object that Snakemake injects into a script.
     task : type
         Model of this stage's options, from `pandis.pipeline.run.ask.tasks`.
 
@@ -62,14 +62,13 @@ def stage(snakemake, task):
 
     Notes
     -----
-    A `PandisError` ends the process with its message alone, any other
-    exception with its traceback; both go to the stage's log, which Snakemake shows unless it goes
-    to an object store.
+    A `PandisError` ends the process with only its message, any other exception with its traceback.
+    Both go to the stage's log, which Snakemake shows unless the log goes to an object store.
     """
     job = Job(snakemake, task)
     signal.signal(signal.SIGTERM, _interrupt)
     os.environ["IGL_NUM_THREADS"] = str(snakemake.threads)
-    # a BLAS adds in an order that depends on its threads, and Snakemake gives it the job's
+    # a BLAS adds in an order that depends on its threads, which Snakemake sets to the job's
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     warnings.showwarning = lambda message, category, *_: job.log(f"warning: {message}")
     resources = snakemake.resources
@@ -97,7 +96,7 @@ def stage(snakemake, task):
     except BaseException:
         job.log(traceback.format_exc(), terminal=is_copy(snakemake.log[0]))
         job.close()
-        # the traceback stands in the log, and Snakemake shows that: not twice
+        # not raised again: Snakemake shows the log, which contains the traceback
         sys.exit(1)
     job.log("done")
     job.close()
@@ -108,11 +107,11 @@ class Job:
 
     def __init__(self, snakemake, task):
         self._snakemake = snakemake
-        # the script's name, as another workflow may give the rule another one
+        # the name of the script, as another workflow may rename the rule
         self.stage = Path(sys.modules["__main__"].__file__).stem
         self.mesh = snakemake.wildcards.get("mesh")
         self._params, self._task = dict(snakemake.params.options), task
-        #: What the stage is asked, as its model: from `check_code` on.
+        #: The stage's options as its model; set by `check_code`.
         self.options = None
         self.threads = snakemake.threads
         self.input = snakemake.input
@@ -122,7 +121,7 @@ class Job:
         #: SHA-256 of the source set, for the stage that reads one.
         self.source = snakemake.params.get("source", "")
         self._inputs = {}
-        #: The folder of results: that of the logs.
+        #: The results folder, which contains the logs.
         self._folder = original(snakemake.log[0]).rpartition("/logs/")[0]
         self._start = time.monotonic()
         path = Path(snakemake.log[0])
@@ -147,7 +146,7 @@ class Job:
         self._log.close()
 
     def check_code(self):
-        """Refuse to run with other code than the plan has digested."""
+        """Refuse to run if the code differs from what was planned; set the options."""
         here = Path(__file__).resolve().parents[3]
         expected = self.workflow() / "pandis"
         if here != expected:
@@ -155,7 +154,7 @@ class Job:
                 f"the library was imported from {here}, but this workflow's is {expected}; "
                 "uninstall the other one: pip uninstall pandis-fields"
             )
-        # digested now, while it is what this process has imported
+        # digest now, while the files are still those that this process has imported
         self._modules = CodeDigests(self.workflow()).modules(self.stage, needs(self._params))
         if combine(self._modules) != self._snakemake.params.code:
             raise PandisError(CHANGED)
@@ -165,10 +164,10 @@ class Job:
             raise PandisError(f"{CHANGED} ({error})") from error
 
     def checkpoint(self):
-        """Return where an unfinished result may be kept: a path that belongs to this very work.
+        """Return the path where an unfinished result may be stored.
 
         It is keyed by everything the result depends on, so a changed option never resumes an
-        older run; it is no output of the rule, so Snakemake does not delete it.
+        older run. It is not an output of the rule, so Snakemake does not delete it.
         """
         why = self.provenance()
         parts = [why["options"], why["code"]["digest"], why["inputs"], why["versions"]]
@@ -190,23 +189,23 @@ class Job:
         return artifact
 
     def read_input(self, path):
-        """Read an input that is an artifact; of an exported file return the path."""
+        """Read an input artifact; for an exported file, return its path."""
         return self.read_path(path) if str(path).endswith(".zarr.zip") else self.note_file(path)
 
     def note_digest(self, path, digest):
-        """Remember an input by the digest that it was read with."""
+        """Remember the digest with which an input was read."""
         name = original(path)
         if name.startswith(f"{self._folder}/"):
             name = RESULTS + name.removeprefix(self._folder)
         self._inputs[name] = digest
 
     def note_file(self, path):
-        """Remember an input that is a plain file, by its SHA-256."""
+        """Remember the SHA-256 of an input that is a plain file; return its path."""
         self.note_digest(path, file_digest(path))
         return Path(path)
 
     def check_source(self, path):
-        """Refuse a source that is another than when the run was planned."""
+        """Refuse a source that has changed since the run was planned."""
         if self.source and source_digest(source_files(path)) != self.source:
             raise PandisError(
                 f"{path}, or a file that it names, was changed after this run was planned; run the "
@@ -218,7 +217,7 @@ class Job:
         return Path(self._snakemake.scriptdir).resolve().parent / "workflow"
 
     def provenance(self):
-        """Return why the output that is being made will be current."""
+        """Return the provenance of the output that is being made."""
         wildcards = {key: str(value) for key, value in self._snakemake.wildcards.items()}
         inputs = dict(sorted(self._inputs.items()))
         why = provenance(self.stage, wildcards, self._params, self._modules, inputs)
@@ -231,13 +230,13 @@ class Job:
         self.log(f"wrote {path} ({Path(path).stat().st_size / 1e6:.2f} MB)")
 
     def write_pieces(self, kind, columns, pieces, attributes):
-        """Write the rule's first output from pieces that are never all in memory.
+        """Write the rule's first output from pieces that are never in memory all at once.
 
         Parameters
         ----------
         kind : str
         columns : dict of str to dict
-            What `pandis.pipeline.run.job.artifact.ArtifactWriter.declare` is told of every array.
+            Arguments of `pandis.pipeline.run.job.artifact.ArtifactWriter.declare`, by array.
         pieces : iterable of dict of str to ndarray
             The next rows of every array.
         attributes : dict
@@ -264,12 +263,12 @@ class Job:
 
 
 class Progress:
-    """Report how far a long computation is, every few seconds.
+    """Reports the progress of a long computation every few seconds.
 
     Parameters
     ----------
     log : callable
-        Takes a line of text.
+        Receives a line of text.
     what : str
         What is being done.
     total : float
@@ -283,7 +282,7 @@ class Progress:
         self.offset = 0
 
     def resume(self, done):
-        """Say that ``done`` was finished by an earlier run: rates count from here."""
+        """Set how much an earlier run finished; rates count from there."""
         self.offset = done
 
     def update(self, done, note=""):
@@ -292,7 +291,7 @@ class Progress:
         if now - self.last < PROGRESS_SECONDS and done < self.total:
             return
         if done >= self.total and self.last == self.start and now - self.start < PROGRESS_SECONDS:
-            return  # short work says nothing but "done"
+            return  # short work needs no report beyond the stage's "done"
         self.last = now
         rate = (done - self.offset) / max(now - self.start, 1e-9)
         left = (self.total - done) / rate if rate > 0 else float("inf")
@@ -304,5 +303,5 @@ class Progress:
 
 
 def silent_progress(what, total, unit="points"):
-    """Return a `Progress` that says nothing, for use outside of a stage."""
+    """Return a `Progress` that reports nothing, for use outside of a stage."""
     return Progress(lambda text: None, what, total, unit)

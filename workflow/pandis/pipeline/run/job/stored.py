@@ -1,13 +1,13 @@
-"""Results in an object store: a job works on local copies, and results are named without them."""
+"""Results in an object store: jobs work on local copies, but use the names without a store."""
 
 import os
 
-#: The variable that tells a job where the copies of a store lie.
+#: Environment variable: folder of a store's local copies, for jobs.
 COPIES = "PANDIS_COPIES"
 
 
 def tell_copies(settings):
-    """Let this process's jobs know where Snakemake puts the copies of the default store.
+    """Set `COPIES` for this process's jobs to Snakemake's folder for copies of the default store.
 
     Parameters
     ----------
@@ -19,21 +19,21 @@ def tell_copies(settings):
         os.environ[COPIES] = os.path.join(str(settings.local_storage_prefix), kind, bucket)
 
 
-#: How the folder of results is written where a result names its inputs: it may be moved.
+#: Stands for the results folder in the names of a result's inputs, as the folder may be moved.
 RESULTS = "<results>"
 
 
 def is_copy(path):
-    """Tell whether a path is that of a copy of what is in a store."""
+    """Return whether a path is that of a local copy of a stored file."""
     copies = os.environ.get(COPIES)
     return bool(copies) and not os.path.relpath(path, copies).startswith("..")
 
 
 def original(path):
-    """Return ``path`` relative to the working directory where it lies below it.
+    """Return ``path``, relative to the working directory if it is below it.
 
-    Of a copy, the path that its file would have without a store: results name their inputs by it,
-    so that they have the same bytes with a store and without.
+    For a copy, return the path that the file would have without a store. Results name their inputs
+    by this path, so that they have the same bytes with a store and without.
     """
     if is_copy(path):
         return os.path.relpath(path, os.environ[COPIES])

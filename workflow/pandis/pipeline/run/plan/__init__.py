@@ -1,1 +1,1 @@
-"""Which jobs a configuration needs."""
+"""Planning: the jobs that a configuration needs."""

@@ -1,6 +1,6 @@
-"""Scenes in the configuration: which objects lie where, and what has to be built for them.
+"""Scenes in the configuration: the placement of their objects, and the fields they need.
 
-This module stands on the ground floor, as `pandis.pipeline.run.ask.config` does.
+Like `pandis.pipeline.run.ask.config`, this module imports neither torch nor trimesh.
 """
 
 import re
@@ -39,7 +39,7 @@ def load_scenes(raw, entries):
     for name, scene in sections.items():
         path = f"scenes.{name}"
         if not re.fullmatch(MESH_NAME, str(name)):
-            faults[path] = "a scene's name starts with a-z and goes on with a-z, 0-9, - or _"
+            faults[path] = "a scene's name starts with a-z and continues with a-z, 0-9, - or _"
             continue
         sections = scene if isinstance(scene, dict) else {"objects": scene}
         wrong = faults_of(SceneOptions, sections)
@@ -55,21 +55,21 @@ def load_scenes(raw, entries):
 
 def _object_faults(path, key, placed, entries):
     if not re.fullmatch(MESH_NAME, str(key)):
-        return {path: "an object's name starts with a-z and goes on with a-z, 0-9, - or _"}
+        return {path: "an object's name starts with a-z and continues with a-z, 0-9, - or _"}
     entry = entries.get(placed.mesh)
     if entry is None:
         return {f"{path}.mesh": f"there is no mesh {placed.mesh} under `meshes`: add it there"}
     values = entry.model_dump() | {"fields": [placed.field]}
     fault = next((message for at, message in name_faults(values) if at == "fields.0"), None)
     if fault is None and not parse_field(placed.field, entry.train).native:
-        fault = f"{placed.field} has no file for pandis.h: take a grid, a spline, a network, exact"
+        fault = f"{placed.field} has no file for pandis.h: use a grid, spline, network or exact"
     return {f"{path}.field": fault} if fault else {}
 
 
 def needed(entries, scenes):
-    """Return the meshes that scenes need, each with the fields that they need alone.
+    """Return the meshes that scenes need, each with only the needed fields.
 
-    Without scenes that is everything.
+    Without scenes, return everything.
     """
     if not scenes:
         return entries
@@ -86,7 +86,7 @@ def needed(entries, scenes):
 
 
 def scene_task(scene, entries):
-    """Return what the stage of a scene is asked: its objects with everything filled in."""
+    """Return the options of a scene's stage: its objects with all defaults filled in."""
     objects = []
     for name, placed in scene.objects.items():
         entry = entries[placed.mesh]
@@ -101,10 +101,10 @@ def scene_task(scene, entries):
 
 
 def _knows_regions(entry, name):
-    """Return the field of a mesh that says what a place is made of where another field does not.
+    """Return the field of a mesh that knows the material at a place, if field ``name`` does not.
 
-    None if that field says it, or if no field of the mesh does; a compact mesh before the exact
-    one.
+    None if that field does, or if no field of the mesh does. A compact mesh is preferred to the
+    exact one.
     """
     with_regions = [kind for kind, row in KINDS.items() if row.regions]
     if parse_field(name, entry.train).kind in with_regions:

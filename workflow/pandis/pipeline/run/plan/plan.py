@@ -1,8 +1,8 @@
-"""What a run makes: every output of a configuration, and what each rule is given.
+"""The plan of a run: every output of a configuration, and the params and inputs of each rule.
 
-The Snakefile makes one `Plan`; rules take their params and inputs from it, the
-targets their file lists, and `verify` compares it with what lies in results/.
-Ground floor: no torch, no trimesh.
+The Snakefile makes one `Plan`. Rules take their params and inputs from it, targets
+take their file lists, and `verify` compares it with the files in results/. Planning
+imports neither torch nor trimesh.
 """
 
 import os
@@ -32,17 +32,17 @@ from pandis.pipeline.run.job.provenance import CodeDigests, needs
 from pandis.pipeline.run.plan.placing import load_scenes, needed, scene_task
 from pandis.pipeline.run.plan.stages import STAGES, PlannedJob
 
-#: Named targets: the stages' own, and that of scenes.
+#: Named targets: those of the stages, and that of scenes.
 TARGETS = {*(row.target for row in STAGES.values() if row.target), "scenes"}
-#: What `until: exports` leaves out: whatever measures, stresses and times fields.
+#: Targets that `until: exports` leaves out: fields are not measured, stressed or timed.
 JUDGING = ("evaluations", "hardware")
 DEFAULT_CONFIG = "config/config.yaml"
 QUERY_TIMES = "config/query-times.csv"
-#: Where Snakemake keeps what it knows about the results of this working directory.
+#: Snakemake's records about the results of this working directory.
 RECORDS = Path(".snakemake/metadata")
 UNKNOWN = (
-    "note: this folder has no record of what the results in {} were asked; they are taken as they "
-    "are (docs/cluster.md)"
+    "note: this folder has no record of the options behind the results in {}; they are used as "
+    "they are (docs/cluster.md)"
 )
 
 
@@ -55,14 +55,14 @@ class Output(NamedTuple):
 
 
 def open_plan(config, root, files, store, aloud=True):
-    """Return the plan, or end the process with the configuration's faults in plain words.
+    """Return the plan, or print the configuration's faults and end the process.
 
-    With ``aloud`` it says which meshes are refused, and why: they keep no other from running.
+    With ``aloud``, print which meshes are refused, and why; the other meshes run anyway.
     """
     try:
         plan = Plan(config, root, files, store)
     except PandisError as error:
-        # Snakemake would print a traceback of its own around the message
+        # Snakemake would print its own traceback around the message
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(1) from None
     if aloud:
@@ -82,11 +82,11 @@ class Plan:
     config : dict
         The parsed configuration.
     root : path-like
-        Folder that holds the Snakefile and the package ``pandis``.
+        Folder that contains the Snakefile and the package ``pandis``.
     files : iterable of path-like
         The configuration files, to be checked for duplicate keys.
     store : str
-        The object store that holds the results folder; empty if results are local files.
+        The object store that contains the results folder; empty if results are local files.
 
     Raises
     ------
@@ -96,19 +96,19 @@ class Plan:
 
     def __init__(self, config, root, files=(), store=""):
         self.config = config
-        # as a user would write them: relative where they lie below the working directory
+        # as a user would write them: relative to the working directory
         self.files = [os.path.relpath(path) for path in files]
         for path in self.files:
             check_yaml(path)
-        #: Where everything lies that a run makes.
+        #: Folder of all outputs of a run.
         self.folder = results_folder(config)
-        #: The named target that it ends with, if not with everything.
+        #: Named target that the run ends with; None if it makes everything.
         self.until = last_target(config)
-        #: Meshes that cannot be built, and why: their own job says so, and ends the run with 1.
+        #: Meshes that cannot be built, and why. A job for each reports it: the run ends with 1.
         self.refused = {}
         self.entries = self._buildable(load_config(config, self.refused))
         self.scenes = load_scenes(config, self.entries)
-        #: What scenes need alone; without scenes, everything.
+        #: Only the meshes and fields that scenes need; without scenes, all.
         self.needed = needed(self.entries, self.scenes)
         self.digests = CodeDigests(root)
         self.sources = SourceDigests()
@@ -118,7 +118,7 @@ class Plan:
         self.start = time.time()
 
     def _buildable(self, entries):
-        """Return the meshes whose source is there and of a known format; note the others."""
+        """Return the meshes whose source exists and has a known format; note the others."""
         good = {}
         for mesh, entry in entries.items():
             fault = source_fault(entry.source)
@@ -149,9 +149,9 @@ class Plan:
 
     @property
     def query_times(self):
-        """Path of the table of query times that `fields: auto` goes by.
+        """Path of the table of query times that `fields: auto` uses.
 
-        `snakemake -j1 -f calibrate` renews the working directory's; the workflow brings one along.
+        `snakemake -j1 -f calibrate` writes one to the working directory; a default one ships.
         """
         shipped = self.digests.root.parent / QUERY_TIMES
         return QUERY_TIMES if Path(QUERY_TIMES).is_file() else os.path.relpath(shipped)
@@ -163,18 +163,18 @@ class Plan:
 
     @property
     def recipes(self):
-        """Names of all recipes that some mesh trains."""
+        """Names of all recipes that are trained on some mesh."""
         return sorted({spec.name for spec in self._holders.values() if spec.learned})
 
     @property
     def baked(self):
-        """Stems of all artifacts that hold a field and are built from a mesh alone."""
+        """Stems of all artifacts that contain a field and are built from a mesh alone."""
         specs = (spec for spec in self._holders.values() if not spec.learned)
         return sorted({spec.artifact for spec in specs if spec.kind != AUTO})
 
     @cached_property
     def _holders(self):
-        """One FieldSpec for each artifact that holds a field, by mesh and stem."""
+        """One FieldSpec for each artifact that contains a field, by mesh and stem."""
         entries = [*self.entries.items(), *self.needed.items()]
         return {(mesh, s.artifact): s for mesh, entry in entries for s in field_holders(entry)}
 
@@ -183,9 +183,9 @@ class Plan:
         return field_specs(self.entries[mesh])
 
     def holders(self, mesh):
-        """Return one FieldSpec for each artifact that holds a field, except the mesh itself.
+        """Return one FieldSpec for each artifact that contains a field, except the mesh itself.
 
-        A contact point's field is among them.
+        For a tracked contact point, this is the field that it is tracked on.
         """
         return field_holders(self.entries[mesh])
 
@@ -194,7 +194,7 @@ class Plan:
     def outputs(self, mesh, entry=None):
         """Return every output of a mesh, each path once, in building order.
 
-        ``entry`` stands in for the mesh's own, with other fields.
+        ``entry`` replaces the mesh's own options, with other fields.
         """
         entry = entry or self.entries[mesh]
         return [
@@ -204,11 +204,11 @@ class Plan:
         ]
 
     def target(self, name):
-        """Return the files of a named target; ``all`` lists every file there is.
+        """Return the files of a named target; ``all`` lists every file.
 
-        All of them, because Snakemake takes a missing intermediate file for
-        no reason to run: after a failure it would otherwise find nothing to
-        do, over results of older options.
+        It includes intermediate files, because a missing one is no reason for
+        Snakemake to run a job: after a failure it would otherwise find nothing
+        to do, although the results are of older options.
         """
         if name not in TARGETS:
             return [output.path for output in self.everything()]
@@ -218,7 +218,7 @@ class Plan:
         return paths + [o.path for o in self.refusals() if name != "scenes"]
 
     def everything(self):
-        """Return every output of this configuration: with scenes, what they need alone."""
+        """Return every output of this configuration: with scenes, only those that they need."""
         every = [o for mesh, entry in self.needed.items() for o in self.outputs(mesh, entry)]
         if self.until:
             every = [o for o in every if STAGES[o.stage].target not in JUDGING]
@@ -227,7 +227,7 @@ class Plan:
         return [*(o for o in every if STAGES[o.stage].in_scenes), *self.scene_outputs()]
 
     def refusals(self):
-        """Return the outputs that meshes stand for that cannot be built: none is ever made."""
+        """Return an output for each mesh that cannot be built: it is never made."""
         return [
             Output(f"{self.folder}/{mesh}/refused", "refuse", {"mesh": mesh})
             for mesh in self.refused
@@ -244,7 +244,7 @@ class Plan:
     # --- inputs of rules ---------------------------------------------------------
 
     def source(self, wildcards):
-        """Return the files that a mesh is read from: its own, and those that it names."""
+        """Return the files that a mesh is read from: its own, and those that it refers to."""
         source = self.entries[wildcards.mesh].source
         extension = url_extension(source)
         if extension:
@@ -255,14 +255,14 @@ class Plan:
                 for path in self.sources.files(Path(source))]  # fmt: skip
 
     def source_digest(self, wildcards):
-        """Return the SHA-256 of the source set of a mesh; of a URL what it must be."""
+        """Return the SHA-256 of the source set of a mesh; for a URL, the configured one."""
         entry = self.entries[wildcards.mesh]
         if url_extension(entry.source):
             return entry.sha256.lower()
         return self.sources.of(entry.source)
 
     def field_files(self, wildcards):
-        """Return the files that answer for the fields of a mesh."""
+        """Return the files from which the fields of a mesh are answered."""
         return self._answering(wildcards.mesh, self.specs(wildcards.mesh))
 
     def _answering(self, mesh, specs):
@@ -272,7 +272,7 @@ class Plan:
         return [f"{self.folder}/{mesh}/{name}" for name in dict.fromkeys(names)]
 
     def field_artifact(self, wildcards):
-        """Return the artifact that holds a field of a mesh."""
+        """Return the artifact that contains a field of a mesh."""
         spec = parse_field(wildcards.field, self.entries[wildcards.mesh].train)
         return f"{self.folder}/{wildcards.mesh}/{spec.artifact}.zarr.zip"
 
@@ -300,7 +300,7 @@ class Plan:
         return self._answering(wildcards.mesh, specs)
 
     def exports(self, wildcards):
-        """Return the graphs of a mesh."""
+        """Return the ONNX graphs of a mesh."""
         return self._ending(wildcards.mesh, "onnx")
 
     def programs(self, wildcards):
@@ -313,7 +313,7 @@ class Plan:
         return [f"{self.folder}/{mesh}/export/{name}.{ending}" for name in names]
 
     def report_artifacts(self, only=None):
-        """Return everything that the report, or a collection's table, reads: all, or one mesh's."""
+        """Return the files that the report or a collection's table reads, of all meshes or one."""
         paths = []
         for mesh in [only] if only else self.entries:
             if self.until:
@@ -337,10 +337,10 @@ class Plan:
     # --- params of rules ---------------------------------------------------------
 
     def code(self, stage):
-        """Return the function that gives a job of ``stage`` the digest of its code.
+        """Return a function that returns the code digest of a job of ``stage``.
 
-        The script and the library modules behind it, except those that the job's options leave
-        out: a method that a mesh does not use makes none of its results stale.
+        The digest covers the script and its library modules, except those that the job's options
+        do not need: a method that a mesh does not use makes none of its results stale.
         """
         return partial(self._job_code, stage)
 
@@ -352,7 +352,7 @@ class Plan:
         return self._codes[key]
 
     def options(self, stage):
-        """Return the function that gives a job of ``stage`` its options (Snakemake calls it)."""
+        """Return a function that Snakemake calls for the options of a job of ``stage``."""
         return partial(self._job_options, stage)
 
     def _job_options(self, stage, wildcards):
@@ -362,7 +362,7 @@ class Plan:
         return self._options[key]
 
     def stage_options(self, stage, mesh=None, **wildcards):
-        """Return what one stage of one mesh is asked, and nothing else: see `tasks`."""
+        """Return the options of one stage of one mesh, and nothing else: see `tasks`."""
         if stage == "verify":
             return VerifyTask(configfiles=self.files, store=self.store)
         if stage == "calibrate":
@@ -378,13 +378,13 @@ class Plan:
         return STAGES[stage].options(PlannedJob(stage, mesh, self.entries[mesh], wildcards, built))
 
     def train_threads(self, wildcards):
-        """Return the threads that a recipe trains with: a part of its options."""
+        """Return the number of threads that a recipe trains with, which is one of its options."""
         return self.entries[wildcards.mesh].train[wildcards.recipe].threads
 
     def train_priority(self, wildcards):
-        """Return what puts the longest trainings first: whatever needs them waits for nothing else.
+        """Return a training's priority: the longest start first, as other jobs wait for them.
 
-        The steps, or ten for every second of a budget of time.
+        It is the number of steps, or ten for every second of a time budget.
         """
         recipe = budgeted(self.entries[wildcards.mesh].train[wildcards.recipe])
         return recipe.steps or int(10 * recipe.seconds)
@@ -395,5 +395,5 @@ class Plan:
 
 
 def _target(stage):
-    """Return the named target that asks for a stage's outputs."""
+    """Return the named target that a stage's outputs belong to."""
     return STAGES[stage].target if stage in STAGES else f"{stage}s"

@@ -1,4 +1,4 @@
-"""How long a query takes, by kind and size: the table that `fields: auto` goes by."""
+"""Query times by kind and size: the table that `fields: auto` uses."""
 
 import csv
 
@@ -14,14 +14,14 @@ class QueryTimes:
     Parameters
     ----------
     path : path-like
-        CSV with the columns ``kind``, ``size``, ``microseconds``; lines with # are notes. Sizes
+        CSV with the columns ``kind``, ``size``, ``microseconds``; lines with # are comments. Sizes
         are faces (exact, compact), nodes per axis (grids), bytes (spline), units per layer
         (network, of four layers).
 
     Raises
     ------
     PandisError
-        It is no such table.
+        The file is not such a table.
     """
 
     def __init__(self, path):
@@ -45,9 +45,9 @@ class QueryTimes:
     def seconds(self, form, size, **shape):
         """Return the median time of one query.
 
-        Between the sizes of the table by logarithm, and beyond them along its last step, but that
-        nothing gets faster with size. What of a size it grows with, and how fast at least beyond
-        the table, the kind says.
+        Times are interpolated between the sizes of the table by logarithm. Beyond the largest size
+        they follow the last step, but never fall. The kind defines the work that a time grows
+        with, and the least growth beyond the table.
 
         Parameters
         ----------
@@ -55,7 +55,7 @@ class QueryTimes:
         size : float
             As in the table.
         **shape
-            What else the kind's `work` goes by.
+            Further arguments of the kind's `work`.
 
         Raises
         ------

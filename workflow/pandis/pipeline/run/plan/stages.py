@@ -1,7 +1,7 @@
-"""The stages of a mesh: what each one makes, what it is asked, and which target asks for it.
+"""The stages of a mesh: the outputs, the options and the target of each.
 
-A stage is one rule and one script of its name. Outputs, options, named targets and what scenes
-need are read off `STAGES`, and nothing else says them again.
+A stage is one rule and one script of the same name. `STAGES` is the only source of outputs,
+options, named targets and the needs of scenes.
 """
 
 import hashlib
@@ -33,9 +33,9 @@ from pandis.pipeline.run.ask.tasks import (
     ValidateTask,
 )
 
-#: The recipe of networks that `fields: auto` may come to.
+#: The recipe of networks that `fields: auto` may choose.
 CHOSEN_RECIPE = "pandis-exact"
-#: The scale that errors are told at where nothing depends on the device's: no option goes stale.
+#: Scale of errors where nothing depends on the device's: changing that makes nothing stale.
 NOMINAL = {"size": 0.10, "stiffness": 400.0}
 
 
@@ -47,9 +47,9 @@ def stage_seed(root, *names):
 
 @dataclass(frozen=True)
 class PlannedJob:
-    """A job that is planned: of which stage and mesh, with which options and wildcards.
+    """A planned job: its stage, mesh, options and wildcards.
 
-    Where a field is built, ``built`` is one that its artifact holds.
+    If it builds a field, ``built`` is one that its artifact contains.
     """
 
     stage: str
@@ -60,7 +60,7 @@ class PlannedJob:
 
     @property
     def seed(self):
-        """The seed of the stage; of building a field one of its own."""
+        """The seed of the stage; building a field has a separate one."""
         names = KINDS[self.built.kind].stream(self.built) if self.built else (self.stage,)
         return stage_seed(self.entry.seed, self.mesh, *names)
 
@@ -70,12 +70,12 @@ class PlannedJob:
         return dict(self.entry.device)
 
     def scale_of(self, target):
-        """Return the device's scale where a target is an error: newtons depend on it."""
+        """Return the device's scale if the target is an error: newtons depend on it."""
         return self.scale if target and target.force_error is not None else NOMINAL
 
     @property
     def band(self):
-        """How far a grid reaches into the surface and out of it."""
+        """How far a grid reaches below the surface and above it."""
         return [self.entry.bake.inside, self.entry.bake.outside]
 
 
@@ -86,13 +86,13 @@ class Stage:
     Attributes
     ----------
     outputs : callable
-        Yields, for a mesh's options, the path of each output below the mesh's folder and the
+        Returns, for a mesh's options, the path of each output below the mesh's folder and the
         wildcards of its rule, besides the mesh.
     options : callable
-        Returns what a `PlannedJob` is asked (`pandis.pipeline.run.ask.tasks`), and nothing else: a
-        change here makes it stale.
+        Returns the options of a `PlannedJob` (`pandis.pipeline.run.ask.tasks`), and nothing else:
+        a change of them makes the job stale.
     target : str or None
-        The named target that asks for the outputs.
+        The named target that the outputs belong to.
     in_scenes : bool
         Whether the objects of a scene need it.
     """
@@ -103,7 +103,7 @@ class Stage:
     in_scenes: bool = False
 
 
-# --- what a stage is asked ------------------------------------------------------
+# --- options of each stage ------------------------------------------------------
 
 
 def _fetch(job):
@@ -214,7 +214,7 @@ def _validate(job):
     )
 
 
-#: All stages of a mesh in building order. What a scene needs comes in the same order.
+#: All stages of a mesh, in building order, which also holds for the needs of scenes.
 STAGES = {
     "fetch": Stage(outputs.source, _fetch, in_scenes=True),
     "mesh": Stage(outputs.one_file("mesh.zarr.zip"), _mesh, "meshes", in_scenes=True),

@@ -1,1 +1,1 @@
-"""What stands among the attributes of each kind of artifact: one module for each that is read."""
+"""Records of artifacts' attributes: one module for each kind that other stages read."""

@@ -1,10 +1,10 @@
-"""The attributes of ``choice.zarr.zip``, besides those of the field that was chosen."""
+"""The attributes of ``choice.zarr.zip``, besides those of the chosen field."""
 
 from pandis.pipeline.run.records.record import Record
 
 
 class Chosen(Record):
-    """The field that was chosen.
+    """The chosen field.
 
     Attributes
     ----------
@@ -12,11 +12,11 @@ class Chosen(Record):
     bytes : int
     held_out_error : float
     held_out : dict of str to float
-        ``mean``, ``p99``, ``missing`` and ``left_out`` on the points that promises rest on.
+        ``mean``, ``p99``, ``missing`` and ``left_out`` on points that were not used to choose it.
     fits : float or None
-        By how many times it exceeds the limits: 1 or less. The exact field is not measured.
+        Worst ratio to the limits: 1 or less. None for the exact field, which is not measured.
     query_time : float or None
-        s; where the budget names one.
+        s; None if the budget sets no query time.
     """
 
     field: str
@@ -28,21 +28,21 @@ class Chosen(Record):
 
 
 class ScaleRecord(Record):
-    """What an error is told by: newtons per force of the unit frame, and the mean force there."""
+    """Scale of errors: newtons per force of the unit frame, and the mean force there."""
 
     newtons: float
     mean_force: float
 
 
 class Passed(Record):
-    """A field that was not taken, and why."""
+    """A field that was considered but not chosen, and why."""
 
     field: str
     why: str
 
 
 class ChoiceRecord(Record):
-    """What `fields: auto` has come to, what was asked for, and what was not taken."""
+    """Result of `fields: auto`: the chosen field, the budget, and the fields not chosen."""
 
     choice: Chosen
     asked: dict

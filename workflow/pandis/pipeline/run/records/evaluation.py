@@ -10,12 +10,12 @@ class Figures(Record):
     ----------
     mean, p99, max : float
     rms, p95, eq7, angle : float or None
-        Not on the contact sets: see `pandis.pipeline.judge.errors.errors.statistics`.
+        None on the contact sets: see `pandis.pipeline.judge.errors.errors.statistics`.
     relative, newtons, missing, felt, judged : float or None
-        On the trajectory and the contact sets: by the mean force, in newtons, and shares of area:
-        see `pandis.pipeline.geometry.shares.shares`.
+        On the trajectory and the contact sets only: the error as a share of the mean force and in
+        newtons, and shares of area (see `pandis.pipeline.geometry.shares.shares`).
     strongly_felt : float or None
-        On the contact sets: see `pandis.pipeline.geometry.shares.differences`.
+        On the contact sets only: see `pandis.pipeline.geometry.shares.differences`.
     """
 
     mean: float
@@ -34,7 +34,7 @@ class Figures(Record):
 
 
 class PathsRecord(Record):
-    """A field on several trajectories: see `pandis.pipeline.judge.errors.paths.over_paths`."""
+    """Errors of a field on several paths: see `pandis.pipeline.judge.errors.paths.over_paths`."""
 
     mean: float
     interval: float
@@ -42,7 +42,7 @@ class PathsRecord(Record):
 
 
 class EvaluationRecord(Record):
-    """All fields beside the exact one.
+    """Errors of all fields against the exact one.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class EvaluationRecord(Record):
     controls : dict of str to dict of str to Figures
         By control and contact set.
     contact : dict
-        ``left_out``: the share of the area that is too thin to be judged.
+        ``left_out``: share of the area that is too thin to be judged.
     mean_force : dict of str to float
         Mean of the exact force, by set.
     bytes : dict of str to int
@@ -61,11 +61,11 @@ class EvaluationRecord(Record):
     coverage : dict
         From `pandis.pipeline.judge.errors.coverage.coverage`.
     paths : dict of str to PathsRecord
-        By field; empty where there is one path.
+        By field; empty if there is only one path.
     size, stiffness, newtons : float
         The device's scale: m, N/m, and newtons per force of the unit frame.
     count : int
-        Trajectories.
+        Number of trajectories.
     """
 
     fields: list[str]
@@ -83,5 +83,5 @@ class EvaluationRecord(Record):
     count: int
 
     def attributes(self):
-        """Return the record as plain attributes; figures that a set does not have are left out."""
+        """Return the record as plain attributes, without the figures that a set lacks."""
         return self.model_dump(exclude_none=True)

@@ -1,11 +1,11 @@
-"""What the validation says of every field: the attributes of ``hardware.zarr.zip``."""
+"""Verdicts of the hardware validation on every field: the attributes of ``hardware.zarr.zip``."""
 
 from pandis.pipeline.run.ask.contacts import TextureOptions
 from pandis.pipeline.run.records.record import Record
 
 
 class WallVerdict(Record):
-    """How a field's forces compare with the exact ones, below surface points of every thickness.
+    """Comparison of a field's forces with the exact ones, below points of every thickness.
 
     Attributes
     ----------
@@ -16,13 +16,13 @@ class WallVerdict(Record):
     strongly_felt, patch, p99_n : float
         Shares of area, and newtons: see `pandis.pipeline.geometry.shares.differences`.
     points : int
-        How many were compared.
+        Number of points compared.
     pressed_missing : int
-        At how many of the points that a device presses on the force is missing.
+        Number of points pressed by a device where the force is missing.
     ghost_n : float
-        The largest force in free space away from the surface.
+        Largest force in free space away from the surface.
     holds : bool
-        It is missing at none of these, and all figures are within their limits.
+        The force is missing at no pressed point, and all figures are within their limits.
     """
 
     missing: float
@@ -44,31 +44,32 @@ class Pressed(Record):
     Attributes
     ----------
     hand : float
-        Ns/m: the damping of the hand that all of this is about.
+        Damping of the configured hand, Ns/m. All figures are for this hand unless they say
+        otherwise.
     hands : dict of str to float
-        N/m: the largest safe stiffness for it and for others, by their damping.
+        Largest safe stiffness for this hand and for others, N/m, by their damping.
     released_n_m : float
         The same with a weight in place of a hand.
     stiffness : float
         N/m.
     strongest_n, steepest_n_per_ms : float
-        The largest force, and its largest change.
+        Largest force, and its largest change.
     cut : int
         Ticks at the force limit.
     energy_j : float
-        The least balance of the wall and the device, see ``energy.h``.
+        Least energy balance of wall and device, J: see ``energy.h``.
     quiet : float
-        Share of the presses that reach a wall and do not shake there, of those that friction lets
-        reach one.
+        Share of the presses that reach a wall and do not shake there. Presses that friction may
+        have stopped before the wall are ignored.
     unarmed : int
         Presses that were skipped: the field pushed at every height at which one could begin.
     reach_m : float
-        How far from the workspace's middle the probe came.
+        Largest distance of the probe from the middle of the workspace.
     ended : str
-        Why, if a run ended early.
+        Reason, if a run ended early; otherwise empty.
     within_limits, passive : bool
     safe_n_m : float
-        The largest safe stiffness for the hand, and in ``limited_by`` what keeps it from more.
+        Largest safe stiffness for the hand; ``limited_by`` gives the reason why it is no larger.
     """
 
     hand: float
@@ -90,7 +91,7 @@ class Pressed(Record):
 
 
 class DeviceVerdict(Pressed):
-    """What a simulated device makes of a field, with what it lacks, and a sentence."""
+    """Verdict on a field with a simulated device, also as a sentence."""
 
     device: str
     pressed_missing: int
@@ -100,19 +101,19 @@ class DeviceVerdict(Pressed):
 
 
 class TouchVerdict(Pressed):
-    """What a simulated device makes of a field through a proxy.
+    """Verdict on a field with a simulated device, through a proxy.
 
     Attributes
     ----------
     device : str
     presses : int
-        Of 1.2 times the device's largest force, on thin and thick places.
+        Number of presses with 1.2 times the device's largest force, on thin and thick places.
     passes, penalty_passes : int
-        In how many of them the proxy, and the probe under penalty forces, came through a wall.
+        Presses in which the proxy, or the probe under penalty forces, went through a wall.
     deepest_m : float
-        How deep a proxy lay below the mesh.
+        Largest depth of a proxy below the surface.
     holds : bool
-        As of `WallVerdict`.
+        As in `WallVerdict`.
     verdict, sentence : str
     """
 
@@ -127,24 +128,25 @@ class TouchVerdict(Pressed):
 
 
 class ProxyVerdict(Record):
-    """What is said of a field through a proxy.
+    """Verdict on a field through a proxy.
 
     Attributes
     ----------
     radius : float
         Radius of the probe, m.
     materials : dict of str to dict
-        What surfaces feel like, by the names of their materials.
+        Feel of each surface, by material name.
     textures : dict of str to (pandis.pipeline.run.ask.contacts.TextureOptions or None)
-        By the same names; empty without any.
+        By the same names; empty if there are none.
     budget : int
-        Queries that a tick may take.
+        Largest number of queries per tick.
     queries, compute_us : dict of str to float
-        Per tick, along the trajectory: percentiles.
+        Percentiles per tick, along the trajectory.
     miss_share : float
-        Share of ticks that computed too long; ``in_time``: few enough, of some that touched.
+        Share of ticks that computed too long. ``in_time``: it is small enough, and some ticks
+        touched.
     touching_share, behind_share : float
-        Shares of ticks that touched, and of those whose budget did not suffice.
+        Shares of ticks that touched, and of ticks whose query budget did not suffice.
     devices : dict of str to TouchVerdict
     """
 
@@ -162,7 +164,7 @@ class ProxyVerdict(Record):
 
 
 class Ticks(Record):
-    """Times of the ticks of a run: percentiles in µs, and shares beyond the deadline."""
+    """Tick times of a run: percentiles in µs, and shares beyond the deadline."""
 
     ticks: int
     compute_us: dict[str, float]
@@ -172,19 +174,20 @@ class Ticks(Record):
 
 
 class ServoVerdict(Ticks):
-    """What the servo loop says of a field on this machine.
+    """Verdict of the servo loop on a field, on this machine.
 
     Attributes
     ----------
     misses, longest_run_of_misses : int
     agreement : float
-        Largest difference from the forces that were evaluated (unit frame, k = 1).
+        Largest difference from the evaluated forces (unit frame, k = 1).
     agrees, in_time, punctual : bool
-        It is small enough; few enough ticks compute too long; few enough begin too late.
+        The difference is small enough, few enough ticks compute too long, and few enough begin too
+        late.
     walls : WallVerdict
     verdict, sentence : str
     loaded : Ticks or None
-        The same beside other work on every core.
+        Tick times with other work on every core.
     """
 
     misses: int
@@ -200,9 +203,9 @@ class ServoVerdict(Ticks):
 
 
 class AttachedRun(Record):
-    """A run on the attached device: what it was that ran, how it ended, and its figures.
+    """A run on the attached device: what ran, how it ended, and its figures.
 
-    ``contact`` is what the forces were: ``proxy`` or ``penalty``.
+    ``contact`` is the kind of forces: ``proxy`` or ``penalty``.
     """
 
     statement: str
@@ -229,10 +232,10 @@ class AttachedRun(Record):
 
 
 class FieldVerdict(ServoVerdict):
-    """All that is said of a field: on this machine, on every simulated device, on the attached one.
+    """Full verdict on a field: on this machine, every simulated device and the attached one.
 
-    ``advice`` is what a person should do; ``sha256`` is that of the exported file. ``proxy`` is
-    None where there is none: ``no_proxy`` says why.
+    ``advice`` tells the user what to do; ``sha256`` is that of the exported file. If there is no
+    proxy, ``proxy`` is None and ``no_proxy`` says why.
     """
 
     devices: dict[str, DeviceVerdict]

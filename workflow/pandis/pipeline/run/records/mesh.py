@@ -4,7 +4,7 @@ from pandis.pipeline.run.records.record import Record
 
 
 class Rung(Record):
-    """An attempt of the repair: what was done, and whether it was kept."""
+    """A repair attempt: the operation, and whether its result was kept."""
 
     rung: str
     operation: str
@@ -18,15 +18,15 @@ class MeshRecord(Record):
     Attributes
     ----------
     source : dict
-        Name, reader, format and unit of what was read.
+        Name, reader, format and unit of the source.
     shape : str or None
-        The closed form, of which the mesh is a tessellation.
+        Closed form, if the mesh is a tessellation of one.
     before, after : dict
         See `pandis.pipeline.mesh.diagnosis.Diagnosis.attributes`.
     faults_before : str
     rungs : list of Rung
     deviation : dict
-        How far the repair has moved the surface.
+        How far the repair moved the surface.
     """
 
     source: dict

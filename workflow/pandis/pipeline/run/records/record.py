@@ -1,7 +1,7 @@
-"""Records: what stands among the attributes of an artifact, by the names of fields.
+"""Records: the attributes of an artifact as named fields.
 
-A record is written by one stage and read by others. Its class, in the room of the stage that writes
-it, is the one place that names what is in it.
+A record is written by one stage and read by others. Its class is the only place that names its
+fields.
 """
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -10,30 +10,30 @@ from pandis.base.errors import ArtifactError
 
 
 class Record(BaseModel):
-    """Base of all records. What else stands among the attributes is passed over."""
+    """Base of all records. Other attributes are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     @classmethod
     def of(cls, artifact):
-        """Return the record among the attributes of a `pandis.pipeline.run.job.artifact.Artifact`.
+        """Return the record in the attributes of a `pandis.pipeline.run.job.artifact.Artifact`.
 
         Raises
         ------
         ArtifactError
-            Another version of pandis has written them.
+            Another version of pandis wrote the attributes.
         """
         return cls.checked(artifact, artifact.attributes)
 
     @classmethod
     def checked(cls, artifact, values):
-        """Return the record of values that stand somewhere among an artifact's attributes."""
+        """Return the record of ``values``, which are a part of an artifact's attributes."""
         try:
             return cls.model_validate(values)
         except ValidationError as error:
             raise ArtifactError(
                 f"{artifact.path}: not of this version of pandis ({error.error_count()} attributes "
-                "are missing or of another kind); run the workflow again"
+                "are missing or have the wrong type); run the workflow again"
             ) from error
 
     def attributes(self):

@@ -4,7 +4,7 @@ from pandis.pipeline.run.records.record import Record
 
 
 class SamplesRecord(Record):
-    """Where each stratum lies among the points, and the options that they were drawn by."""
+    """Range of each stratum among the points, and the options they were drawn with."""
 
     strata: dict[str, tuple[int, int]]
     law: dict

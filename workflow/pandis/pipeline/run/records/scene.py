@@ -1,4 +1,4 @@
-"""The attributes of a scene's artifact, and its JSON file."""
+"""The attributes of a scene's artifact, and the contents of its JSON file."""
 
 from pandis.pipeline.run.ask.contacts import TextureOptions
 from pandis.pipeline.run.ask.tasks import PlacedObject
@@ -6,10 +6,10 @@ from pandis.pipeline.run.records.record import Record
 
 
 class PlacedRecord(PlacedObject):
-    """An object of a scene with its file and the map from its mesh's units to metres.
+    """An object of a scene, with its file and the map from mesh units to metres.
 
-    ``materials`` and ``textures``: what its surface, or each of its regions, feels like, by name;
-    ``beside_file``: of the mesh that says which region a place is of, where its field does not.
+    ``materials`` and ``textures``: feel of its surface, or of each of its regions, by name.
+    ``beside_file``: file of a mesh that knows the region of a place, if the field does not.
     """
 
     file: str
@@ -29,11 +29,11 @@ class TouchedRecord(Record):
     radius : float
         Radius of the probe, m.
     queries_mean, queries_max : float, int
-        Per tick.
+        Queries per tick.
     touched_share : float
         Share of the ticks in which something is touched.
     different : int
-        Forces that are not those of stepping every object.
+        Number of forces that differ from those of stepping every object.
     median_us, p999_us : float
         Median and 99.9th percentile of a tick, µs.
     """
@@ -57,11 +57,11 @@ class SceneRecord(Record):
     speed : float
         m/s.
     asked_mean, asked_max : float, int
-        Fields asked per tick.
+        Fields queried per tick.
     touched_share : float
         Share of the ticks in contact.
     different : int
-        Forces that are not those of asking every object.
+        Number of forces that differ from those of querying every object.
     median_us, p999_us : float
         Median and 99.9th percentile of a tick, µs.
     proxies : TouchedRecord or None

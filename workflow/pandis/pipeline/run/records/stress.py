@@ -4,21 +4,21 @@ from pandis.pipeline.run.records.record import Record
 
 
 class StressRecord(Record):
-    """What all fields do to a device and a hand.
+    """Results of the stress suite for all fields of a mesh.
 
     Attributes
     ----------
     fields : dict of str to dict of str to dict
-        By field and question of `pandis.pipeline.judge.stress.suite.QUESTIONS`: its figures.
+        Figures by field and question of `pandis.pipeline.judge.stress.suite.QUESTIONS`.
     failed : dict of str to list of str
-        By field: the questions that it failed.
+        Failed questions, by field.
     proxies, proxies_failed : dict
-        Likewise of `pandis.pipeline.judge.stress.suite.PROXY_QUESTIONS`, of the fields that have a
-        proxy.
+        The same for `pandis.pipeline.judge.stress.suite.PROXY_QUESTIONS`, for the fields that have
+        a proxy.
     controls : dict of str to list of str
-        By control.
+        Failed questions, by control.
     skipped : dict of str to str
-        By field: why it was not asked.
+        Fields that were not tested, and why.
     device : dict
         See `pandis.pipeline.judge.stress.physical.Device`.
     size, stiffness : float

@@ -4,7 +4,7 @@ from pandis.pipeline.run.records.record import Record
 
 
 class TimingRecord(Record):
-    """How long all fields take: µs by what was timed, by field; the machine."""
+    """Query times of all fields, µs by field and measurement, and the machine."""
 
     fields: dict[str, dict[str, float | str]]
     machine: dict
