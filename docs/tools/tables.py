@@ -218,7 +218,8 @@ def small_table():
     notes, rows = _figures("small")
     table = [
         "| mesh | at most (KB) | `compact-auto`: faces, bits | shallow / deep | contact, missing "
-        "| `spline-auto`: shallow / deep | contact, missing | of the spline, shallow and contact |",
+        "| `spline-auto`: shallow / deep | contact, missing "
+        "| multiple of the spline's error: shallow and contact |",
         "|---|--:|--:|--:|--:|--:|--:|--:|",
     ]
     kinds = ("compact-auto", "spline-auto")

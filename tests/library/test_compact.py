@@ -531,7 +531,7 @@ def test_names_say_how_many_bits():
     spec = parse_field("compact-16", ())
     assert (spec.kind, spec.artifact, spec.size, spec.native) == ("compact", "compact-16", 16, True)
     for name in ("compact-9", "compact-21"):
-        with pytest.raises(ValueError, match="it has 10 to 20 bits"):
+        with pytest.raises(ValueError, match="it must have 10 to 20 bits"):
             parse_field(name, ())
     assert near_field("compct-16", ()) == "compact-16"
     assert near_field("compact-autto", ()) == "compact-auto"

@@ -90,7 +90,7 @@ def test_a_hint_of_something_else_does_no_harm(word, files):
 def test_a_reach_that_is_none_is_refused_or_asks_for_all(files):
     field = NativeField(files["exact"])
     for reach in (-1.0, float("nan")):
-        with pytest.raises(ValueError, match="a reach is a number from 0 on"):
+        with pytest.raises(ValueError, match="a reach must be 0 or more"):
             field.query_within([[0.0, 0, 0]], reach)
     lib = library()
     lib.pandis_query_within.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double,

@@ -79,7 +79,7 @@ def test_an_exact_surface_is_safe_on_every_device(files, surface):
         sentence = device_sentence(device, found, WHOLE)
         if device == "falcon":  # whose workspace has a radius of 40 mm, the torus one of 50
             assert judge(found, WHOLE) == "fail"
-            assert "reaches 50 mm from the middle of a workspace of 40 mm" in sentence
+            assert "reaches 50 mm from the middle of a workspace with a radius of 40 mm" in sentence
             continue
         assert judge(found, WHOLE) == "pass"
         assert "keeps still and gives no energy" in sentence

@@ -2756,7 +2756,8 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-/* pandis_query_from, and for splines `cells` of this very field, all zero before the first (NULL: none). */
+/* As pandis_query_from. `cells` is a cache for splines, used with this field only and all zero before its first query;
+ * NULL: no cache. */
 static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
                                 pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;
@@ -3216,7 +3217,7 @@ static void pandis__enter(const pandis_object *o, const double *point, double *p
         p[k] = (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) / o->scale;
 }
 
-/* Answer a point of the mesh; adds nothing to the force outside, or without an answer. */
+/* Answer a point given in the mesh's coordinates, and add its push to the force: none outside, or without an answer. */
 static void pandis__add_force(const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
     pandis_query(o->field, p, answer);
     double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* not so for NaN */
@@ -4166,7 +4167,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
         if (!((way->active | way->rubs) >> i & 1) || !(rests || distant)) continue;
-        /* on its way, from so near that the new foot is not distant */
+        /* a moving proxy looks from half the lift, so that the new foot does not count as distant again */
         int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
         changed += rests ? other : 1, most = fmax(most, height);
@@ -4229,9 +4230,9 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
  * each other, and no hop leads nearer to the probe. A walk uses none of them. Each of its steps goes straight towards the
  * probe, and out of the surface again by planes that are looked at for this step alone. */
 
-#define PANDIS__PACE 4.8e-3        /* its longest step; it begins with an eighth of that, */
-#define PANDIS__CHORD 1.6e-3       /* the longest of which the proxy goes a part, straight on, */
-#define PANDIS__TIRED (1 / 1024.0) /* and ends below this share of it: each step that fails halves the next */
+#define PANDIS__PACE 4.8e-3        /* a walk's longest step; its first is an eighth of that */
+#define PANDIS__CHORD 1.6e-3       /* the longest step that the proxy may take in part, along the straight line */
+#define PANDIS__TIRED (1 / 1024.0) /* a walk ends below this share of the longest step: each failed step halves the next */
 #define PANDIS__IDLE 16            /* it begins at this count: contact steps that lead nowhere add 2, others subtract 1 */
 #define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
 #define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */

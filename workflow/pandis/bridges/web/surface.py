@@ -9,7 +9,7 @@ from pandis.runtime.field.files import read_contents
 
 #: Cells along each axis of the box, and along a block.
 CELLS, BLOCK = 96, 8
-#: Most faces of an exact mesh that a page rotates smoothly.
+#: Largest number of faces of an exact mesh that a page can rotate smoothly.
 FACES = 100_000
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8)

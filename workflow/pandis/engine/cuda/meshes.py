@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 #: Capacity for one point's waiting boxes and leaves: a tree needs seven per level, plus one.
 ROOM = 448
 _ROOM = wp.constant(ROOM)
-#: Bound of single precision's relative error in a coordinate and in a sum of squares.
+#: Bound on the relative error of single precision in a coordinate and in a sum of squares.
 _WRONG = wp.constant(wp.float32(1e-6))
 _WORDS = NODE_BYTES // 4
 _PLACES = LEAF_BYTES // 4

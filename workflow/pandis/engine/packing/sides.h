@@ -120,7 +120,7 @@ static void look_beside_vertex(const Mesh *m, int32_t vertex, const int32_t *aro
     if (count && !smooth) add_rays(rays, vertex, from, directions, 2 * count, room);
 }
 
-/* Look beside the middle of an edge, of which all half-edges are given, unless it is blunt. */
+/* Look beside the midpoint of an edge, unless the edge is blunt; `halves` are all of its half-edges. */
 static void look_beside_edge(const Mesh *m, int32_t owner, const int32_t *halves, int64_t count, double *directions,
                              Ray *room, Rays *rays) {
     double n[2][3], a[3], b[3], middle[3];

@@ -308,7 +308,7 @@ static int pandis__confirm(pandis__proxy *p, const pandis__way *way, int rests) 
     for (int i = 0; i < count; i++) {
         int distant = pandis__between(held[i].foot, p->x) > PANDIS__STALE * PANDIS__HOVER / 2;
         if (!((way->active | way->rubs) >> i & 1) || !(rests || distant)) continue;
-        /* on its way, from so near that the new foot is not distant */
+        /* a moving proxy looks from half the lift, so that the new foot does not count as distant again */
         int other = pandis__look_again(p, held + i, (rests ? 1 : 0.5) * p->state->lift, &height);
         if (other < 0) return -1;
         changed += rests ? other : 1, most = fmax(most, height);

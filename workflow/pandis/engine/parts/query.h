@@ -82,7 +82,8 @@ PANDIS_API void pandis_query_within(const pandis_field *field, const double poin
     pandis__ask(field, point, &begin, NULL, answer);
 }
 
-/* pandis_query_from, and for splines `cells` of this very field, all zero before the first (NULL: none). */
+/* As pandis_query_from. `cells` is a cache for splines, used with this field only and all zero before its first query;
+ * NULL: no cache. */
 static void pandis__query_after(const pandis_field *field, const double *point, pandis_hint *hint, pandis__cells *cells,
                                 pandis_answer *answer) {
     pandis__start begin = PANDIS__ANYWHERE;

@@ -8,7 +8,7 @@ static void pandis__enter(const pandis_object *o, const double *point, double *p
         p[k] = (o->rotation[k] * off[0] + o->rotation[3 + k] * off[1] + o->rotation[6 + k] * off[2]) / o->scale;
 }
 
-/* Answer a point of the mesh; adds nothing to the force outside, or without an answer. */
+/* Answer a point given in the mesh's coordinates, and add its push to the force: none outside, or without an answer. */
 static void pandis__add_force(const pandis_object *o, const double *p, pandis_answer *answer, double *force) {
     pandis_query(o->field, p, answer);
     double push = answer->distance < 0 ? -o->stiffness * (answer->distance * o->scale) : 0; /* not so for NaN */

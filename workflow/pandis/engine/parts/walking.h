@@ -4,9 +4,9 @@
  * each other, and no hop leads nearer to the probe. A walk uses none of them. Each of its steps goes straight towards the
  * probe, and out of the surface again by planes that are looked at for this step alone. */
 
-#define PANDIS__PACE 4.8e-3        /* its longest step; it begins with an eighth of that, */
-#define PANDIS__CHORD 1.6e-3       /* the longest of which the proxy goes a part, straight on, */
-#define PANDIS__TIRED (1 / 1024.0) /* and ends below this share of it: each step that fails halves the next */
+#define PANDIS__PACE 4.8e-3        /* a walk's longest step; its first is an eighth of that */
+#define PANDIS__CHORD 1.6e-3       /* the longest step that the proxy may take in part, along the straight line */
+#define PANDIS__TIRED (1 / 1024.0) /* a walk ends below this share of the longest step: each failed step halves the next */
 #define PANDIS__IDLE 16            /* it begins at this count: contact steps that lead nowhere add 2, others subtract 1 */
 #define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
 #define PANDIS__GAIN_EXACT 1e-9    /* or, on exact surfaces, less than this, or comes no nearer to the probe */

@@ -34,11 +34,11 @@ def clearance(answer, engine, seed=0):
     -------
     ndarray, shape (9,)
         Lowest and highest corner of the surface's box, two margins, and a height (unit frame). No
-        contact lies farther outside the surface than the first margin. None is nearer to a point
-        than its distance less the first margin, or less the second where the distance is flagged
-        as a bound. No surface is nearer than the height to a point of the box whose distance is
-        positive and flagged as a bound. All three are measured with a reserve, not proved: at
-        sampled points, and at those that a search from the worst of them found.
+        contact lies farther outside the surface than the first margin. No contact is nearer to a
+        point than the point's distance less the first margin, or less the second where the distance
+        is flagged as a bound. A point of the box whose distance is positive and flagged as a bound
+        is at least the height away from the surface. All three are measured, with a safety factor,
+        not proved: at sampled points, and at worse ones that a search near the worst of them found.
     """
     rng = np.random.default_rng(seed)
     box = rng.uniform(-1, 1, (POINTS, 3))

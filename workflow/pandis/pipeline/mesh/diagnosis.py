@@ -23,7 +23,7 @@ FLAT = 1e-13
 SLIVER = 1e-2
 #: Points at which the winding number is checked, and rays that measure wall thickness.
 WINDING_POINTS, THICKNESS_RAYS = 20_000, 2_000
-#: Most components that are listed, the largest first.
+#: Maximum number of components listed, largest first.
 LISTED_COMPONENTS = 50
 
 #: Counts that must all be zero, and their names in messages.

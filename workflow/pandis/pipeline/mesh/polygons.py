@@ -39,5 +39,5 @@ def _triangulate(vertices, polygon):
     cross = np.cross(points[1:-1] - points[0], points[2:] - points[0])
     around = cross @ cross.sum(axis=0)
     if (around > 0).all() or not np.isfinite(points).all():
-        return fan  # convex as seen from the first corner: the same as other readers
+        return fan  # convex as seen from the first corner: other readers make the same fan
     return [[polygon[i] for i in triangle] for triangle in least_cost_triangles(points)]

@@ -15,7 +15,8 @@ from pandis.pipeline.mesh.winding import WindingNumber
 
 #: Depth of the octree at which every cell is visited.
 DENSE_LEVEL = 5
-#: Slope of the sign between outside (1) and inside (−1): full at winding numbers 0.375 and 0.625.
+#: Slope of the side, from outside (1) to inside (−1): it gets there at winding numbers 0.375 and
+#: 0.625, and is constant beyond them.
 SLOPE = 4.0
 #: Corners of a cell in the order of libigl's marching cubes: around the bottom, around the top.
 _CORNERS = np.array(

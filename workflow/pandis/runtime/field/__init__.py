@@ -271,7 +271,7 @@ class NativeField:
             No surface is nearer than this.
         """
         if not reach >= 0:
-            raise ValueError(f"a reach is a number from 0 on, not {reach}")
+            raise ValueError(f"a reach must be 0 or more, not {reach}")
         answer, clear = self._answers(points, reach)
         beyond = (np.abs(answer.distance) > reach) & (answer.flag != CUT)
         answer.distance[beyond], answer.normal[beyond], answer.flag[beyond] = np.nan, np.nan, BEYOND

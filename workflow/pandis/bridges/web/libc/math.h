@@ -1,4 +1,5 @@
-/* The libm functions of pandis.h: instructions of WebAssembly, and functions of the page for moving objects and textures. */
+/* The libm functions that pandis.h calls: WebAssembly instructions, and for moving objects and textures three functions
+ * that the page provides. */
 #ifndef WEB_MATH_H
 #define WEB_MATH_H
 #define NAN __builtin_nanf("")

@@ -2,7 +2,8 @@
 
 from pandis.pipeline.geometry.shares import MISSING_LIMIT
 
-#: Errors that a user may allow: percent of the mean force on the contact set; the last is any.
+#: Errors that a user may allow, in percent of the mean force on the contact set; the last allows
+#: any error.
 ERRORS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, float("inf"))
 #: Prices of a field: keys of a summary's rows, and the name of the best by each.
 PRICES = {"native_p50_us": "fastest", "bytes": "smallest", "jump_rms_newtons": "smoothest"}

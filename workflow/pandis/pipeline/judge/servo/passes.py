@@ -22,7 +22,7 @@ MARGIN = 5e-5
 ABOVE = 3e-3
 #: Seconds of waiting, pressing, holding, withdrawing.
 _TIMES = 0.03, 0.35, 0.1, 0.35
-#: Seconds until the full force is given, before the surface is reached.
+#: Seconds over which the force is ramped up, which end before the surface is reached.
 _RAMP = 0.02
 #: The hand's N/m and Ns/m, and its force in multiples of the device's largest.
 _HAND, _HARD = (400.0, 3.0), 1.2

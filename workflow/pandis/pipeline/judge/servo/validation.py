@@ -177,7 +177,7 @@ def _attached(field, surface, servo, devices, options, felt=None):
 
 
 def _entered(trajectory, size):
-    """Return the trajectory (n, 3), m, after an approach from above the surface."""
+    """Return the trajectory (n, 3), m, preceded by an approach from above the surface."""
     points, normals = trajectory["points"], trajectory["normal"]
     start = points[0] - trajectory["distance"][0] * normals[0]
     way = np.linspace(_OUTSIDE, trajectory["distance"][0], _WAY)[:, None]
@@ -329,8 +329,8 @@ def _sentence(servo, options):
     rate, deadline = options.rate, options.deadline * 1e3
     allowed = f"{100 * options.misses:g} % allowed"
     time = (
-        f"{100 * servo.miss_share:.2f} % of the ticks computed longer than {deadline:g} ms at "
-        f"{rate:g} Hz, {100 * servo.late_share:.2f} % began later than that ({allowed})"
+        f"{100 * servo.miss_share:.2f} % of the ticks took longer than {deadline:g} ms to compute "
+        f"at {rate:g} Hz, {100 * servo.late_share:.2f} % began more than that late ({allowed})"
     )
     force = f"forces are the evaluated ones within {servo.agreement:.1e}"
     if not servo.agrees:
@@ -342,5 +342,6 @@ def _sentence(servo, options):
         "with a strongly different one"
     )
     if walls.pressed_missing:
-        compared += f"; at {walls.pressed_missing} of the points that a device presses on it lacks"
+        at = walls.pressed_missing
+        compared += f"; the force is missing at {at} of the points that a device presses on"
     return f"{servo.verdict.capitalize()}: {time}; {force}; {compared}."

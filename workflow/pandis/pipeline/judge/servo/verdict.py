@@ -133,8 +133,8 @@ def _faults(name, pressed):
     if pressed.reach_m > device.workspace:
         reach, radius = 1e3 * pressed.reach_m, 1e3 * device.workspace
         faults.append(
-            f"the object reaches {reach:.0f} mm from the middle of a workspace of {radius:.0f} mm: "
-            "make device.size smaller"
+            f"the object reaches {reach:.0f} mm from the middle of a workspace with a radius of "
+            f"{radius:.0f} mm: make device.size smaller"
         )
     if pressed.unarmed:
         faults.append(

@@ -32,7 +32,7 @@ _STAGE, _INTO, _OUT = 20, 0.05, 0.15
 
 
 class Steps(NamedTuple):
-    """What a path through a proxy answers, tick by tick.
+    """What a proxy does as the probe follows a path, tick by tick.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Steps(NamedTuple):
     proxy : ndarray, shape (n, 3), unit frame
     state : ndarray, shape (n,)
     slide : float
-        How far the proxy may move in a tick beyond the probe's own way (unit frame).
+        How much farther than the probe the proxy may move in a tick (unit frame).
     """
 
     force: np.ndarray

@@ -96,8 +96,8 @@ QUESTIONS = {
         "Does the force jump?",
         "jumps",
         "on {jumps:.2%} of the moves of 0.1 mm the force jumps where the exact one does not "
-        "({limit:.2%} allowed); on one move in ten thousand it changes by {worst_n:.2g} N or "
-        "more beyond the exact one",
+        "({limit:.2%} allowed); on one move in ten thousand it changes by at least "
+        "{worst_n:.2g} N more than the exact one",
     ),
     "closed_loop": Question(
         "Does a device in a hand shake on the wall, or go through it?",

@@ -128,7 +128,7 @@ def _mesh_distance(body):
 
 
 def size_of(arrays):
-    """Return the bytes that ``pandis.h`` answers a compact mesh from."""
+    """Return the size of a packed mesh, as ``pandis.h`` uses it, in bytes."""
     return sum(part.nbytes for part in arrays.values())
 
 

@@ -31,8 +31,8 @@ from pandis.pipeline.kinds.record import DenseRecord
 CHANNELS = {"force": 3, "normal": 4, "distance": 1}
 #: Values of a chunk that is not stored.
 FILL = {"force": 0.0, "normal": np.inf, "distance": np.inf}
-#: Steps per unit to which a distance alone is rounded: float32's at 1. Further digits mean nothing,
-#: and would fill a fifth of the file.
+#: Steps per unit to which distances are rounded in grids that store nothing else: the resolution of
+#: float32 at 1. Finer digits mean nothing, and would take up a fifth of the file.
 _LEVELS = 2.0**23
 #: Nodes that interpolation needs beyond the corners of a cell.
 REACH = {"force": 0, "normal": 0, "distance": 1}

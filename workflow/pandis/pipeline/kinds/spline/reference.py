@@ -10,8 +10,8 @@ from pandis.pipeline.kinds.record import SplineRecord
 from pandis.pipeline.kinds.spline.lattices import box_lattice
 
 _LEVELS = ("base", "fine", "far")
-#: Largest lift of an answer where the field rounds a crease (steps of the base), and how much of
-#: the squared gradient must be missing for that.
+#: How far a point is lifted at most to undo the rounding of a crease (steps of the base), and how
+#: far below 1 the squared gradient must be before a point is lifted.
 _LIFT, _SHORT = 0.7, 0.02
 
 

@@ -168,7 +168,7 @@ class SceneObject(Options):
     )
     rotation: tuple[Angle, Angle, Angle] = Field(
         (0.0, 0.0, 0.0),
-        description="rotation vector: along the axis, its length is the angle in degrees",
+        description="rotation vector: its direction is the axis, its length the angle in degrees",
     )
     size: Annotated[float, Field(ge=1e-3, le=10)] | None = Field(
         None, description="length of its longest side (m); null: `device.size` of its mesh"

@@ -160,5 +160,5 @@ class Kind:
 def check_size(name, size, smallest, largest, unit):
     """Return the size in a field's name as a number, or raise a ValueError with its limits."""
     if not smallest <= int(size) <= largest:
-        raise ValueError(f"{name}: it has {smallest} to {largest} {unit}")
+        raise ValueError(f"{name}: it must have {smallest} to {largest} {unit}")
     return int(size)

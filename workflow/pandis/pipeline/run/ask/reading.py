@@ -1,4 +1,4 @@
-"""Reads a configuration: YAML without duplicate keys, numbers, each mesh's overrides."""
+"""Reads a configuration: rejects duplicate keys, parses 1e-4, applies each mesh's overrides."""
 
 import re
 from pathlib import Path

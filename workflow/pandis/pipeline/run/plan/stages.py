@@ -214,7 +214,7 @@ def _validate(job):
     )
 
 
-#: All stages of a mesh, in building order, which also holds for the needs of scenes.
+#: All stages of a mesh, in build order. The stages that scenes need are built in the same order.
 STAGES = {
     "fetch": Stage(outputs.source, _fetch, in_scenes=True),
     "mesh": Stage(outputs.one_file("mesh.zarr.zip"), _mesh, "meshes", in_scenes=True),
