@@ -1,4 +1,4 @@
-"""Errors at small file sizes: compact meshes against splines, on six meshes; docs/figures/small.csv.
+"""Errors at small sizes: compact meshes against splines, on six meshes; docs/figures/small.csv.
 
 Usage: PANDIS_MESHES=FOLDER .venv/bin/python tests/benchmarks/small.py [MESH ...]
 
