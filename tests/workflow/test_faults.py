@@ -119,6 +119,10 @@ def test_verify_accepts_a_finished_run(rerun):
         assert described["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     (evaluated,) = [thing for name, thing in things.items() if name.startswith("#evaluate-torus")]
     assert {"@id": "torus/mesh.zarr.zip"} in evaluated["object"]
+    with (rerun / "results/summary.csv").open("a", encoding="utf-8") as stream:
+        stream.write("damage\n")
+    assert verify(rerun).returncode == 1
+    assert not (rerun / "results/ro-crate-metadata.json").exists()
 
 
 def test_verify_without_snakemakes_records(rerun):

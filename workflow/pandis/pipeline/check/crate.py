@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 import pandis
-from pandis.pipeline.run.job.artifact import file_digest
+from pandis.pipeline.run.job.artifact import file_digest, write_atomically
 from pandis.pipeline.run.job.stored import RESULTS
 
 NAME = "ro-crate-metadata.json"
@@ -49,8 +49,13 @@ def write_crate(folder, outputs, provenance):
     graph = [_descriptor(), _dataset(parts), _licence(), *files, *actions, _software()]
     document = {"@context": f"{_SPECIFICATION}/context", "@graph": graph}
     path = root / NAME
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_atomically(path, f"{json.dumps(document, indent=1, ensure_ascii=False)}\n".encode())
     return path
+
+
+def remove_crate(folder):
+    """Remove the results' crate, which vouches for an earlier check."""
+    Path(folder, NAME).unlink(missing_ok=True)
 
 
 def _identifier(root, path):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pandis.base.errors import PandisError
 from pandis.bridges.newton.cache import read as read_kept
-from pandis.pipeline.check.crate import write_crate
+from pandis.pipeline.check.crate import remove_crate, write_crate
 from pandis.pipeline.export.vti import read_note
 from pandis.pipeline.kinds.session import read_export, read_program_metadata
 from pandis.pipeline.report.seal import SEALED, read_seal
@@ -48,6 +48,7 @@ def verify(plan, log):
         A result is missing, damaged or stale. The log lists the faults; the message
         contains the commands that repair them.
     """
+    remove_crate(plan.folder)
     checker = Checker(plan)
     outputs, later = asked_for(plan)
     for mesh in left_over(plan):
