@@ -90,11 +90,11 @@ def time_table():
 
 def _bunny():
     """Return the notes of the default run, and the rows of the fields of its bunny."""
-    notes, rows = _figures("default")
+    notes, rows = read_figures("default")
     return notes, [row for row in rows if row["mesh"] == "bunny" and row["bytes"]]
 
 
-def _figures(name):
+def read_figures(name):
     """Return the notes and the rows of a file of measured figures."""
     lines = (FOLDER / f"{name}.csv").read_text(encoding="utf-8").splitlines()
     notes = [line.removeprefix("# ") for line in lines if line.startswith("#")]
@@ -120,7 +120,7 @@ _SPHERE = {
 
 def sphere_table():
     """Return the table of docs/sphere.md: the paper's Table 5, reproduced."""
-    notes, rows = _figures("sphere")
+    notes, rows = read_figures("sphere")
     table = [
         "| field | KB | mean error (k·r) | % of the mean force | expected | in the paper |",
         "|---|--:|--:|--:|--:|--:|",
@@ -137,7 +137,7 @@ def sphere_table():
 
 def repair_table():
     """Return the table of docs/repair.md: the outcome for every mesh of a collection."""
-    notes, rows = _figures("repair")
+    notes, rows = read_figures("repair")
     table = [
         "| file | outcome | rungs kept | source to result, p99 / max (%) | result to source (%) "
         "| caps, hidden (% of area) | untouched (%) | s | MB |",
@@ -167,7 +167,7 @@ def repair_table():
 
 def field_table():
     """Return the table of bytes against error of our grids and splines."""
-    notes, rows = _figures("fields")
+    notes, rows = read_figures("fields")
     meshes = list(dict.fromkeys(row["mesh"] for row in rows))
     cells = {(row["mesh"], row["field"]): row for row in rows}
     table = [
@@ -190,7 +190,7 @@ def field_table():
 
 def compact_table():
     """Return the table of compact meshes against the exact one."""
-    notes, rows = _figures("compact")
+    notes, rows = read_figures("compact")
     table = [
         "| mesh, faces | field | bytes a face | shallow / deep | missing | bound, largest error "
         "| wrong sides, cut | on the path, 99.9 % (µs) | in the box (µs) "
@@ -215,7 +215,7 @@ def compact_table():
 
 def small_table():
     """Return the table of small compact meshes and splines."""
-    notes, rows = _figures("small")
+    notes, rows = read_figures("small")
     table = [
         "| mesh | at most (KB) | `compact-auto`: faces, bits | shallow / deep | contact, missing "
         "| `spline-auto`: shallow / deep | contact, missing "
@@ -251,7 +251,7 @@ def _percent(value):
 
 def refit_table():
     """Return the table of meshes that deform."""
-    notes, rows = _figures("refit")
+    notes, rows = read_figures("refit")
     table = [
         "| mesh, faces | shapes | refit, worst (ms) | distances compared, unequal "
         "| query, 99.9 % (µs) | of a new tree (µs) | ratio |",
@@ -270,7 +270,7 @@ def refit_table():
 
 def worst_table():
     """Return the table of the slowest queries of meshes."""
-    notes, rows = _figures("worst")
+    notes, rows = read_figures("worst")
     table = [
         "| body, faces | field | slowest query (µs) | in the box, median (µs) "
         "| cut of the contact set | of the box | too far by, contact set and box |",
@@ -288,7 +288,7 @@ def worst_table():
 
 def large_table():
     """Return the table of a mesh of ten million faces."""
-    notes, rows = _figures("large")
+    notes, rows = read_figures("large")
     table = [
         "| stage | task | seconds | peak memory (GiB) | output (MB) | bytes a face |",
         "|---|---|--:|--:|--:|--:|",
@@ -302,7 +302,7 @@ def large_table():
 
 def press_table():
     """Return the table of presses through thin places."""
-    notes, rows = _figures("presses")
+    notes, rows = read_figures("presses")
     table = [
         "| shape | field | surface without force | largest error at the surface (mm) | presses "
         "| let through, proxy | let through, penalty | deepest proxy (mm) "
@@ -329,7 +329,7 @@ def press_table():
 
 def simulator_table():
     """Return the table of fields in MuJoCo."""
-    notes, rows = _figures("simulator")
+    notes, rows = read_figures("simulator")
     table = [
         "| scene | field | shallow error | contact error (mN) | step, median (µs) | of depth 6 "
         "| starts | tunnelled | overlap, median and 99 % (mm) "
@@ -351,7 +351,7 @@ def simulator_table():
 
 def cluster_table():
     """Return the table of resources that rules request from a cluster, and use."""
-    notes, rows = _figures("cluster")
+    notes, rows = read_figures("cluster")
     table = ["| rule | jobs | cores | memory requested, most used (MB) | time requested (min), "
              "longest (s) |", "|---|--:|--:|--:|--:|"]  # fmt: skip
     for row in rows:
@@ -363,7 +363,7 @@ def cluster_table():
 
 def bridge_table():
     """Return the table of stiffnesses for objects that MuJoCo moves."""
-    notes, rows = _figures("bridge")
+    notes, rows = read_figures("bridge")
     table = ["| device | box | bridge (N/m) | held for 5 ms (N/m) | ratio |"]
     table.append("|---|---|--:|--:|--:|")
     for row in rows:
@@ -379,7 +379,7 @@ def bridge_table():
 
 def kernels_table():
     """Return the table of fields in Warp."""
-    notes, rows = _figures("kernels")
+    notes, rows = read_figures("kernels")
     table = [
         "| field | points | device | million points per second | `pandis.h` on the same machine "
         "| largest difference, distance | gradient |",
@@ -395,7 +395,7 @@ def kernels_table():
 
 def cooked_table():
     """Return the table of distances cooked for Newton, its own and ours."""
-    notes, rows = _figures("cooked")
+    notes, rows = read_figures("cooked")
     table = [
         "| mesh | resolution | read on | nodes | MB | made in (s) | shallow error, mean and 99 % "
         "| of Newton's | deep error, mean and 99 % | of Newton's |",
@@ -416,7 +416,7 @@ def cooked_table():
 
 def contact_table():
     """Return the table of a contact's cost, force and depth."""
-    notes, rows = _figures("contact")
+    notes, rows = read_figures("contact")
     table = [
         "| field | motion | ticks | touching | queries, median and 99.9 % | µs, median and 99.9 % "
         "| steepest (N/ms), beyond its bound | proxy too deep | deepest (mm) |",
@@ -434,7 +434,7 @@ def contact_table():
 
 def distance_table():
     """Return the table of exact distances: speed and memory."""
-    notes, rows = _figures("distances")
+    notes, rows = read_figures("distances")
     table = ["| what | case | measured | ratio or exponent |", "|---|---|--:|--:|"]
     for row in rows:
         value = float(row["value"])
@@ -446,7 +446,7 @@ def distance_table():
 
 def training_table(name="training"):
     """Return a table of docs/training.md: one row per trained network."""
-    notes, rows = _figures(name)
+    notes, rows = read_figures(name)
     table = [
         "| mesh | recipe | options | steps | s | points/s | KB | shallow | deep | on the path |",
         "|---|---|---|--:|--:|--:|--:|--:|--:|--:|",
@@ -478,7 +478,7 @@ def _over_seeds(rows, keys):
 
 def full_table():
     """Return the table of the paper's comparison, with networks trained to the end."""
-    notes, rows = _figures("full")
+    notes, rows = read_figures("full")
     table = [
         "| mesh | field | training | seeds | KB | shallow | deep | contact | missing (%) "
         "| on the path | of `trilinear-box-64` | of `trilinear-64` |",
@@ -512,7 +512,7 @@ def _trained(row):
 
 def order_table():
     """Return the table of PANDIS's error over Tri-i 64³'s, by scan, box and measure."""
-    notes, rows = _figures("full")
+    notes, rows = read_figures("full")
     table = [
         "| mesh | box of the grid | training | seeds | the paper's path | on the path | shallow "
         "| deep | contact |",
@@ -534,7 +534,7 @@ def order_table():
 
 def ablation_table():
     """Return the table of each change's effect, from the paper's recipe to ours."""
-    notes, rows = _figures("ablation")
+    notes, rows = read_figures("ablation")
     table = [
         "| change | made | seeds | shallow | deep | contact | missing (%) | on the path |",
         "|---|---|--:|--:|--:|--:|--:|--:|",
@@ -555,7 +555,7 @@ def ablation_table():
 
 def budget_table():
     """Return the table of error by budget: a row per mesh, a column per number of steps."""
-    notes, rows = _figures("budgets")
+    notes, rows = read_figures("budgets")
     first = [row for row in rows if "seed=" not in row["options"]]
     budgets = list(dict.fromkeys(int(row["steps"]) for row in first))
     table = [
@@ -580,7 +580,7 @@ def _pair(row):
 
 def sweep_table():
     """Return the table of one option changed at a time, on a GPU."""
-    notes, rows = _figures("training_gpu")
+    notes, rows = read_figures("training_gpu")
     cells = {}
     for row in rows:
         changes = dict(pair.split("=") for pair in row["options"].split())
@@ -598,7 +598,7 @@ def sweep_table():
 
 def base_table():
     """Return the table of the base's effect, near the surface and away from it."""
-    notes, rows = _figures("base")
+    notes, rows = read_figures("base")
     table = [
         "| mesh | steps | base, cells | `far` | KB | shallow | deep "
         "| largest ghost | ghosts (%) | deeper (%) |",
@@ -618,7 +618,7 @@ def throughput_table():
     """Return the table of points per second, on two cores and on a GPU."""
     parts = []
     for device in ("cpu", "cuda"):
-        notes, rows = _figures(f"throughput_{device}")
+        notes, rows = read_figures(f"throughput_{device}")
         parts += [
             "| what | ms per step | points/s | × a plain loop's | GFLOP/s |",
             "|---|--:|--:|--:|--:|",
@@ -641,7 +641,7 @@ def _short(text):
 
 def native_table():
     """Return the table of single queries: pandis.h against the usual implementations."""
-    notes, rows = _figures("native")
+    notes, rows = read_figures("native")
     table = [
         "| field | queried by | median (µs) | p99.9 (µs) | times pandis.h |",
         "|---|---|--:|--:|--:|",
@@ -656,7 +656,7 @@ def native_table():
 
 def front_table():
     """Return the table of six meshes' fronts: time, bytes and error near the surface."""
-    notes, rows = _figures("front")
+    notes, rows = read_figures("front")
     meshes = list(dict.fromkeys(row["mesh"] for row in rows))
     table = [
         "| field | KB | one query (µs) | " + " | ".join(meshes) + " |",
@@ -680,7 +680,7 @@ def _span(values, form):
 
 def scene_table():
     """Return the table of scenes of many objects."""
-    notes, rows = _figures("scenes")
+    notes, rows = read_figures("scenes")
     table = [
         "| field | objects | median (µs) | p99.9 (µs) | queries per tick | times one in contact |",
         "|---|--:|--:|--:|--:|--:|",
@@ -695,7 +695,7 @@ def scene_table():
 
 def touched_table():
     """Return the table of scenes with proxies, against penalty forces."""
-    notes, rows = _figures("touched")
+    notes, rows = read_figures("touched")
     table = [
         "| fields | touching | queries per tick | median, proxies and penalty (µs) | mean | p99.9 "
         "| ticks compared | different |",
@@ -712,7 +712,7 @@ def touched_table():
 
 def servo_table():
     """Return the table of one-minute runs at 1 kHz."""
-    notes, rows = _figures("servo")
+    notes, rows = read_figures("servo")
     table = [
         "| field | load | computing, p50 (µs) | p99.9 | max | missed (%) | starts late, p99.9 (µs) "
         "| max | past the deadline (%) |",
