@@ -4296,8 +4296,8 @@ static int pandis__covers(pandis__proxy *p, const double *place, int reaches) {
     return 1;
 }
 
-/* Take a free ball that reaches the proxy: at the lift, or as near as any reaches it, in front of the walls that were met.
- * Returns 1, or 0 if there is none, -1 if there was no answer. */
+/* Take a free ball that reaches the proxy, whether or not it joins the last one: at the lift or, if there is none, nearer
+ * to the proxy and in front of all walls that were met. Returns 1, or 0 if none was found, -1 if there was no answer. */
 PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     pandis__contact *c = p->state;
     for (int turn = 0; turn < 4 && p->queries < c->options.budget; turn++) {
@@ -4350,7 +4350,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         else if (good == 1) good = step <= 3 * pace && along > fmax(friction, PANDIS__LEAN * left) && nearer > 1e-3 * pace;
         /* a place behind the surface with the opposite normal is a thin wall's other side */
         if (good == 1 && pace > clear && behind > 0.1 * step && pandis__dot(side, look.normal) < -0.5) good = 0;
-        int apart = 0; /* in front of the walls there, but no ball joins the last one */
+        int apart = 0; /* no ball joins the last one, although the proxy is in front of the walls at the place */
         if (good == 1 && p->exact) {
             good = p->queries < c->options.budget ? pandis__covers(p, look.at, step > PANDIS__SLIVER) : 0;
             apart = !good && !anew;
@@ -4362,7 +4362,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD; /* of a long step a part may lie inside */
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
-            if (apart && p->queries < most) { /* over the same planes, as near as any reaches the proxy, balls join */
+            if (apart && p->queries < most) { /* above the proxy and the place, balls over the same planes join */
                 c->lift = PANDIS__NEAR, anew = 1;
                 if (pandis__stand(p) < 0) return 0;
             }
