@@ -28,19 +28,38 @@ class Door:
 
     def __init__(self, behind):
         self.behind, self.port = behind, free_ports(1)[0]
-        self._links, self._door = [], None
+        self._links, self._threads, self._door = [], [], None
 
     def open(self):
         self._door = socket.create_server(("127.0.0.1", self.port))
-        threading.Thread(target=self._welcome, args=(self._door,), daemon=True).start()
+        self._welcomer = self._start(self._welcome, self._door)
 
     def shut(self):
-        """Let nobody in any more, and cut off who is inside."""
-        for one in (self._door, *self._links):
-            with suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
-            one.close()
-        self._links = []
+        """Let nobody in any more, and cut off who is inside.
+
+        The welcoming thread ends before the links are closed: a guest that it admitted
+        meanwhile would be left open.
+        """
+        self._cut(self._door)
+        self._welcomer.join()
+        for link in self._links:
+            self._cut(link)
+        for thread in self._threads:
+            thread.join()
+        for each in (self._door, *self._links):
+            each.close()
+        self._links, self._threads = [], []
+
+    @staticmethod
+    def _start(target, *arguments):
+        thread = threading.Thread(target=target, args=arguments, daemon=True)
+        thread.start()
+        return thread
+
+    @staticmethod
+    def _cut(link):
+        with suppress(OSError):
+            link.shutdown(socket.SHUT_RDWR)
 
     def _welcome(self, door):
         with suppress(OSError):
@@ -48,12 +67,12 @@ class Door:
                 guest = door.accept()[0]
                 try:
                     store = socket.create_connection(self.behind)
-                except OSError:  # it has been shut since
+                except OSError:  # the store itself has ended
                     guest.close()
                     raise
                 self._links += [guest, store]
                 for one, other in ((guest, store), (store, guest)):
-                    threading.Thread(target=self._pass_on, args=(one, other), daemon=True).start()
+                    self._threads.append(self._start(self._pass_on, one, other))
 
     @staticmethod
     def _pass_on(one, other):
