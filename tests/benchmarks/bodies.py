@@ -18,6 +18,7 @@ from pandis.pipeline.kinds.native import native_bytes
 from pandis.pipeline.kinds.opening import open_field
 from pandis.pipeline.kinds.spline.lattices import SplineFit, samples_for
 from pandis.pipeline.run.ask.catalogue import parse_field
+from pandis.pipeline.run.ask.recipes import RECIPES
 from pandis.pipeline.run.job.artifact import Artifact
 from pandis.pipeline.run.job.stage import silent_progress
 from pandis.runtime.field import COMPACT, NativeField
@@ -40,8 +41,9 @@ def file_of(body, name):
     ----------
     body : pandis.pipeline.geometry.body.Body
     name : str
-        ``exact``, ``compact-{bits}``, ``spline-{kilobytes}K``, ``network-{steps}`` (a small one,
-        trained for so many steps), or a grid, as in a configuration.
+        ``exact``, ``compact-{bits}``, ``spline-{kilobytes}K``, a network trained for a number of
+        steps (``network-{steps}`` of 32 channels, ``pandis-exact-{steps}`` of the size that a
+        configuration has, with CUDA where found), or a grid, as in a configuration.
 
     Returns
     -------
@@ -55,7 +57,9 @@ def file_of(body, name):
     if kind == "compact":
         return pack(COMPACT, UNIT, *file_parts(*pack_body(body, int(size))), {}, 3)
     if kind == "network":
-        return _network_of(body, int(size))
+        return _network_of(body, {"width": 32}, int(size))
+    if kind == "pandis-exact":
+        return _network_of(body, RECIPES[kind], int(size))
     if kind == "spline":
         budget = 1000 * int(size)
         fit = SplineFit(engine, body.surface, BAND, 0, samples_for(budget=budget))
@@ -75,12 +79,12 @@ def file_of_grid(body, name, steep=1):
     return native_bytes(field, {}, safe=_safe(field, body.distance))
 
 
-def _network_of(body, steps):
-    """Return the file of a network of 32 channels that was trained for so many steps."""
+def _network_of(body, options, steps):
+    """Return the file of a network that was trained with these options for a number of steps."""
     from networks import ExactRecipe, export, train  # with PyTorch
 
     with TemporaryDirectory() as folder:
-        recipe = ExactRecipe(steps=steps, width=32)
+        recipe = ExactRecipe(**options | {"steps": steps})
         field, trainer = train(body, recipe, Path(folder) / "checkpoint.pt")
         trainer.finish()
     return export(field, body)

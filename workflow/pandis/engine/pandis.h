@@ -4231,7 +4231,8 @@ static int pandis__follow(pandis__proxy *p, pandis__way *way, const double *prob
  * probe, and out of the surface again by planes that are looked at for this step alone. */
 
 #define PANDIS__PACE 4.8e-3        /* a walk's longest step; its first is an eighth of that */
-#define PANDIS__CHORD 1.6e-3       /* the longest step that the proxy may take in part, along the straight line */
+#define PANDIS__CHORD 1.6e-3       /* the longest step around an edge that the proxy may take in part, straight on */
+#define PANDIS__FLAT 0.98          /* an edge is where the cosine between the normals at both ends is less */
 #define PANDIS__TIRED (1 / 1024.0) /* a walk ends below this share of the longest step: each failed step halves the next */
 #define PANDIS__IDLE 16            /* it begins at this count: contact steps that lead nowhere add 2, others subtract 1 */
 #define PANDIS__GAIN 0.25          /* a step leads nowhere if it gains less than this share of what it may, */
@@ -4333,7 +4334,7 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
     for (; c->pace > PANDIS__TIRED * PANDIS__PACE && p->queries + 2 <= most; first = 0) {
         double goal[3], left = pandis__between(probe, p->x), along = 0, share = 1;
         if (left <= PANDIS__SMALL) break;
-        const double pace = first ? 0 : fmin(fmax(fmin(c->pace, fmax(PANDIS__CHORD, way->travel)), clear), left);
+        const double pace = first ? 0 : fmin(fmax(c->pace, clear), left);
         for (int k = 0; k < 3; k++) goal[k] = p->x[k] + pace / left * (probe[k] - p->x[k]);
         const int count = p->count;
         memcpy(known, p->plane, sizeof known);
@@ -4359,7 +4360,8 @@ PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, cons
         if (good < 0) return 0;
         double slips = slip < 0 ? way->soft < 1 ? way->soft * (along - friction) : 1e300 : slip;
         if (p->count && !first) share = fmax(0, fmin(1, fmin(slips, way->travel) / step));
-        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD; /* of a long step a part may lie inside */
+        /* of a long step around an edge a part may lie inside */
+        int cuts = share < 1 && pace > PANDIS__CHORD && step > PANDIS__CHORD && pandis__dot(side, look.normal) < PANDIS__FLAT;
         if (good || first) memcpy(side, look.normal, sizeof side);
         if (!good || cuts) {
             if (apart && p->queries < most) { /* above the proxy and the place, balls over the same planes join */
