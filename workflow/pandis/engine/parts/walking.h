@@ -90,14 +90,13 @@ PANDIS__ONCE static int pandis__stand(pandis__proxy *p) {
     return 0;
 }
 
-/* Walk towards the probe, with most of the budget. 0: no answer. */
+/* Walk towards the probe, with all but one query of the budget. 0: no answer. */
 PANDIS__ONCE static int pandis__walk_on(pandis__proxy *p, pandis__way *way, const double *probe) {
     pandis__contact *c = p->state;
     pandis__plane known[PANDIS__PLANES];
     pandis__look look;
     double slip = -1, clear = 0, slope = 1, side[3] = {0};
-    const int all = p->exact || c->stalled > 4; /* the hops that follow lead nowhere */
-    const int most = all ? c->options.budget - 1 : p->queries + (c->options.budget - p->queries) * 5 / 8;
+    const int most = c->options.budget - 1; /* the hops that follow lead nowhere */
     int first = !p->exact, good = 1, anew = 0; /* out of the surface first, if the proxy has sunk in */
     if (p->exact) { /* balls at the last one's lift join it */
         double far = pandis__between(p->ball, p->x), least = fmax(far / PANDIS__FARTHEST, PANDIS__NEAR);
